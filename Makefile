@@ -1,0 +1,38 @@
+# Everything makes the set-up that it needs; when there is nothing to do, that takes a few hundredths of a second.
+
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+# A recipe line that starts with it runs in the project's environment.
+IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
+
+PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/)
+
+.PHONY: help setup demo test lint format clean
+
+help: ## Show this list.
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
+
+setup: ## Make the environment (.venv) and build the workspace; PYTHON=python3.12 chooses the Python.
+	@setup/bootstrap
+
+demo: ## Replay a recorded bag through the ROS graph in real time.
+	@./checkweigher replay bags/paper_60 --rate 1
+
+test: lint ## Check the code, then run all tests; PYTEST_ARGS='-k name -x' are handed on.
+	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+	  python3 -m pytest $(PYTEST_ARGS)
+
+lint: ## Check style and types.
+	@$(IN_ENVIRONMENT) ruff check $(PYTHON_SOURCES)
+	@$(IN_ENVIRONMENT) ruff format --check $(PYTHON_SOURCES)
+	@$(IN_ENVIRONMENT) mypy
+
+format: ## Bring the code into the house style.
+	@$(IN_ENVIRONMENT) ruff format $(PYTHON_SOURCES)
+	@$(IN_ENVIRONMENT) ruff check --fix $(PYTHON_SOURCES)
+
+clean: ## Remove the environment and everything that was built.
+	rm -rf .venv .setup.lock build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find src test -name __pycache__ -prune -exec rm -rf {} + 2> /dev/null || true

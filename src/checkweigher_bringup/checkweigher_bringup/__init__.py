@@ -1,0 +1,1 @@
+"""Bringing up a checkweigher: the one-process line and the command line."""

@@ -1,0 +1,94 @@
+"""The command line: finds the command, runs it, and puts every error on one line."""
+
+import argparse
+from collections.abc import Sequence
+from importlib import import_module
+import os
+import sys
+from typing import NoReturn
+
+# Name, module, what it does, one example.
+COMMANDS = (
+    ('simulate', 'simulate', 'write a bag of simulated products with known masses',
+     'simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line'),
+    ('weigh', 'weigh', 'weigh a bag offline, with the same stages as the graph',
+     'weigh bags/paper_60 --csv masses.csv'),
+    ('replay', 'replay', 'play a bag through the ROS graph and show each verdict',
+     'replay bags/paper_60 --rate 0'),
+    ('record', 'record', 'record a running graph into a bag',
+     'record --output /tmp/shift1 --duration 60'),
+    ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
+     'echo --namespace lane1'),
+    ('import', 'import_csv', 'turn a CSV log of a scale into a bag',
+     'import log.csv --signal 0 --edges log.edges.json --sample-rate 1612.9 --output /tmp/log'),
+)  # fmt: skip
+
+_PROGRAM = 'checkweigher'
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, as all others."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of the whole command line."""
+    examples = '\n'.join(f'  {_PROGRAM} {example}' for *_, example in COMMANDS)
+    parser = _Parser(
+        prog=_PROGRAM,
+        description='An in-motion checkweigher: masses and verdicts of products on a belt scale.',
+        epilog=f'examples:\n{examples}\n\n{_PROGRAM} COMMAND --help tells the options of each.',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(
+        dest='command', metavar='COMMAND', required=True, parser_class=_Parser
+    )
+    for name, module_name, text, example in COMMANDS:
+        command = commands.add_parser(
+            name,
+            help=text,
+            description=text[0].upper() + text[1:] + '.',
+            epilog=f'example:\n  {_PROGRAM} {example}',
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        import_module(f'checkweigher_bringup.commands.{module_name}').add_arguments(command)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run a command and exit with its status.
+
+    0 if it did what was asked, 1 if the line let an item go without a verdict, 2 on bad input,
+    130 if it was interrupted.
+    """
+    parsed = build_parser().parse_args(arguments)
+    module_name = next(module for name, module, *_ in COMMANDS if name == parsed.command)
+    run = import_module(f'checkweigher_bringup.commands.{module_name}').run
+    try:
+        status = run(parsed)
+        sys.stdout.flush()
+    except ValueError as error:
+        # Bags, parameters, CSV logs and outputs raise their own kinds of ValueError, each with
+        # one line for the user. Any other one is a defect and keeps its traceback.
+        if not type(error).__module__.startswith('checkweigher_'):
+            raise
+        status = _complain(parsed.command, error)
+    except BrokenPipeError:
+        # Whoever read our output has seen enough.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    except KeyboardInterrupt:
+        status = 130
+    sys.exit(status)
+
+
+def _complain(command: str, error: Exception) -> int:
+    line = ' '.join(str(error).split())
+    print(f'{_PROGRAM} {command}: {line}', file=sys.stderr)
+    return 2
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,30 @@
+"""Record a running graph into a bag."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `record`."""
+    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+    parser.add_argument(
+        '--duration', type=float, metavar='S', help='end after S seconds; default: at Ctrl-C'
+    )
+    parser.add_argument(
+        '--inputs-only', action='store_true',
+        help='leave out windows, estimates and verdicts, which a replay makes anew',
+    )  # fmt: skip
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record until interrupted; the bag is complete when the command has ended."""
+    from checkweigher_bringup.recorder import record
+    from checkweigher_bringup.settings import check_namespace, check_positive
+
+    return record(
+        arguments.output,
+        check_namespace(arguments.namespace),
+        check_positive('--duration', arguments.duration),
+        inputs_only=arguments.inputs_only,
+    )

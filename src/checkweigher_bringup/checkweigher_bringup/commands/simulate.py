@@ -1,0 +1,62 @@
+"""Write a bag of simulated products."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `simulate`; the defaults are those of SimulationParameters."""
+    parser.add_argument(
+        '--speed', type=float, required=True, metavar='M_PER_MIN', help='belt speed, m/min'
+    )
+    parser.add_argument(
+        '--mass', type=float, nargs='+', action='extend', required=True, metavar='G',
+        help='mass of the products, g; several take turns',
+    )  # fmt: skip
+    parser.add_argument('--count', type=int, default=25, metavar='N', help='number of products')
+    parser.add_argument(
+        '--profile', metavar='NAME', default='paper',
+        help='machine and what shakes it: paper (default), roller, soft, floor or quiet',
+    )  # fmt: skip
+    parser.add_argument('--seed', type=int, default=1, metavar='S', help='of all that is random')
+    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+    for name, unit, text in (
+        ('spacing', 'M', 'between leading edges of successive products'),
+        ('product-length', 'M', 'length of the products'),
+        ('weigh-length', 'M', 'between the two eyes'),
+        ('zero-drift', 'G_PER_H', 'drift of the empty belt'),
+        ('lead-in', 'S', 'empty belt before the first product'),
+        ('run-out', 'S', 'empty belt after the last product'),
+    ):
+        parser.add_argument(f'--{name}', type=float, metavar=unit, help=text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate the line and write the bag."""
+    from tqdm import tqdm
+
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_driver.bag_writing import write_bag
+    from checkweigher_driver.simulation import Simulation, SimulationParameters
+
+    given = {
+        name: getattr(arguments, name)
+        for name in (
+            'speed', 'count', 'profile', 'seed', 'spacing', 'product_length', 'weigh_length',
+            'zero_drift', 'lead_in', 'run_out',
+        )
+        if getattr(arguments, name) is not None
+    }  # fmt: skip
+    if arguments.count == 0:
+        raise UserError('--count 0 is an endless line, which fits in no bag')
+    parameters = SimulationParameters.from_mapping({**given, 'masses': tuple(arguments.mass)})
+    simulation = Simulation(parameters)
+    with tqdm(
+        simulation, desc='simulating', unit=' messages', delay=2, leave=False, disable=None
+    ) as events:
+        write_bag(arguments.output, simulation.load_cell, events)
+    print(
+        f'{arguments.output}: {parameters.count} products at {parameters.speed:g} m/min, '
+        f'profile {parameters.profile}, seed {parameters.seed}'
+    )
+    return 0

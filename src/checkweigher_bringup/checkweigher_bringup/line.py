@@ -1,0 +1,33 @@
+"""The whole line in one process: five nodes on one executor."""
+
+from collections.abc import Sequence
+
+from rclpy.node import Node
+
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.denoise import DenoiseNode
+from checkweigher_dsp.nodes.identifier import IdentifierNode
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.nodes.segmenter import SegmenterNode
+from checkweigher_dsp.nodes.shell import run_all
+
+STAGE_NODES = {
+    'segmenter': SegmenterNode,
+    'denoise': DenoiseNode,
+    'identifier': IdentifierNode,
+    'reject': RejectNode,
+}
+
+
+def make_line() -> list[Node]:
+    """Make all nodes of the line, the driver last."""
+    return [*(node() for node in STAGE_NODES.values()), DriverNode()]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the line until it is interrupted."""
+    run_all(make_line, arguments)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,90 @@
+"""What commands write: a table for the eye and a CSV file, the file whole or not at all."""
+
+from collections.abc import Iterable
+import os
+from pathlib import Path
+import tempfile
+from typing import TextIO, cast
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_validation.results import (
+    TABLE_HEADER,
+    ItemResult,
+    summary,
+    table_row,
+    write_csv,
+)
+
+
+class CsvOutput:
+    """A CSV file that is to be written when the work is done.
+
+    Parameters
+    ----------
+    path : Path or None
+        Where; with None nothing is written.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    UserError
+        If the file is there already or cannot be made: before the work, not after it.
+    """
+
+    def __init__(self, path: Path | None, overwrite: bool) -> None:
+        self._path = path
+        if path is None:
+            return
+        if path.is_dir():
+            raise UserError(f'{path}: is a folder, not a file to write to')
+        if path.exists() and not overwrite:
+            raise UserError(f'{path}: exists already; choose another name or add --overwrite')
+        if not path.parent.is_dir():
+            raise UserError(f'{path}: there is no folder {path.parent}')
+        if not os.access(path.parent, os.W_OK | os.X_OK):
+            raise UserError(f'{path}: the folder {path.parent} cannot be written to')
+
+    def write(self, results: Iterable[ItemResult]) -> None:
+        """Write all results, or raise UserError and leave no file behind."""
+        if self._path is None:
+            return
+        try:
+            with tempfile.NamedTemporaryFile(
+                'w', dir=self._path.parent, prefix='.csv-', delete=False, encoding='utf-8',
+                newline='',
+            ) as file:  # fmt: skip
+                try:
+                    write_csv(cast(TextIO, file), results)
+                    file.close()
+                    os.chmod(file.name, 0o644)
+                    os.replace(file.name, self._path)
+                except BaseException:
+                    os.unlink(file.name)
+                    raise
+        except OSError as error:
+            raise UserError(f'{self._path}: {error.strerror or error}') from None
+
+
+class Table:
+    """A table on the screen that grows by one line an item and ends with a summary.
+
+    Parameters
+    ----------
+    origin : int
+        ns, what the column t1 counts from.
+    """
+
+    def __init__(self, origin: int) -> None:
+        self._origin = origin
+        self._results: list[ItemResult] = []
+        print(TABLE_HEADER, flush=True)
+
+    def show(self, result: ItemResult) -> None:
+        """Show one more item."""
+        self._results.append(result)
+        print(table_row(result, self._origin), flush=True)
+
+    def close(self) -> None:
+        """Show the summary."""
+        print(summary(self._results), flush=True)

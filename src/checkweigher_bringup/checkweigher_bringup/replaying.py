@@ -1,0 +1,195 @@
+"""The graph that plays a bag: in this process or in one process per node."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StreamStatus
+from rclpy.node import Node
+import yaml
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import ros_arguments, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.line import LineParameters, Weighing
+from checkweigher_dsp.nodes import topics
+
+_PATIENCE = 30.0  # s without any sign of life
+_CHECK_PERIOD = 0.2  # s
+_MODULES = {
+    'segmenter': 'checkweigher_dsp.nodes.segmenter',
+    'denoise': 'checkweigher_dsp.nodes.denoise',
+    'identifier': 'checkweigher_dsp.nodes.identifier',
+    'reject': 'checkweigher_dsp.nodes.reject',
+    'driver': 'checkweigher_driver.driver_node',
+}
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What to play and how."""
+
+    bag: Path
+    lane: str
+    rate: float
+    parameters: LineParameters
+    namespace: str = ''
+    processes: bool = False
+
+    def node_parameters(self) -> dict[str, dict[str, object]]:
+        """Return names and values for each node."""
+        return {
+            **asdict(self.parameters),
+            'driver': {
+                'source': 'bag',
+                'rate': self.rate,
+                'bag.path': str(self.bag.absolute()),
+                'bag.namespace': self.lane,
+            },
+        }
+
+
+class Collector(ResultListener):
+    """Collect the results of a graph until its segmenter has finished.
+
+    Parameters
+    ----------
+    patience : float
+        s without any sign of life after which the replay has failed.
+
+    Attributes
+    ----------
+    failure : str
+        Why the replay cannot end well, empty while it can.
+    """
+
+    def __init__(self, patience: float) -> None:
+        super().__init__('replay', from_start=True)
+        self.failure = ''
+        self._patience = patience
+        self._expected: int | None = None
+        self.listen(topics.SEGMENTER_STATUS, self._on_segmenter)
+        self.listen(topics.DRIVER_STATUS, self._on_driver)
+
+    @property
+    def finished(self) -> bool:
+        """Whether every item has its verdict, or the replay has failed."""
+        return bool(self.failure) or self._expected == self.judged
+
+    def _on_segmenter(self, message: Any) -> None:
+        self.heard = time.monotonic()
+        if message.state == StreamStatus.FINISHED:
+            self._expected = int(message.items)
+
+    def _on_driver(self, message: Any) -> None:
+        if message.state == StreamStatus.FAILED:
+            self.failure = message.text
+
+    def check(self) -> None:
+        """Look for what keeps a replay from ever ending."""
+        samples = self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)
+        if self.count_publishers(samples) > 1:
+            self.failure = (
+                f'something else publishes {samples} in this ROS domain; stop it, or choose '
+                f'another --namespace or ROS_DOMAIN_ID'
+            )
+        elif time.monotonic() - self.heard > self._patience:
+            missing = '' if self._expected is None else f' of {self._expected}'
+            self.failure = (
+                f'the graph has been silent for {self._patience:.0f} s after {self.judged}'
+                f'{missing} verdicts'
+            )
+
+
+def replay(plan: Replay) -> Iterator[Weighing]:
+    """Run the graph on a bag and yield each item when it has its verdict.
+
+    Raises
+    ------
+    UserError
+        If the graph cannot be run or an item got no verdict.
+    """
+    # One status comes for every quarter of a second of signal.
+    collector: Collector
+
+    def make() -> list[Node]:
+        nonlocal collector
+        collector = Collector(_PATIENCE + (1 / plan.rate if plan.rate > 0 else 0))
+        values = plan.node_parameters()
+        if plan.processes:
+            return [collector]
+        stages = [make_stage(values[name]) for name, make_stage in STAGE_NODES.items()]
+        return [collector, *stages, DriverNode(values['driver'])]
+
+    with spinning(make, plan.namespace) as spinner, ExitStack() as stack:
+        children = stack.enter_context(_processes(plan)) if plan.processes else []
+        yield from _results(collector, children, spinner)
+        if collector.failure:
+            raise UserError(collector.failure)
+
+
+def _results(
+    collector: Collector, children: Sequence[subprocess.Popen[bytes]], spinner: threading.Thread
+) -> Iterator[Weighing]:
+    while True:
+        # Asked before the queue is emptied: what comes last is in the queue by then.
+        finished = collector.finished or not spinner.is_alive()
+        try:
+            while True:
+                yield collector.weighings.get(timeout=0 if finished else _CHECK_PERIOD)
+        except queue.Empty:
+            pass
+        if finished:
+            return
+        collector.check()
+        for child in children:
+            if child.poll() is not None and not collector.finished:
+                collector.failure = f'a node ended with status {child.returncode}: {child.args!r}'
+
+
+@contextmanager
+def _processes(plan: Replay) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run each node in a process; all are ended at the end."""
+    children: list[subprocess.Popen[bytes]] = []
+    with tempfile.TemporaryDirectory(prefix='checkweigher-') as folder:
+        file = Path(folder, 'parameters.yaml')
+        write_parameter_file(file, plan.node_parameters())
+        try:
+            for module in _MODULES.values():
+                command = [sys.executable, '-m', module, '--ros-args', '--params-file', str(file)]
+                children.append(subprocess.Popen([*command, *ros_arguments(plan.namespace)]))
+            yield children
+        finally:
+            for child in children:
+                child.send_signal(signal.SIGINT)
+            for child in children:
+                try:
+                    child.wait(timeout=5)
+                except subprocess.TimeoutExpired:
+                    child.kill()
+                    child.wait()
+
+
+def write_parameter_file(path: Path, parameters: dict[str, dict[str, object]]) -> None:
+    """Write a ROS parameter file with a section for each node."""
+    content = {
+        f'/**/{node}': {
+            'ros__parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in values.items()
+            }
+        }
+        for node, values in parameters.items()
+    }
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')

@@ -1,0 +1,39 @@
+"""The parameters of the line as the command line gives them."""
+
+from pathlib import Path
+import re
+from typing import TypeVar
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.line import LineParameters
+
+N = TypeVar('N', int, float)
+
+
+def line_parameters(path: Path | None, estimator: str | None) -> LineParameters:
+    """Return the parameters of a file, or the defaults, with the estimator of the command line.
+
+    Raises
+    ------
+    ParameterError
+        If the file or a value in it cannot be used, or the estimator does not exist.
+    """
+    parameters = LineParameters() if path is None else LineParameters.from_file(path)
+    return parameters if estimator is None else parameters.with_estimator(estimator)
+
+
+def check_namespace(name: str) -> str:
+    """Return a ROS namespace without its leading slash, or raise UserError."""
+    name = name.strip('/')
+    if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
+        raise UserError(
+            f'--namespace {name}: names are letters, digits and _, and do not begin with a digit'
+        )
+    return name
+
+
+def check_positive(option: str, value: N | None) -> N | None:
+    """Return a number that must be above 0 if it is given, or raise UserError."""
+    if value is not None and not value > 0:
+        raise UserError(f'{option} {value}: must be above 0')
+    return value

@@ -1,0 +1,67 @@
+"""The topics of a recording and the definitions of their messages, as they are installed."""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+
+class BagError(ValueError):
+    """A bag that cannot be used; one line that says which, where and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a lane.
+
+    Attributes
+    ----------
+    name : str
+        Relative to the lane's namespace.
+    message_type : str
+        As ROS names it, with ``/msg/``.
+    latched : bool
+        Whether a late subscriber still gets the last message.
+    """
+
+    name: str
+    message_type: str
+    latched: bool = False
+
+
+LOAD_CELL_INFO = Topic('load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', latched=True)
+SAMPLES = Topic('load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples')
+PHOTO_EYES = Topic('photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent')
+REFERENCE_MASS = Topic('reference_mass', 'checkweigher_msgs/msg/ReferenceMass')
+TOPICS = (LOAD_CELL_INFO, SAMPLES, PHOTO_EYES, REFERENCE_MASS)
+
+TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
+
+
+@cache
+def typestore() -> Typestore:
+    """Return the definitions of the messages of `TOPICS` and of what they are made of.
+
+    They are read from the installed packages, so a bag and the graph have the same types.
+
+    Raises
+    ------
+    BagError
+        If a package with messages is not installed.
+    """
+    store = get_typestore(Stores.EMPTY)
+    for message_type in (TIME, HEADER, *(topic.message_type for topic in TOPICS)):
+        package, folder, name = message_type.split('/')
+        try:
+            share = get_package_share_directory(package)
+            text = Path(share, folder, f'{name}.msg').read_text(encoding='utf-8')
+        except (PackageNotFoundError, OSError):
+            raise BagError(
+                f'{message_type}: its definition is not installed; build the workspace and '
+                'source its environment'
+            ) from None
+        store.register(get_types_from_msg(text, message_type))
+    return store

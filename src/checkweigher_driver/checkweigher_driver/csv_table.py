@@ -1,0 +1,154 @@
+"""Columns of numbers from a CSV file, with the line of whatever is wrong in it."""
+
+from collections.abc import Mapping
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class CsvError(ValueError):
+    """A file that cannot be imported; one line that says which, where and what is wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of a CSV file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    columns : dict of str to ndarray, (n,) float64
+        By use; all values are finite.
+    """
+
+    path: Path
+    columns: dict[str, NDArray[np.float64]]
+    _lines: list[str]
+    _begin: int
+
+    def place(self, row: int) -> str:
+        """Return file and line number of a row from 0, for error messages."""
+        filled = (
+            number
+            for number, line in enumerate(self._lines, start=1)
+            if number > self._begin and line.strip()
+        )
+        for _ in range(row):
+            next(filled)
+        return f'{self.path}:{next(filled)}'
+
+
+def read_table(
+    path: Path, columns: Mapping[str, str], delimiter: str | None, decimal: str
+) -> Table:
+    """Read some columns of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a first row that is not numbers is its header.
+    columns : mapping of str to str
+        For each use the column's name or number from 0; empty for the only column.
+    delimiter : str or None
+        Between columns; None for any white space.
+    decimal : str
+        Decimal mark.
+
+    Raises
+    ------
+    CsvError
+        If the file cannot be read, lacks a column or holds something that is not a number.
+    """
+    try:
+        lines = path.read_text(encoding='utf-8-sig').splitlines()
+    except OSError as error:
+        raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
+        raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
+    first = next((number for number, line in enumerate(lines) if line.strip()), None)
+    if first is None:
+        raise CsvError(f'{path}: empty')
+    cells = _cells(lines[first], delimiter)
+    header = [] if all(_is_number(cell, decimal) for cell in cells) else cells
+    places = [_column(path, use, name, header, len(cells)) for use, name in columns.items()]
+    begin = first + 1 if header else first
+    rows = _parse(path, lines, begin, places, delimiter, decimal)
+    table = Table(path, dict(zip(columns, rows.T, strict=True)), lines, begin)
+    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(broken):
+        raise CsvError(f'{table.place(int(broken[0]))}: a value is not finite')
+    return table
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+
+
+def _number(cell: str, decimal: str) -> float:
+    return float(cell.replace(decimal, '.') if decimal != '.' else cell)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    try:
+        _number(cell, decimal)
+    except ValueError:
+        return False
+    return True
+
+
+def _column(path: Path, use: str, name: str, header: list[str], width: int) -> int:
+    """Return the place of a column."""
+    listed = ', '.join(header) if header else f'0 to {width - 1}, without names'
+    if not name:
+        if width != 1:
+            raise CsvError(f'{path}: which column is the {use}? It has {listed}')
+        return 0
+    if name in header:
+        if header.count(name) > 1:
+            raise CsvError(f'{path}: has several columns {name!r}; give the number from 0')
+        return header.index(name)
+    if name.isdecimal() and int(name) < width:
+        return int(name)
+    raise CsvError(f'{path}: has no column {name!r} for the {use}; it has {listed}')
+
+
+def _parse(
+    path: Path,
+    lines: list[str],
+    begin: int,
+    places: list[int],
+    delimiter: str | None,
+    decimal: str,
+) -> NDArray[np.float64]:
+    """Return the columns at some places: (n, m) float64."""
+    rows = lines[begin:]
+    if not any(row.strip() for row in rows):
+        raise CsvError(f'{path}: no rows below the header')
+    if decimal != '.':
+        rows = [row.replace(decimal, '.') for row in rows]
+    try:
+        return np.loadtxt(
+            rows, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
+        )
+    except ValueError as error:
+        # It counts rows, not lines, and from another one on; this finds the line itself.
+        for number, row in enumerate(rows, start=begin + 1):
+            if row.strip() and (problem := _problem(_cells(row, delimiter), places)):
+                raise CsvError(f'{path}:{number}: {problem}') from None
+        raise CsvError(f'{path}: {error}') from None
+
+
+def _problem(cells: list[str], places: list[int]) -> str:
+    """Return what is wrong with a row, empty if nothing is."""
+    for place in places:
+        if place >= len(cells):
+            return f'{len(cells)} columns, needs {place + 1}'
+        if not _is_number(cells[place], '.'):
+            return f'{cells[place]!r} is not a number'
+    return ''

@@ -1,0 +1,96 @@
+"""The platform of a weigh belt: a mass on a spring and a damper, integrated exactly."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+
+class Platform:
+    """A second-order platform whose mass changes with the products on it.
+
+    Readings and forces are in kg, that is, divided by the stiffness over g and by g. For a
+    stretch of constant mass and forces that are constant over each step the solution
+
+        y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k)
+        v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
+
+    is exact; y and its derivative v pass over to the next stretch unchanged. As a filter
+
+        y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2),
+
+    whose state in the transposed direct form is (y, a12 v - a22 y). Its gain for a constant force
+    is 1 at any mass.
+
+    Parameters
+    ----------
+    natural_frequency : float
+        Hz, of the empty platform, without its damping.
+    damping_ratio : float
+        Of the empty platform, below 1.
+    moving_mass : float
+        kg, of the empty platform.
+    step : float
+        s.
+    """
+
+    def __init__(
+        self, natural_frequency: float, damping_ratio: float, moving_mass: float, step: float
+    ) -> None:
+        self._omega = 2 * math.pi * natural_frequency
+        self._damping_ratio = damping_ratio
+        self._moving_mass = moving_mass
+        self._step = step
+        self._reading = 0.0
+        self._rate = 0.0
+
+    def run(
+        self,
+        force: NDArray[np.float64],
+        bounds: NDArray[np.intp],
+        loads: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Move on under a force.
+
+        Parameters
+        ----------
+        force : ndarray, (n,) float64
+            kg, constant over each step.
+        bounds : ndarray, (m + 1,) int
+            Bounds of the stretches of constant mass, from 0 to n.
+        loads : ndarray, (m,) float64
+            Mass that rests on the platform in each stretch, kg.
+
+        Returns
+        -------
+        ndarray, (n,) float64
+            Reading at the begin of each step, kg.
+        """
+        reading = np.empty(len(force))
+        for begin, end, load in zip(bounds[:-1], bounds[1:], loads, strict=True):
+            reading[begin:end] = self._stretch(force[begin:end], float(load))
+        return reading
+
+    def _stretch(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
+        a11, a12, a21, a22 = self._transition(load)
+        b1, b2 = 1 - a11, -a12 * a21 - a22 * (1 - a11)
+        state = np.array((self._reading, a12 * self._rate - a22 * self._reading))
+        reading, (last, other) = lfilter(
+            (0.0, b1, b2), (1.0, -a11 - a22, a11 * a22 - a12 * a21), force, zi=state
+        )
+        self._reading = float(last)
+        self._rate = (float(other) + a22 * self._reading) / a12
+        return np.asarray(reading)
+
+    def _transition(self, load: float) -> tuple[float, float, float, float]:
+        """Return the matrix exponential of one step at a load in kg, row by row."""
+        # Stiffness and damper stay, the mass grows.
+        share = self._moving_mass / (self._moving_mass + load)
+        squared = self._omega**2 * share
+        decay = self._damping_ratio * self._omega * share
+        damped = math.sqrt(squared - decay**2)
+        envelope = math.exp(-decay * self._step)
+        cosine = envelope * math.cos(damped * self._step)
+        sine = envelope * math.sin(damped * self._step) / damped
+        return cosine + decay * sine, sine, -squared * sine, cosine - decay * sine

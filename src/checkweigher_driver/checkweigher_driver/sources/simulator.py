@@ -1,0 +1,27 @@
+"""A simulated line as a source."""
+
+from collections.abc import Iterator
+
+from checkweigher_driver.recording import Event
+from checkweigher_driver.simulation import Simulation, SimulationParameters
+from checkweigher_driver.sources import Source
+from checkweigher_dsp.records import NANOSECONDS
+
+
+class SimulatorSource(Source):
+    """A line that exists only in the computer; with ``count`` 0 it runs without end."""
+
+    parameters = SimulationParameters
+    paced = True
+
+    def __init__(self, parameters: SimulationParameters) -> None:
+        self._simulation = Simulation(parameters)
+        self.load_cell = self._simulation.load_cell
+        self.start_stamp = parameters.start_time * NANOSECONDS
+
+    def __iter__(self) -> Iterator[Event]:
+        """Yield the line's events in canonical order."""
+        return iter(self._simulation)
+
+    def close(self) -> None:
+        """Do nothing: nothing is open."""

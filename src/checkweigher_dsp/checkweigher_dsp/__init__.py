@@ -1,0 +1,1 @@
+"""The weighing of an in-motion checkweigher: stages, estimators and their nodes."""

@@ -1,0 +1,99 @@
+"""The stages in one loop: what the graph does, without the graph."""
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Self, cast
+
+from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation import Identifier, IdentifierParameters
+from checkweigher_dsp.parameters import ParameterError, Parameters, read_parameter_file
+from checkweigher_dsp.records import (
+    EyeEdge,
+    LoadCell,
+    MassEstimate,
+    SampleBlock,
+    Verdict,
+    WeighWindow,
+)
+from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
+
+# Nodes that a parameter file for the line may address as well, but that are no stages.
+_OTHER_NODES = ('driver',)
+
+
+@dataclass(frozen=True)
+class LineParameters:
+    """Parameters of all stages."""
+
+    segmenter: SegmenterParameters = SegmenterParameters()
+    denoise: DenoiseParameters = DenoiseParameters()
+    identifier: IdentifierParameters = IdentifierParameters()
+    reject: RejectParameters = RejectParameters()
+
+    @classmethod
+    def from_file(cls, path: Path) -> Self:
+        """Read the parameters of the stages from a ROS parameter file.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be read or a value in it cannot be used; nothing is then taken.
+        """
+        sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
+        values = read_parameter_file(path, sets, _OTHER_NODES)
+        try:
+            made = {node: sets[node].from_mapping(values[node]) for node in sets}
+            return cls(**cast(dict[str, Any], made))
+        except ParameterError as error:
+            raise ParameterError(f'{path}: {error}') from None
+
+    def with_estimator(self, name: str) -> Self:
+        """Return the same parameters with another estimator."""
+        return replace(self, identifier=replace(self.identifier, estimator=name))
+
+
+@dataclass(frozen=True, slots=True)
+class Weighing:
+    """What became of one item."""
+
+    estimate: MassEstimate
+    verdict: Verdict
+
+
+class WeighingLine:
+    """Run segmenter, denoise, identifier and reject one after the other.
+
+    The nodes call the same stages with the same values, so both ways give the same masses to the
+    last bit.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Calibration, rate and the distance between the eyes.
+    parameters : LineParameters
+        Of all stages.
+    """
+
+    def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
+        self._segmenter = Segmenter(load_cell, parameters.segmenter)
+        self._denoiser = Denoiser(parameters.denoise)
+        self._identifier = Identifier(parameters.identifier)
+        self._reject_stage = RejectStage(parameters.reject)
+
+    def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
+        """Take a block or an edge and return the items that it completes."""
+        if isinstance(event, SampleBlock):
+            return self._weigh(self._segmenter.add_samples(event))
+        return self._weigh(self._segmenter.add_edge(event))
+
+    def finish(self) -> list[Weighing]:
+        """Return what is still on the belt, as faults: the stream has ended."""
+        return self._weigh(self._segmenter.finish())
+
+    def _weigh(self, windows: list[WeighWindow]) -> list[Weighing]:
+        weighings = []
+        for window in windows:
+            estimate = self._identifier.estimate(self._denoiser.denoise(window))
+            weighings.append(Weighing(estimate, self._reject_stage.judge(estimate)))
+        return weighings

@@ -1,0 +1,1 @@
+"""ROS nodes around the stages: parameters in, message to record, stage, record to message."""

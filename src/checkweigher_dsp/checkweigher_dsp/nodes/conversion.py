@@ -1,0 +1,236 @@
+"""Messages to records and back.
+
+Reading takes any object with the fields of the message, so that the same functions serve rclpy
+and readers of bags. Writing converts every field to the exact Python type: rclpy does not check,
+and a numpy scalar in a field aborts the process when the message is serialised.
+"""
+
+import array
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from checkweigher_msgs import msg as messages
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    LoadCell,
+    MassEstimate,
+    Reference,
+    SampleBlock,
+    Verdict,
+    WeighWindow,
+)
+
+_ESTIMATE_NUMBERS = (
+    'mass', 'std_dev', 'zero', 'belt_speed', 'product_length', 'a1', 'a2', 'b1',
+    'natural_frequency', 'damping_ratio',
+)  # fmt: skip
+_WINDOW_NUMBERS = (
+    'belt_speed', 'product_length', 'sample_rate', 'counts_per_kg', 'zero_counts', 'zero',
+    'zero_std_dev',
+)  # fmt: skip
+
+
+def stamp_from(time: Any) -> int:
+    """Return a time message in ns."""
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+def known_stamp_from(time: Any) -> int | None:
+    """Return a time message in ns, None for the 0 that means it is not known."""
+    return stamp_from(time) or None
+
+
+def time_to(stamp: int | None) -> Time:
+    """Return a stamp in ns as a time message, 0 if it is not known."""
+    sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def header_to(stamp: int | None, frame_id: str = '') -> Header:
+    """Return a header with a stamp in ns."""
+    return Header(stamp=time_to(stamp), frame_id=frame_id)
+
+
+def load_cell_from(message: Any) -> LoadCell:
+    """Return the load cell of a LoadCellInfo; ValueError if it cannot be one."""
+    return LoadCell(
+        sample_rate=float(message.sample_rate),
+        counts_per_kg=float(message.counts_per_kg),
+        zero_counts=float(message.zero_counts),
+        min_counts=int(message.min_counts),
+        max_counts=int(message.max_counts),
+        capacity=float(message.capacity),
+        weigh_length=float(message.weigh_length),
+        model=str(message.model),
+        serial_number=str(message.serial_number),
+    )
+
+
+def load_cell_to(cell: LoadCell, stamp: int) -> messages.LoadCellInfo:
+    """Return the LoadCellInfo of a load cell."""
+    return messages.LoadCellInfo(
+        header=header_to(stamp, 'load_cell'),
+        model=cell.model,
+        serial_number=cell.serial_number,
+        sample_rate=float(cell.sample_rate),
+        counts_per_kg=float(cell.counts_per_kg),
+        zero_counts=float(cell.zero_counts),
+        min_counts=int(cell.min_counts),
+        max_counts=int(cell.max_counts),
+        capacity=float(cell.capacity),
+        weigh_length=float(cell.weigh_length),
+    )
+
+
+def samples_from(message: Any) -> SampleBlock:
+    """Return the block of a LoadCellSamples."""
+    return SampleBlock(
+        stamp_from(message.header.stamp),
+        int(message.first_index),
+        np.frombuffer(message.counts, np.int32),
+    )
+
+
+def samples_to(block: SampleBlock) -> messages.LoadCellSamples:
+    """Return the LoadCellSamples of a block."""
+    return messages.LoadCellSamples(
+        header=header_to(block.stamp, 'load_cell'),
+        first_index=int(block.first_index),
+        counts=_array('i', block.counts),
+    )
+
+
+def edge_from(message: Any) -> EyeEdge:
+    """Return the edge of a PhotoEyeEvent; ValueError for an eye that does not exist."""
+    return EyeEdge(stamp_from(message.header.stamp), Eye(message.eye), bool(message.blocked))
+
+
+def edge_to(edge: EyeEdge) -> messages.PhotoEyeEvent:
+    """Return the PhotoEyeEvent of an edge."""
+    return messages.PhotoEyeEvent(
+        header=header_to(edge.stamp, edge.eye.name.lower()),
+        eye=int(edge.eye),
+        blocked=bool(edge.blocked),
+    )
+
+
+def reference_from(message: Any) -> Reference:
+    """Return the reference of a ReferenceMass."""
+    return Reference(stamp_from(message.header.stamp), float(message.mass))
+
+
+def reference_to(reference: Reference) -> messages.ReferenceMass:
+    """Return the ReferenceMass of a reference."""
+    return messages.ReferenceMass(header=header_to(reference.stamp), mass=float(reference.mass))
+
+
+def window_from(message: Any) -> WeighWindow:
+    """Return the window of a WeighWindow message."""
+    return WeighWindow(
+        item_id=int(message.item_id),
+        t1=known_stamp_from(message.t1),
+        t2=known_stamp_from(message.t2),
+        t3=known_stamp_from(message.t3),
+        first_index=int(message.first_index),
+        window_begin=int(message.window_begin),
+        window_end=int(message.window_end),
+        counts=np.frombuffer(message.counts, np.int32),
+        denoised=np.frombuffer(message.denoised, np.float64),
+        reasons=tuple(message.reasons),
+        **{name: float(getattr(message, name)) for name in _WINDOW_NUMBERS},
+    )
+
+
+def window_to(window: WeighWindow) -> messages.WeighWindow:
+    """Return the WeighWindow message of a window."""
+    return messages.WeighWindow(
+        header=header_to(window.t3, 'weigh_belt'),
+        item_id=int(window.item_id),
+        t1=time_to(window.t1),
+        t2=time_to(window.t2),
+        t3=time_to(window.t3),
+        first_index=int(window.first_index),
+        window_begin=int(window.window_begin),
+        window_end=int(window.window_end),
+        counts=_array('i', window.counts),
+        denoised=_array('d', window.denoised),
+        reasons=list(window.reasons),
+        **{name: float(getattr(window, name)) for name in _WINDOW_NUMBERS},
+    )
+
+
+def estimate_from(message: Any) -> MassEstimate:
+    """Return the estimate of a MassEstimate message.
+
+    One without a mass and without reasons, as a message that nobody filled in, gets a reason.
+    """
+    reasons = tuple(message.reasons)
+    if message.status != messages.MassEstimate.WEIGHED and not reasons:
+        reasons = ('Unknown',)
+    return MassEstimate(
+        item_id=int(message.item_id),
+        t1=known_stamp_from(message.t1),
+        t2=known_stamp_from(message.t2),
+        t3=known_stamp_from(message.t3),
+        reasons=reasons,
+        estimator=str(message.estimator),
+        **{name: float(getattr(message, name)) for name in _ESTIMATE_NUMBERS},
+    )
+
+
+def estimate_to(estimate: MassEstimate) -> messages.MassEstimate:
+    """Return the MassEstimate message of an estimate."""
+    message = messages.MassEstimate
+    return message(
+        header=header_to(estimate.t3, 'weigh_belt'),
+        item_id=int(estimate.item_id),
+        t1=time_to(estimate.t1),
+        t2=time_to(estimate.t2),
+        t3=time_to(estimate.t3),
+        status=message.WEIGHED if estimate.weighed else message.FAULT,
+        reasons=list(estimate.reasons),
+        estimator=estimate.estimator,
+        **{name: float(getattr(estimate, name)) for name in _ESTIMATE_NUMBERS},
+    )
+
+
+def verdict_from(message: Any) -> Verdict:
+    """Return the verdict of a Verdict message; ValueError for an unknown decision."""
+    return Verdict(
+        item_id=int(message.item_id),
+        t3=known_stamp_from(message.header.stamp),
+        decision=Decision(message.decision),
+        reasons=tuple(message.reasons),
+        mass=float(message.mass),
+        std_dev=float(message.std_dev),
+        lower_limit=float(message.lower_limit),
+        upper_limit=float(message.upper_limit),
+        reject_at=known_stamp_from(message.reject_at),
+    )
+
+
+def verdict_to(verdict: Verdict) -> messages.Verdict:
+    """Return the Verdict message of a verdict."""
+    return messages.Verdict(
+        header=header_to(verdict.t3, 'weigh_belt'),
+        item_id=int(verdict.item_id),
+        decision=int(verdict.decision),
+        reasons=list(verdict.reasons),
+        mass=float(verdict.mass),
+        std_dev=float(verdict.std_dev),
+        lower_limit=float(verdict.lower_limit),
+        upper_limit=float(verdict.upper_limit),
+        reject_at=time_to(verdict.reject_at),
+    )
+
+
+def _array(typecode: str, values: NDArray[Any]) -> 'array.array[Any]':
+    """Return an array field: twenty times faster to assign than an ndarray."""
+    return array.array(typecode, np.ascontiguousarray(values).tobytes())

@@ -1,0 +1,35 @@
+"""The denoise node: weigh_window to denoised_window."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import window_from, window_to
+from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
+
+
+class DenoiseNode(StageNode[DenoiseParameters]):
+    """Denoise weigh windows by wavelet shrinkage."""
+
+    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        super().__init__(DenoiseParameters, overrides=overrides)
+        self._windows = HeldPublisher(self, topics.DENOISED_WINDOW)
+        self.on_parameters()
+        self.subscribe(topics.WEIGH_WINDOW, self._on_window)
+
+    def on_parameters(self) -> None:
+        """Begin to use a changed table."""
+        self._denoiser = Denoiser(self.parameters)
+
+    def _on_window(self, message: Any) -> None:
+        self._windows.publish(window_to(self._denoiser.denoise(window_from(message))))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    run(DenoiseNode, arguments)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,40 @@
+"""The identifier node: denoised_window to mass_estimate."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from checkweigher_dsp.estimation import Identifier, IdentifierParameters
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import estimate_to, window_from
+from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
+from checkweigher_dsp.records import Reason
+
+
+class IdentifierNode(StageNode[IdentifierParameters]):
+    """Make a mass of each denoised window."""
+
+    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        super().__init__(IdentifierParameters, overrides=overrides)
+        self._estimates = HeldPublisher(self, topics.MASS_ESTIMATE)
+        self.on_parameters()
+        self.subscribe(topics.DENOISED_WINDOW, self._on_window)
+
+    def on_parameters(self) -> None:
+        """Begin to use a changed estimator."""
+        self._identifier = Identifier(self.parameters)
+
+    def _on_window(self, message: Any) -> None:
+        estimate = self._identifier.estimate(window_from(message))
+        if Reason.NO_CONVERGENCE.value in estimate.reasons:
+            self.warn(f'item {estimate.item_id}: {Reason.NO_CONVERGENCE.hint}')
+        self.count('weighed' if estimate.weighed else 'faults')
+        self._estimates.publish(estimate_to(estimate))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    run(IdentifierNode, arguments)
+
+
+if __name__ == '__main__':
+    main()

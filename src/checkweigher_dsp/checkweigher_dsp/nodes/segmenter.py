@@ -1,0 +1,133 @@
+"""The segmenter node: load_cell/samples and photo_eyes to weigh_window."""
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from checkweigher_msgs.msg import StreamStatus
+
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import (
+    edge_from,
+    header_to,
+    load_cell_from,
+    samples_from,
+    window_to,
+)
+from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
+from checkweigher_dsp.records import EyeEdge, LoadCell, Reason, SampleBlock, WeighWindow
+from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
+
+# Samples and edges that come before load_cell/info are kept: it is latched and soon there.
+_MAX_EARLY = 10_000
+# The driver of a replay paces itself by the status, so it comes with the samples, not by a timer.
+_STATUS_INTERVAL = 0.25  # s of signal
+_STATUS_BLOCKS = 100  # blocks, where they are short
+
+
+class SegmenterNode(StageNode[SegmenterParameters]):
+    """Cut the stream of samples into one weigh window for each item."""
+
+    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
+        self._load_cell: LoadCell | None = None
+        self._segmenter: Segmenter | None = None
+        self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
+        self._last_stamp = 0
+        self._reported_samples = 0
+        self._blocks_since_report = 0
+        self._end: tuple[int, int] | None = None
+        self._windows = HeldPublisher(self, topics.WEIGH_WINDOW)
+        self._status = self.create_publisher(
+            topics.SEGMENTER_STATUS.type, topics.SEGMENTER_STATUS.name, topics.SEGMENTER_STATUS.qos
+        )
+        self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
+        self.subscribe(topics.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m)))
+        self.subscribe(topics.PHOTO_EYES, lambda m: self._on_event(edge_from(m)))
+        self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
+
+    def _on_info(self, message: Any) -> None:
+        load_cell = load_cell_from(message)
+        if load_cell == self._load_cell:
+            return
+        if self._segmenter is not None:
+            self.warn('load_cell/info has changed: what is on the belt is a fault')
+            self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
+            item_count = self._segmenter.item_count
+        else:
+            item_count = 0
+        self._load_cell = load_cell
+        self._segmenter = Segmenter(load_cell, self.parameters, item_count)
+        while self._early:
+            self._take(self._segmenter, self._early.popleft())
+
+    def _on_event(self, event: SampleBlock | EyeEdge) -> None:
+        if self._segmenter is None:
+            self._early.append(event)
+            self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
+        else:
+            self._take(self._segmenter, event)
+
+    def _take(self, segmenter: Segmenter, event: SampleBlock | EyeEdge) -> None:
+        if isinstance(event, SampleBlock):
+            self._publish(segmenter.add_samples(event))
+            self._last_stamp = event.stamp
+            self._blocks_since_report += 1
+            signal = segmenter.samples - self._reported_samples
+            if (
+                signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
+                or self._blocks_since_report >= _STATUS_BLOCKS
+            ):
+                self._publish_status(StreamStatus.RUNNING)
+        else:
+            self._publish(segmenter.add_edge(event))
+        self._finish_if_ended()
+
+    def _on_driver_status(self, message: Any) -> None:
+        if message.state == StreamStatus.RUNNING:
+            self._end = None
+        else:
+            self._end = (int(message.samples), int(message.edges))
+            self._finish_if_ended()
+
+    def _finish_if_ended(self) -> None:
+        """Give up what is still on the belt once everything that was sent has been taken."""
+        segmenter = self._segmenter
+        if segmenter is None or self._end is None:
+            return
+        if (segmenter.samples, segmenter.edges) == self._end:
+            self._end = None
+            self._publish(segmenter.finish())
+            self._publish_status(StreamStatus.FINISHED)
+
+    def _publish(self, windows: list[WeighWindow]) -> None:
+        for window in windows:
+            self.count('windows')
+            for reason in window.reasons:
+                self.count(reason)
+                self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
+            self._windows.publish(window_to(window))
+
+    def _publish_status(self, state: int) -> None:
+        if self._segmenter is None:
+            return
+        self._reported_samples = self._segmenter.samples
+        self._blocks_since_report = 0
+        self._status.publish(
+            StreamStatus(
+                header=header_to(self._last_stamp),
+                state=state,
+                samples=self._segmenter.samples,
+                edges=self._segmenter.edges,
+                items=self._segmenter.items,
+            )
+        )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    run(SegmenterNode, arguments)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,227 @@
+"""What all nodes of the line have in common: parameters, publishing, diagnostics, start and end."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import Field, fields
+import math
+import sys
+from typing import Any, Generic, TypeVar, cast
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from checkweigher_dsp.nodes.topics import DIAGNOSTICS, Topic
+from checkweigher_dsp.parameters import ParameterError, Parameters, describe
+
+_LARGEST_INTEGER = 2**63 - 1
+_POLL_PERIOD = 0.01  # s
+_DIAGNOSTICS_PERIOD = 1.0  # s
+# More than this is not kept for a consumer that has not appeared yet.
+_MAX_HELD = 10_000
+
+P = TypeVar('P', bound=Parameters)
+
+
+def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
+    """Return the ROS descriptor of a field made by `checkweigher_dsp.parameters.parameter`."""
+    allowed = describe(entry)
+    text = allowed.text + (f' [{allowed.unit}]' if allowed.unit else '')
+    result = ParameterDescriptor(
+        description=text,
+        additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
+        read_only=read_only,
+    )
+    bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
+    if isinstance(entry.default, float) and bounded:
+        result.floating_point_range = [
+            FloatingPointRange(from_value=allowed.minimum, to_value=allowed.maximum, step=0.0)
+        ]
+    elif isinstance(entry.default, int) and not isinstance(entry.default, bool) and bounded:
+        result.integer_range = [
+            IntegerRange(
+                from_value=int(max(allowed.minimum, -_LARGEST_INTEGER)),
+                to_value=int(min(allowed.maximum, _LARGEST_INTEGER)),
+                step=0,
+            )
+        ]
+    return result
+
+
+def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
+    """Declare a parameter set to ROS and return it with the values that the node was given.
+
+    Raises
+    ------
+    ParameterError
+        If a value cannot be used.
+    """
+    values = {}
+    for entry in fields(parameters):
+        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
+        name = prefix + entry.name
+        try:
+            declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
+        values[entry.name] = declared.value
+    return parameters.from_mapping(values)
+
+
+class HeldPublisher:
+    """Publish to a topic, keeping what comes before its first subscriber is there.
+
+    At start-up the nodes of a line find each other in any order: without this, what the first one
+    publishes before it has found the second would be lost, and an item without its verdict. Once
+    there has been a subscriber nothing is held any more: a stale window helps nobody.
+    """
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+        self._held: deque[Any] = deque(maxlen=_MAX_HELD)
+        self._node = node
+        self._timer = node.create_timer(_POLL_PERIOD, self._poll)
+        self._open = False
+
+    def publish(self, message: Any) -> None:
+        """Publish a message now, or as soon as somebody listens."""
+        if self._open:
+            self._publisher.publish(message)
+        else:
+            self._held.append(message)
+
+    def _poll(self) -> None:
+        if self._publisher.get_subscription_count() == 0:
+            return
+        self._open = True
+        self._node.destroy_timer(self._timer)
+        while self._held:
+            self._publisher.publish(self._held.popleft())
+
+
+class StageNode(Node, Generic[P]):
+    """A node around one stage of the line.
+
+    Parameters
+    ----------
+    parameters : Parameters class
+        What the stage takes; ``parameters.node`` names the node.
+    read_only : bool
+        Whether the parameters are fixed once the node runs.
+    overrides : mapping of str to object
+        Values that win over those from the command line.
+    """
+
+    def __init__(
+        self,
+        parameters: type[P],
+        *,
+        read_only: bool = False,
+        overrides: dict[str, object] | None = None,
+    ) -> None:
+        super().__init__(
+            parameters.node,
+            parameter_overrides=[
+                Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+                for name, value in (overrides or {}).items()
+            ],
+        )
+        self._counters: dict[str, int] = {}
+        self._warning = ''
+        try:
+            self.parameters = declare(self, parameters, read_only=read_only)
+        except ParameterError:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self._diagnostics = self.create_publisher(
+            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
+        )
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+
+    def on_parameters(self) -> None:
+        """Use `self.parameters`, which have changed."""
+
+    def subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        """Subscribe to a topic; a message that the callback cannot use is counted, not fatal."""
+
+        def guarded(message: Any) -> None:
+            self.count(f'{topic.name} received')
+            try:
+                callback(message)
+            except Exception as error:
+                self.warn(f'refused a message on {topic.name}: {type(error).__name__}: {error}')
+                self.count(f'{topic.name} refused')
+
+        self.create_subscription(topic.type, topic.name, guarded, topic.stage_qos)
+
+    def count(self, name: str) -> None:
+        """Count something for the diagnostics."""
+        self._counters[name] = self._counters.get(name, 0) + 1
+
+    def warn(self, text: str) -> None:
+        """Log a warning, at most once a second, and show it in the next diagnostics."""
+        self._warning = text
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
+
+    def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        known = {entry.name for entry in fields(self.parameters)}
+        values = {
+            entry.name: getattr(self.parameters, entry.name) for entry in fields(self.parameters)
+        }
+        changed = {change.name: change.value for change in changes if change.name in known}
+        if not changed:
+            return SetParametersResult(successful=True)
+        try:
+            self.parameters = type(self.parameters).from_mapping({**values, **changed})
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        self.on_parameters()
+        return SetParametersResult(successful=True)
+
+    def _publish_diagnostics(self) -> None:
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if self._warning else DiagnosticStatus.OK,
+            name=self.get_fully_qualified_name().lstrip('/'),
+            message=self._warning or 'running',
+            hardware_id='checkweigher',
+            values=[KeyValue(key=k, value=str(v)) for k, v in self._counters.items()],
+        )
+        self._warning = ''
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
+    """Run one node until it is interrupted; exit with 2 and one line if it cannot start."""
+    run_all(cast(Callable[[], Sequence[Node]], lambda: [make_node()]), arguments)
+
+
+def run_all(
+    make_nodes: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None
+) -> None:
+    """Run several nodes in one process until they are interrupted."""
+    rclpy.init(args=arguments)
+    executor = SingleThreadedExecutor()
+    try:
+        for node in make_nodes():
+            executor.add_node(node)
+        executor.spin()
+    except ParameterError as error:
+        print(f'checkweigher: {error}', file=sys.stderr)
+        raise SystemExit(2) from None
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        executor.shutdown()
+        rclpy.try_shutdown()

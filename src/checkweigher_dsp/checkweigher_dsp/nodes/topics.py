@@ -1,0 +1,71 @@
+"""The topics of a lane: name, type and quality of service, in one place for nodes and docs.
+
+All names are relative, so that a namespace makes a lane.
+"""
+
+from dataclasses import dataclass
+
+from checkweigher_msgs.msg import (
+    LoadCellInfo,
+    LoadCellSamples,
+    MassEstimate,
+    PhotoEyeEvent,
+    ReferenceMass,
+    StreamStatus,
+    Verdict,
+    WeighWindow,
+)
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic with the profile that its publisher offers.
+
+    ``stage_qos`` is what the stages ask for: never messages from before they were there.
+    """
+
+    name: str
+    type: type
+    qos: QoSProfile
+    stage_qos: QoSProfile
+
+
+def _topic(name: str, message: type, qos: QoSProfile, stage_qos: QoSProfile | None = None) -> Topic:
+    return Topic(name, message, qos, stage_qos or qos)
+
+
+def _reliable(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+def _kept(depth: int) -> QoSProfile:
+    return _reliable(depth, DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+_STREAM = _reliable(1000)
+
+LOAD_CELL_INFO = _topic('load_cell/info', LoadCellInfo, _kept(1))
+# Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
+LOAD_CELL_SAMPLES = _topic('load_cell/samples', LoadCellSamples, _STREAM)
+PHOTO_EYES = _topic('photo_eyes', PhotoEyeEvent, _STREAM)
+REFERENCE_MASS = _topic('reference_mass', ReferenceMass, _STREAM)
+WEIGH_WINDOW = _topic('weigh_window', WeighWindow, _STREAM)
+DENOISED_WINDOW = _topic('denoised_window', WeighWindow, _STREAM)
+# Results are kept for whoever looks later and asks for them; the stages do not.
+MASS_ESTIMATE = _topic('mass_estimate', MassEstimate, _kept(1000), _STREAM)
+VERDICT = _topic('verdict', Verdict, _kept(1000), _STREAM)
+DRIVER_STATUS = _topic('load_cell/status', StreamStatus, _kept(1))
+SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
+DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
+
+ALL = (
+    LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
+    SEGMENTER_STATUS, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, DIAGNOSTICS,
+)  # fmt: skip

@@ -1,0 +1,199 @@
+"""Parameters of the stages: declared once, with unit, range and meaning, for nodes, files and docs.
+
+A stage's parameters are a frozen dataclass whose fields are made by `parameter`. The node declares
+them to ROS from the same fields, the offline path reads them from the same YAML.
+"""
+
+from collections.abc import Mapping
+from dataclasses import Field, dataclass, field, fields
+import math
+from pathlib import Path
+from typing import Any, ClassVar, Self, cast
+
+import yaml
+
+
+class ParameterError(ValueError):
+    """A parameter that cannot be used; the message names it, its value and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """What a parameter means and which values it takes."""
+
+    text: str
+    unit: str
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...]
+
+
+def parameter(
+    default: Any,
+    text: str,
+    *,
+    unit: str = '',
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a field of a `Parameters` class.
+
+    Parameters
+    ----------
+    default : bool, int, float, str or tuple of float
+        Its type is the parameter's type.
+    text : str
+        Meaning, for the ROS descriptor and the docs.
+    unit : str
+        SI unit, empty for a pure number.
+    minimum, maximum : float
+        Inclusive range; for a tuple, of each element.
+    choices : tuple of str
+        Allowed values of a string, empty for any.
+    """
+    description = Description(text, unit, minimum, maximum, choices)
+    return field(default=default, metadata={'description': description})
+
+
+def describe(entry: 'Field[Any]') -> Description:
+    """Return the description that `parameter` gave to a dataclass field."""
+    return cast(Description, entry.metadata['description'])
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Base of all parameter sets: checks types and ranges, all or nothing.
+
+    Raises
+    ------
+    ParameterError
+        On the first field that is of a wrong type, NaN or out of range.
+    """
+
+    # The node that declares the set, as it is named in parameter files.
+    node: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = check(f'{self.node}.{entry.name}', entry, getattr(self, entry.name))
+            object.__setattr__(self, entry.name, value)
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, object]) -> Self:
+        """Make a set from names and values; names that are absent keep their defaults."""
+        known = {entry.name for entry in fields(cls)}
+        for name in values:
+            if name not in known:
+                raise ParameterError(
+                    f'{cls.node}.{name}: no such parameter; {cls.node} has '
+                    f'{", ".join(sorted(known))}'
+                )
+        return cls(**cast(dict[str, Any], values))
+
+
+def check(name: str, entry: 'Field[Any]', value: object) -> object:
+    """Return `value` in the field's type, or raise `ParameterError`."""
+    default, allowed = entry.default, describe(entry)
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ParameterError(f'{name}: {value!r} is not true or false')
+        return value
+    if isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(f'{name}: {value!r} is not a string')
+        if allowed.choices and value not in allowed.choices:
+            raise ParameterError(f'{name}: {value!r} is not one of {", ".join(allowed.choices)}')
+        return value
+    if isinstance(default, tuple):
+        if isinstance(value, str) or not hasattr(value, '__iter__'):
+            raise ParameterError(f'{name}: {value!r} is not a list of numbers')
+        return tuple(_check_number(name, 0.0, allowed, element) for element in value)
+    return _check_number(name, default, allowed, value)
+
+
+def _check_number(name: str, default: object, allowed: Description, value: object) -> float:
+    whole = isinstance(default, int)
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise ParameterError(f'{name}: {value!r} is not a {"whole number" if whole else "number"}')
+    if math.isnan(value) or not allowed.minimum <= value <= allowed.maximum:
+        raise ParameterError(
+            f'{name}: {value} is not in {allowed.minimum:g}..{allowed.maximum:g}'
+            + (f' {allowed.unit}' if allowed.unit else '')
+        )
+    return value if whole else float(value)
+
+
+# Parameters that every ROS node has.
+_COMMON = frozenset({'use_sim_time'})
+
+
+def read_parameter_file(
+    path: Path, sets: Mapping[str, type[Parameters]], other_nodes: tuple[str, ...] = ()
+) -> dict[str, dict[str, object]]:
+    """Read a ROS parameter file into names and values for each node.
+
+    Parameters
+    ----------
+    path : Path
+        YAML as ``ros2 run --params-file`` takes it. A section ``/**`` addresses all nodes that
+        know the name, ``/**/segmenter`` or ``/lane1/segmenter`` one of them.
+    sets : dict of str to Parameters class
+        By name of the node.
+    other_nodes : tuple of str
+        Nodes that the file may address as well; what it says of them is passed over.
+
+    Returns
+    -------
+    dict of str to dict
+        By name of the node; its own section wins over ``/**``.
+
+    Raises
+    ------
+    ParameterError
+        If the file is not there, is no parameter file, or addresses a node or under ``/**`` a
+        parameter that does not exist.
+    """
+    own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
+    shared: dict[str, object] = {}
+    for address, section in _load_yaml(path).items():
+        values = section.get('ros__parameters') if isinstance(section, dict) else None
+        if not isinstance(values, dict):
+            raise ParameterError(f'{path}: section {address!r} has no ros__parameters')
+        node = str(address).rsplit('/', 1)[-1]
+        if node != '**' and node not in own:
+            raise ParameterError(f'{path}: section {address!r} addresses none of {", ".join(own)}')
+        (shared if node == '**' else own[node]).update(_flatten(values))
+    result = {}
+    for node, parameters in sets.items():
+        known = {entry.name for entry in fields(parameters)}
+        result[node] = {name: value for name, value in shared.items() if name in known}
+        result[node].update((k, v) for k, v in own[node].items() if k not in _COMMON)
+    everywhere = {entry.name for parameters in sets.values() for entry in fields(parameters)}
+    for name in shared:
+        if name not in everywhere | _COMMON:
+            raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')
+    return result
+
+
+def _load_yaml(path: Path) -> dict[object, object]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ParameterError(f'{path}: {error.strerror or error}') from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+    if not isinstance(content, dict):
+        raise ParameterError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
+    return content
+
+
+def _flatten(values: Mapping[str, object], prefix: str = '') -> dict[str, object]:
+    """Join nested names by dots, as ROS does."""
+    flat: dict[str, object] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat.update(_flatten(value, f'{prefix}{name}.'))
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat

@@ -1,0 +1,263 @@
+"""The values that pass between the stages: what the machine sends, and what each stage makes of it.
+
+Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them; a
+time that is not known is None. A number that is not known is NaN.
+"""
+
+from dataclasses import dataclass, field, fields
+from enum import IntEnum, StrEnum
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+NANOSECONDS = 1_000_000_000
+STANDARD_GRAVITY = 9.80665  # m/s^2, CGPM 1901
+
+
+class Eye(IntEnum):
+    """The photo-eyes at the two ends of the weigh belt."""
+
+    INFEED = 0
+    OUTFEED = 1
+
+
+class Decision(IntEnum):
+    """What is to become of an item. All but ACCEPT are rejected."""
+
+    FAULT = 0
+    ACCEPT = 1
+    UNDER = 2
+    OVER = 3
+
+
+class Reason(StrEnum):
+    """Why an item cannot be weighed. ``DistanceFault`` is the word of OPC 40200."""
+
+    DISTANCE_FAULT = 'DistanceFault'
+    MISSING_EDGE = 'MissingEdge'
+    CHATTERING_EYE = 'ChatteringEye'
+    PRODUCT_TOO_LONG = 'ProductTooLong'
+    PRODUCT_TOO_SHORT = 'ProductTooShort'
+    BELT_SPEED = 'BeltSpeed'
+    WINDOW_TOO_SHORT = 'WindowTooShort'
+    SAMPLES_LOST = 'SamplesLost'
+    SATURATION = 'Saturation'
+    SOURCE_RESTARTED = 'SourceRestarted'
+    STREAM_ENDED = 'StreamEnded'
+    NO_CONVERGENCE = 'NoConvergence'
+    BAD_WINDOW = 'BadWindow'
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _HINTS[self]
+
+
+_HINTS = {
+    Reason.DISTANCE_FAULT: 'two products were on the weigh belt at once; increase their spacing',
+    Reason.MISSING_EDGE: 'a photo-eye did not switch; check its alignment and wiring',
+    Reason.CHATTERING_EYE: 'a photo-eye switched too often; check for reflections and loose film',
+    Reason.PRODUCT_TOO_LONG: 'the product was never fully on the weigh belt',
+    Reason.PRODUCT_TOO_SHORT: 'the infeed eye saw something shorter than min_product_length',
+    Reason.BELT_SPEED: 'the belt speed from the eyes is outside min_belt_speed..max_belt_speed',
+    Reason.WINDOW_TOO_SHORT: 'the product was fully on the belt for too few samples',
+    Reason.SAMPLES_LOST: 'samples are missing; check the load on the machine and the QoS depth',
+    Reason.SATURATION: 'the converter was at its limit; check overload and load-cell wiring',
+    Reason.SOURCE_RESTARTED: 'the sample source started again while the product was on the line',
+    Reason.STREAM_ENDED: 'the stream ended before the product had left the belt',
+    Reason.NO_CONVERGENCE: 'the identification found no stable platform in this signal',
+    Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
+}
+
+
+def seconds(stamp: int | None) -> float:
+    """Return a stamp in seconds, NaN if it is not known."""
+    return math.nan if stamp is None else stamp / NANOSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCell:
+    """What the load cell is and how its readings become kilograms.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    counts_per_kg : float
+        Static sensitivity, not 0; negative where the cell is mounted upside down.
+    zero_counts : float
+        Reading of the empty belt at calibration, counts.
+    min_counts, max_counts : int
+        Converter limits; a reading at or beyond one is saturated.
+    capacity : float
+        kg.
+    weigh_length : float
+        m, between the infeed and the outfeed eye.
+
+    Raises
+    ------
+    ValueError
+        If a field cannot describe a load cell; the message names the field.
+    """
+
+    sample_rate: float
+    counts_per_kg: float
+    zero_counts: float
+    min_counts: int
+    max_counts: int
+    capacity: float
+    weigh_length: float
+    model: str = ''
+    serial_number: str = ''
+
+    def __post_init__(self) -> None:
+        for name in ('sample_rate', 'capacity', 'weigh_length'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f'load cell: {name} is {value:g}, must be positive')
+        if not math.isfinite(self.counts_per_kg) or self.counts_per_kg == 0:
+            raise ValueError(f'load cell: counts_per_kg is {self.counts_per_kg:g}, must not be 0')
+        if not math.isfinite(self.zero_counts):
+            raise ValueError(f'load cell: zero_counts is {self.zero_counts:g}, must be finite')
+        if self.min_counts >= self.max_counts:
+            raise ValueError(
+                f'load cell: min_counts {self.min_counts} is not below max_counts {self.max_counts}'
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBlock:
+    """Consecutive converter readings: ``counts`` (n,) int32, the first one taken at ``stamp``."""
+
+    stamp: int
+    first_index: int
+    counts: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True)
+class EyeEdge:
+    """One edge of a photo-eye at ``stamp``: ``blocked`` is its state from then on."""
+
+    stamp: int
+    eye: Eye
+    blocked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """The true mass of an item in kg; ``stamp`` is its t1."""
+
+    stamp: int
+    mass: float
+
+
+@dataclass(frozen=True, slots=True)
+class WeighWindow:
+    """One item's stretch of signal, with what the photo-eyes told of it.
+
+    Attributes
+    ----------
+    item_id : int
+        From 1, in order of entry.
+    t1, t2, t3 : int or None
+        ns; begins to enter, is fully on, begins to leave.
+    belt_speed : float
+        m/s, ``weigh_length / (t3 - t1)``.
+    product_length : float
+        m, ``belt_speed * (t2 - t1)``.
+    sample_rate : float
+        Hz.
+    counts_per_kg, zero_counts : float
+        Static calibration.
+    zero, zero_std_dev : float
+        Empty belt as last seen before t1 and its standard deviation, counts.
+    first_index : int
+        Index of ``counts[0]`` since the source started.
+    window_begin, window_end : int
+        Positions in ``counts`` of the first sample at or after t2 and one past the last
+        sample before t3.
+    counts : ndarray, (n,) int32
+        Raw readings: signal before t2, then t2..t3. Empty in a fault.
+    denoised : ndarray, (n,) or (0,) float64
+        kg, at the same positions; empty until denoise has run.
+    reasons : tuple of str
+        Why the item cannot be weighed; empty if it can.
+    """
+
+    item_id: int
+    t1: int | None
+    t2: int | None
+    t3: int | None
+    belt_speed: float = math.nan
+    product_length: float = math.nan
+    sample_rate: float = math.nan
+    counts_per_kg: float = math.nan
+    zero_counts: float = math.nan
+    zero: float = math.nan
+    zero_std_dev: float = math.nan
+    first_index: int = 0
+    window_begin: int = 0
+    window_end: int = 0
+    counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    reasons: tuple[str, ...] = ()
+
+    def __eq__(self, other: object) -> bool:
+        """Compare field by field, NaN equal to NaN: two unknowns are the same window."""
+        return isinstance(other, WeighWindow) and all(
+            np.array_equal(np.asarray(a), np.asarray(b), equal_nan=isinstance(a, float))
+            for a, b in ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        )
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """The stretch in kg, zero removed: (n,) float64."""
+        force: NDArray[np.float64] = (self.counts - self.zero) / self.counts_per_kg
+        return force
+
+
+@dataclass(frozen=True, slots=True)
+class MassEstimate:
+    """The mass of one item with its uncertainty, or the reasons why there is none.
+
+    ``mass``, ``std_dev``, ``zero`` (empty belt relative to its calibration) and ``b1`` are in kg:
+    mass = b1 / (1 + a1 + a2). ``natural_frequency`` is in Hz.
+    """
+
+    item_id: int
+    t1: int | None
+    t2: int | None
+    t3: int | None
+    reasons: tuple[str, ...] = ()
+    mass: float = math.nan
+    std_dev: float = math.nan
+    zero: float = math.nan
+    belt_speed: float = math.nan
+    product_length: float = math.nan
+    estimator: str = ''
+    a1: float = math.nan
+    a2: float = math.nan
+    b1: float = math.nan
+    natural_frequency: float = math.nan
+    damping_ratio: float = math.nan
+
+    @property
+    def weighed(self) -> bool:
+        """Whether there is a mass."""
+        return not self.reasons
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What is to become of one item; masses and limits in kg, ``reject_at`` in ns."""
+
+    item_id: int
+    t3: int | None
+    decision: Decision
+    reasons: tuple[str, ...] = ()
+    mass: float = math.nan
+    std_dev: float = math.nan
+    lower_limit: float = -math.inf
+    upper_limit: float = math.inf
+    reject_at: int | None = None

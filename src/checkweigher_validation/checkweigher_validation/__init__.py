@@ -1,0 +1,1 @@
+"""Offline validation of a checkweigher: protocol, tuning and accuracy."""

@@ -1,0 +1,45 @@
+"""Weighing recordings without the graph."""
+
+from tqdm import tqdm
+
+from checkweigher_driver.recording import Recording
+from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.records import Reference
+from checkweigher_validation.results import ItemResult, join_all
+
+
+def weigh(
+    recording: Recording, parameters: LineParameters, *, progress: bool = False
+) -> list[ItemResult]:
+    """Weigh everything in a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples, edges and known masses.
+    parameters : LineParameters
+        Of all stages.
+    progress : bool
+        Whether to show a bar on a terminal if it takes more than two seconds.
+
+    Returns
+    -------
+    list of ItemResult
+        In order of entry.
+    """
+    line = WeighingLine(recording.load_cell, parameters)
+    weighings: list[Weighing] = []
+    events = tqdm(
+        recording,
+        total=len(recording.blocks) + len(recording.edges) + len(recording.references),
+        desc='weighing',
+        unit=' messages',
+        delay=2,
+        leave=False,
+        disable=None if progress else True,
+    )
+    for event in events:
+        if not isinstance(event, Reference):
+            weighings += line.add(event)
+    weighings += line.finish()
+    return join_all(weighings, recording.edges, recording.references)
