@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _complain(command: str, error: Exception) -> int:
     line = ' '.join(str(error).split())
     print(f'{_PROGRAM} {command}: {line}', file=sys.stderr)
-    return 2
+    return getattr(error, 'exit_status', 2)
 
 
 if __name__ == '__main__':

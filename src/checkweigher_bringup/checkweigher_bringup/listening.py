@@ -106,16 +106,11 @@ def echo(namespace: str, count: int | None, duration: float | None) -> None:
         s after which to end.
     """
     end = None if duration is None else time.monotonic() + duration
-    node: EchoNode
-
-    def make() -> list[Node]:
-        nonlocal node
-        node = EchoNode()
-        return [node]
-
     table: Table | None = None
     shown = 0
-    with spinning(make, namespace):
+    with spinning(namespace) as spinner:
+        node = EchoNode()
+        spinner.add(node)
         try:
             while (count is None or shown < count) and (end is None or time.monotonic() < end):
                 try:

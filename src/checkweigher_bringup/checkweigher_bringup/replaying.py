@@ -9,24 +9,23 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
-from rclpy.node import Node
 import yaml
 
-from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.errors import LineError, UserError
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
-from checkweigher_bringup.spinning import ros_arguments, spinning
+from checkweigher_bringup.spinning import Spinner, ros_arguments, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.line import LineParameters, Weighing
 from checkweigher_dsp.nodes import topics
 
 _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
+_DISCOVERY_TIME = 0.4  # s, in which a driver that is there already shows up
 _MODULES = {
     'segmenter': 'checkweigher_dsp.nodes.segmenter',
     'denoise': 'checkweigher_dsp.nodes.denoise',
@@ -79,6 +78,8 @@ class Collector(ResultListener):
         self.failure = ''
         self._patience = patience
         self._expected: int | None = None
+        self._samples_taken = 0
+        self._samples_name = self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)
         self.listen(topics.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(topics.DRIVER_STATUS, self._on_driver)
 
@@ -89,6 +90,7 @@ class Collector(ResultListener):
 
     def _on_segmenter(self, message: Any) -> None:
         self.heard = time.monotonic()
+        self._samples_taken = int(message.samples)
         if message.state == StreamStatus.FINISHED:
             self._expected = int(message.items)
 
@@ -96,20 +98,27 @@ class Collector(ResultListener):
         if message.state == StreamStatus.FAILED:
             self.failure = message.text
 
+    def count_drivers(self) -> int:
+        """Return how many drivers publish samples in this namespace."""
+        return int(self.count_publishers(self._samples_name))
+
     def check(self) -> None:
-        """Look for what keeps a replay from ever ending."""
-        samples = self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)
-        if self.count_publishers(samples) > 1:
-            self.failure = (
-                f'something else publishes {samples} in this ROS domain; stop it, or choose '
-                f'another --namespace or ROS_DOMAIN_ID'
-            )
+        """Look for what keeps a replay from ever ending well."""
+        if self.count_drivers() > 1:
+            self.failure = self.conflict()
         elif time.monotonic() - self.heard > self._patience:
-            missing = '' if self._expected is None else f' of {self._expected}'
+            expected = '' if self._expected is None else f' of {self._expected}'
             self.failure = (
-                f'the graph has been silent for {self._patience:.0f} s after {self.judged}'
-                f'{missing} verdicts'
+                f'the graph has been silent for {self._patience:.0f} s, after {self.judged}'
+                f'{expected} verdicts and {self._samples_taken} samples'
             )
+
+    def conflict(self) -> str:
+        """Return what to say of a second driver."""
+        return (
+            f'something else publishes {self._samples_name} in this ROS domain; stop it, or '
+            f'choose another --namespace or ROS_DOMAIN_ID'
+        )
 
 
 def replay(plan: Replay) -> Iterator[Weighing]:
@@ -118,33 +127,36 @@ def replay(plan: Replay) -> Iterator[Weighing]:
     Raises
     ------
     UserError
-        If the graph cannot be run or an item got no verdict.
+        If there is a driver on the same topics already.
+    LineError
+        If the graph broke off or an item got no verdict.
     """
-    # One status comes for every quarter of a second of signal.
-    collector: Collector
-
-    def make() -> list[Node]:
-        nonlocal collector
+    with spinning(plan.namespace) as spinner, ExitStack() as stack:
+        # One status comes for every quarter of a second of signal.
         collector = Collector(_PATIENCE + (1 / plan.rate if plan.rate > 0 else 0))
-        values = plan.node_parameters()
+        spinner.add(collector)
+        time.sleep(_DISCOVERY_TIME)
+        if collector.count_drivers() > 0:
+            raise UserError(collector.conflict())
+        children: list[subprocess.Popen[bytes]] = []
         if plan.processes:
-            return [collector]
-        stages = [make_stage(values[name]) for name, make_stage in STAGE_NODES.items()]
-        return [collector, *stages, DriverNode(values['driver'])]
-
-    with spinning(make, plan.namespace) as spinner, ExitStack() as stack:
-        children = stack.enter_context(_processes(plan)) if plan.processes else []
+            children = stack.enter_context(_processes(plan))
+        else:
+            values = plan.node_parameters()
+            for name, make_stage in STAGE_NODES.items():
+                spinner.add(make_stage(values[name]))
+            spinner.add(DriverNode(values['driver']))
         yield from _results(collector, children, spinner)
         if collector.failure:
-            raise UserError(collector.failure)
+            raise LineError(collector.failure)
 
 
 def _results(
-    collector: Collector, children: Sequence[subprocess.Popen[bytes]], spinner: threading.Thread
+    collector: Collector, children: Sequence[subprocess.Popen[bytes]], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
         # Asked before the queue is emptied: what comes last is in the queue by then.
-        finished = collector.finished or not spinner.is_alive()
+        finished = collector.finished
         try:
             while True:
                 yield collector.weighings.get(timeout=0 if finished else _CHECK_PERIOD)
@@ -153,8 +165,10 @@ def _results(
         if finished:
             return
         collector.check()
+        if not spinner.alive:
+            collector.failure = 'the graph broke off; its error is above'
         for child in children:
-            if child.poll() is not None and not collector.finished:
+            if child.poll() is not None:
                 collector.failure = f'a node ended with status {child.returncode}: {child.args!r}'
 
 

@@ -1,7 +1,7 @@
 """Running nodes beside the command that uses them."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 import threading
 
 import rclpy
@@ -10,44 +10,56 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 
+class Spinner:
+    """Spins nodes in a thread."""
+
+    def __init__(self) -> None:
+        self._executor = SingleThreadedExecutor()
+        self._nodes: list[Node] = []
+        self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the nodes are still served: an exception in a callback ends that."""
+        return self._thread.is_alive()
+
+    def add(self, node: Node) -> None:
+        """Serve one more node."""
+        self._nodes.append(node)
+        self._executor.add_node(node)
+
+    def stop(self) -> None:
+        """Stop, and destroy the nodes in the order opposite to that in which they came."""
+        self._executor.shutdown()
+        self._thread.join(timeout=2.0)
+        for node in reversed(self._nodes):
+            node.destroy_node()
+
+    def _spin(self) -> None:
+        with suppress(ExternalShutdownException):
+            self._executor.spin()
+
+
 @contextmanager
-def spinning(
-    make_nodes: Callable[[], Sequence[Node]], namespace: str = ''
-) -> Iterator[threading.Thread]:
-    """Spin nodes in a thread for as long as the block lasts.
+def spinning(namespace: str = '') -> Iterator[Spinner]:
+    """Have ROS and a spinner for as long as the block lasts.
 
     Signals stay with Python: Ctrl-C is a KeyboardInterrupt in the block, and what the block has
     to finish it finishes with the nodes still there.
 
     Parameters
     ----------
-    make_nodes : callable
-        Makes the nodes, once ROS is there.
     namespace : str
-        Of all nodes.
+        Of all nodes that the block makes.
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        executor = SingleThreadedExecutor()
-        nodes = make_nodes()
-        for node in nodes:
-            executor.add_node(node)
-
-        def spin() -> None:
-            try:
-                executor.spin()
-            except ExternalShutdownException:
-                pass
-
-        thread = threading.Thread(target=spin, name='executor', daemon=True)
-        thread.start()
+        spinner = Spinner()
         try:
-            yield thread
+            yield spinner
         finally:
-            executor.shutdown()
-            thread.join(timeout=2.0)
-            for node in reversed(nodes):
-                node.destroy_node()
+            spinner.stop()
     finally:
         rclpy.try_shutdown()
 

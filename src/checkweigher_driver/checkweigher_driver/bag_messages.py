@@ -36,14 +36,22 @@ LOAD_CELL_INFO = Topic('load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', l
 SAMPLES = Topic('load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples')
 PHOTO_EYES = Topic('photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent')
 REFERENCE_MASS = Topic('reference_mass', 'checkweigher_msgs/msg/ReferenceMass')
-TOPICS = (LOAD_CELL_INFO, SAMPLES, PHOTO_EYES, REFERENCE_MASS)
+INPUT_TOPICS = (LOAD_CELL_INFO, SAMPLES, PHOTO_EYES, REFERENCE_MASS)
+OUTPUT_TOPICS = (
+    Topic('load_cell/status', 'checkweigher_msgs/msg/StreamStatus', latched=True),
+    Topic('segmenter/status', 'checkweigher_msgs/msg/StreamStatus', latched=True),
+    Topic('weigh_window', 'checkweigher_msgs/msg/WeighWindow'),
+    Topic('denoised_window', 'checkweigher_msgs/msg/WeighWindow'),
+    Topic('mass_estimate', 'checkweigher_msgs/msg/MassEstimate'),
+    Topic('verdict', 'checkweigher_msgs/msg/Verdict'),
+)
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
 
 
 @cache
 def typestore() -> Typestore:
-    """Return the definitions of the messages of `TOPICS` and of what they are made of.
+    """Return the definitions of the messages of all topics and of what they are made of.
 
     They are read from the installed packages, so a bag and the graph have the same types.
 
@@ -53,7 +61,11 @@ def typestore() -> Typestore:
         If a package with messages is not installed.
     """
     store = get_typestore(Stores.EMPTY)
-    for message_type in (TIME, HEADER, *(topic.message_type for topic in TOPICS)):
+    for message_type in (
+        TIME,
+        HEADER,
+        *dict.fromkeys(topic.message_type for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)),
+    ):
         package, folder, name = message_type.split('/')
         try:
             share = get_package_share_directory(package)

@@ -1,7 +1,7 @@
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import math
 from pathlib import Path
@@ -13,11 +13,11 @@ from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from checkweigher_driver.bag_messages import (
+    INPUT_TOPICS,
     LOAD_CELL_INFO,
     PHOTO_EYES,
     REFERENCE_MASS,
     SAMPLES,
-    TOPICS,
     BagError,
     Topic,
     typestore,
@@ -110,7 +110,7 @@ def _choose_lane(path: Path, connections: Sequence[Connection], namespace: str |
     """Return the connections of one lane, each with the topic that it has the name of."""
     lanes: dict[str, _Lane] = {}
     for connection in connections:
-        for topic in TOPICS:
+        for topic in INPUT_TOPICS:
             prefix, found, rest = f'/{connection.topic.lstrip("/")}'.rpartition(f'/{topic.name}')
             if found and not rest:
                 lanes.setdefault(prefix, []).append((connection, topic))
@@ -174,7 +174,7 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane) -> Recording:
             cells.append(_load_cell(path, message))
         else:
             events.append(_EVENTS[topic](message))
-    _check_numbers(path, reader, read, topics)
+    _check_numbers(path, reader, read, lane)
     if not cells:
         raise BagError(
             f'{path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that topic, too'
@@ -190,28 +190,35 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane) -> Recording:
     return recording
 
 
-def _check_numbers(
-    path: Path, reader: Reader, read: Counter[str], topics: dict[str, Topic]
-) -> None:
+def _check_numbers(path: Path, reader: Reader, read: Counter[str], lane: _Lane) -> None:
     """Check that all messages have been read that the bag says it holds.
 
-    A folder says so twice, in ``metadata.yaml`` and in its files. Messages would be passed over
-    silently where the two disagree.
+    A folder says so twice, in ``metadata.yaml`` and in its files. Where the two disagree, or where
+    a topic has another name in one of them, messages would be passed over silently.
     """
     storage = reader.storage
-    tables = [storage.connections]
+    stated = _stated_numbers(storage.connections)
     if isinstance(storage, DirectoryReader):
-        tables.append([one for part in storage.storages for one in part.connections])
-    for table in tables:
-        stated: Counter[str] = Counter()
-        for connection in table:
-            stated[connection.topic] += connection.msgcount
-        for name in topics:
-            if stated[name] != read[name]:
+        stored = _stated_numbers(one for part in storage.storages for one in part.connections)
+        for name in sorted(stated.keys() | stored.keys()):
+            if stated[name] != stored[name]:
                 raise BagError(
-                    f'{path}: damaged: topic {name} has {read[name]} messages, but should have '
-                    f'{stated[name]}; restore it or run "ros2 bag reindex"'
+                    f'{path}: damaged: metadata.yaml says {stated[name]} messages on {name}, the '
+                    f'files say {stored[name]}; restore it or run "ros2 bag reindex"'
                 )
+    for name in {connection.topic for connection, _ in lane}:
+        if stated[name] != read[name]:
+            raise BagError(
+                f'{path}: damaged: {read[name]} of {stated[name]} messages on {name} can be read; '
+                'restore it'
+            )
+
+
+def _stated_numbers(connections: Iterable[Connection]) -> Counter[str]:
+    numbers: Counter[str] = Counter()
+    for connection in connections:
+        numbers[connection.topic] += connection.msgcount
+    return numbers
 
 
 def _load_cell(path: Path, message: Any) -> LoadCell:

@@ -66,6 +66,7 @@ class DriverNode(StageNode[DriverParameters]):
         self._changed = threading.Condition()
         self._stopping = False
         self._flow = FlowControl()
+        self._answered = False
         self._edges_sent = 0
         self._last_stamp = 0
         self._info = self._publisher_of(topics.LOAD_CELL_INFO)
@@ -93,8 +94,10 @@ class DriverNode(StageNode[DriverParameters]):
 
     def _on_segmenter_status(self, message: Any) -> None:
         with self._changed:
-            self._flow.samples_taken = int(message.samples)
-            self._flow.items_cut = int(message.items)
+            self._flow.taken(int(message.samples), int(message.items))
+            if message.state == StreamStatus.RUNNING and message.samples == 0:
+                self._answered = True
+                self._flow.items_judged = max(self._flow.items_judged, int(message.items))
             self._changed.notify_all()
 
     def _on_verdict(self, message: Any) -> None:
@@ -136,7 +139,8 @@ class DriverNode(StageNode[DriverParameters]):
             self._publish(event)
 
     def _has_listeners(self) -> bool:
-        return all(
+        """Tell whether driver and segmenter have found each other, both of them."""
+        return self._answered and all(
             publisher.get_subscription_count() > 0
             for publisher in (self._samples, self._eyes, self._status)
         )

@@ -59,11 +59,20 @@ class FlowControl:
     max_items: int = 100
     samples_sent: int = 0
     samples_taken: int = 0
+    samples_missed: int = 0
     items_cut: int = 0
     items_judged: int = 0
 
+    def taken(self, samples: int, items: int) -> None:
+        """Note what the segmenter says it has taken and cut in all."""
+        if samples < self.samples_taken:
+            # A new segmenter has taken the place of one that was ended: it never saw the rest.
+            self.samples_missed = self.samples_sent - samples
+            self.items_judged = items
+        self.samples_taken, self.items_cut = samples, items
+
     def may_send(self, block: SampleBlock, sample_rate: float) -> bool:
         """Tell whether a block may follow now."""
-        ahead = self.samples_sent - self.samples_taken
+        ahead = self.samples_sent - self.samples_missed - self.samples_taken
         limit = min(self.max_duration * sample_rate, self.max_blocks * len(block.counts))
         return ahead <= limit and self.items_cut - self.items_judged <= self.max_items

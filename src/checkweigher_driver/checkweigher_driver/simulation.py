@@ -26,7 +26,7 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, sosfilt
 
 from checkweigher_driver.belt_travel import BeltTravel, Line, Pass
 from checkweigher_driver.platform_dynamics import Platform
@@ -108,7 +108,7 @@ PROFILES = {
     ),
     # A smooth belt on a shaking floor.
     'floor': Profile(
-        roller=(0.08e-3, 0.06e-3, 0.05e-3, 0.04e-3), motor=0.1e-3, broadband=0.01e-3, floor=0.25e-3
+        roller=(0.08e-3, 0.06e-3, 0.05e-3, 0.04e-3), motor=0.1e-3, broadband=0.01e-3, floor=0.2e-3
     ),
     # Nothing but the platform, the products and the electronics.
     'quiet': Profile(speed_jitter=0.0, impact=0.0, roller=(), motor=0.0, broadband=0.0, floor=0.0),
@@ -307,8 +307,8 @@ class _Machine:
         self._platform = Platform(
             self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, 1 / self._rate
         )
-        self._floor_band = butter(1, FLOOR_BAND, 'bandpass', fs=self._rate)
-        self._floor_state = np.zeros(2)
+        self._floor_band = butter(2, FLOOR_BAND, 'bandpass', fs=self._rate, output='sos')
+        self._floor_state = np.zeros((len(self._floor_band), 2))
 
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the readings from `first` up to `end` or the end of the line, and new passes.
@@ -358,10 +358,10 @@ class _Machine:
             deviation = self._profile.broadband * self._speed * math.sqrt(self._rate / 2)
             force += deviation * self._broadband.standard_normal(len(force))
         if self._profile.floor:
-            # Noise bandwidth of a first-order band-pass: pi/2 times its width.
-            share = math.pi / 2 * (FLOOR_BAND[1] - FLOOR_BAND[0]) / (self._rate / 2)
-            white = self._floor.standard_normal(len(force)) / math.sqrt(share)
-            shaking, self._floor_state = lfilter(*self._floor_band, white, zi=self._floor_state)
+            # Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
+            width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
+            white = self._floor.standard_normal(len(force)) / math.sqrt(width / (self._rate / 2))
+            shaking, self._floor_state = sosfilt(self._floor_band, white, zi=self._floor_state)
             force += self._profile.floor * shaking
 
     def _add_impact(

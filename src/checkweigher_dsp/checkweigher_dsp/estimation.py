@@ -38,18 +38,23 @@ def estimate_by_iswd_eksi(window: WeighWindow, parameters: 'IdentifierParameters
     scale = float(np.mean(denoised))
     if not (math.isfinite(scale) and scale != 0):
         return Plateau(math.nan, math.nan)
-    removed = float(np.var(_raw_plateau(window) - denoised)) / scale**2
+    # Products and quotients of floats become inf or 0 beyond their range, powers raise.
+    removed = float(np.var(_raw_plateau(window) - denoised)) / scale / scale
     noise = max(parameters.measurement_noise * removed, _LEAST_NOISE)
     result = identify(
         (denoised / scale).tolist(),
         Noise(parameters.process_noise * noise, noise, parameters.initial_variance),
     )
     return Plateau(
-        scale * result.gain, scale**2 * result.variance, result.a1, result.a2, scale * result.b1
+        scale * result.gain,
+        scale * scale * result.variance,
+        result.a1,
+        result.a2,
+        scale * result.b1,
     )
 
 
-# Relative variance that even a noise-free signal is credited with, so that the filter stays regular.
+# Relative variance that even a noise-free signal is credited with: the filter stays regular.
 _LEAST_NOISE = 1e-12
 
 # A further estimator is one function and one line here.
@@ -68,7 +73,7 @@ class IdentifierParameters(Parameters):
     measurement_noise: float = parameter(
         0.25, 'R as a share of the variance that denoising removed', minimum=1e-9, maximum=1e9
     )
-    process_noise: float = parameter(1.0, 'Q as a multiple of R', minimum=0, maximum=1e9)
+    process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
     initial_variance: float = parameter(
         1.0, 'P0 of each state, the signal being normalised to 1', minimum=1e-9, maximum=1e9
     )
@@ -90,6 +95,7 @@ class Identifier:
         unknown = MassEstimate(
             window.item_id, window.t1, window.t2, window.t3, window.reasons,
             belt_speed=window.belt_speed, product_length=window.product_length,
+            line_speed=window.line_speed,
             estimator=self._parameters.estimator,
         )  # fmt: skip
         if window.reasons:
@@ -97,7 +103,8 @@ class Identifier:
         if not is_consistent(window) or len(window.denoised) != len(window.counts):
             return replace(unknown, reasons=(Reason.BAD_WINDOW.value,))
         plateau = self._estimate(window, self._parameters)
-        variance = plateau.variance + (window.zero_std_dev / window.counts_per_kg) ** 2
+        zero_std_dev = window.zero_std_dev / window.counts_per_kg
+        variance = plateau.variance + zero_std_dev * zero_std_dev
         estimate = replace(unknown, zero=(window.zero - window.zero_counts) / window.counts_per_kg)
         if not self._has_converged(plateau, variance):
             return replace(estimate, reasons=(Reason.NO_CONVERGENCE.value,))

@@ -121,7 +121,7 @@ def identify(samples: Iterable[float], noise: Noise) -> Identification:
     gain = b / total
     # d gain / d (a1, a2, b) = (-gain, -gain, 1) / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
-    return Identification(a1, a2, b, gain, spread / total**2)
+    return Identification(a1, a2, b, gain, spread / total / total)
 
 
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:

@@ -23,6 +23,7 @@ class Item:
     t4: int | None = None
     faults: dict[Reason, None] = field(default_factory=dict)  # an ordered set
     left_before: int | None = None  # when the item before it was gone
+    usual_transit: int | None = None  # from eye to eye, of the last whole item before it
 
     @property
     def entered(self) -> int:
@@ -129,11 +130,8 @@ class ItemTracker:
         item = self._new_item()
         item.t1 = stamp
         item.left_before = self._last_departure(stamp)
-        for other in self._on_belt:
-            other.fault(Reason.DISTANCE_FAULT)
-            item.fault(Reason.DISTANCE_FAULT)
-        self._on_belt.append(item)
-        self._entering = self._entered_last = item
+        self._put_on_belt(item)
+        self._entering = item
 
     def _infeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         if self._entering is not None:
@@ -146,9 +144,17 @@ class ItemTracker:
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
             last.fault(Reason.CHATTERING_EYE)
             return
+        self._give_up_overdue(stamp)
         item = self._new_item()
         item.t2 = stamp
         item.fault(Reason.MISSING_EDGE)
+        self._put_on_belt(item)
+
+    def _put_on_belt(self, item: Item) -> None:
+        """Note that an item has come; with another one on the belt neither can be weighed."""
+        for other in self._on_belt:
+            other.fault(Reason.DISTANCE_FAULT)
+            item.fault(Reason.DISTANCE_FAULT)
         self._on_belt.append(item)
         self._entered_last = item
 
@@ -164,6 +170,7 @@ class ItemTracker:
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
         item.t3 = stamp
+        item.usual_transit = self._transit
         self._given_up = None  # whatever was before this item has left
         if item is self._entering:
             item.fault(Reason.MISSING_EDGE)
@@ -176,9 +183,10 @@ class ItemTracker:
         self._finished.append(item)
 
     def _outfeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
-        if self._leaving is not None:
-            self._leaving.t4 = stamp
-            self._leaving = None
+        leaving, self._leaving = self._leaving, None
+        # An edge far later than its length allows is that of the next item: its own was lost.
+        if leaving is not None and (not _length(leaving) or stamp <= _departure(leaving)):
+            leaving.t4 = stamp
             return
         if previous is None or self._still_covers_outfeed(stamp):
             return
@@ -196,11 +204,11 @@ class ItemTracker:
         last = self._left_last
         if last is None or last.t3 is None:
             return False
-        length = last.t2 - last.t1 if last.t1 is not None and last.t2 is not None else 0
-        if not 0 <= stamp - last.t3 < max(length, self._debounce):
-            return False
-        self._leaving = last
-        return True
+        covers = 0 <= stamp - last.t3 < max(_length(last), self._debounce)
+        flickers = last.t4 is not None and 0 <= stamp - last.t4 < self._debounce
+        if covers or flickers:
+            self._leaving = last
+        return covers or flickers
 
     def _item_leaving_at(self, stamp: int) -> Item | None:
         """Take from the belt the item that an outfeed edge belongs to, and those before it."""
@@ -225,8 +233,7 @@ class ItemTracker:
             return
         while self._on_belt:
             item = self._on_belt[0]
-            length = item.t2 - item.t1 if item.t1 is not None and item.t2 is not None else 0
-            if stamp - item.entered < _OVERDUE * self._transit + length:
+            if stamp - item.entered < _OVERDUE * self._transit + _length(item):
                 return
             self._miss(self._on_belt.pop(0))
 
@@ -254,5 +261,9 @@ def _departure(item: Item) -> int:
     if item.t4 is not None:
         return item.t4
     last_seen = item.t3 if item.t3 is not None else item.entered
-    length = item.t2 - item.t1 if item.t1 is not None and item.t2 is not None else 0
-    return last_seen + 2 * length
+    return last_seen + 2 * _length(item)
+
+
+def _length(item: Item) -> int:
+    """Return how long an item takes to pass an eye, ns; 0 if that is not known."""
+    return item.t2 - item.t1 if item.t1 is not None and item.t2 is not None else 0

@@ -116,12 +116,16 @@ def _check_number(name: str, default: object, allowed: Description, value: objec
     whole = isinstance(default, int)
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
         raise ParameterError(f'{name}: {value!r} is not a {"whole number" if whole else "number"}')
-    if math.isnan(value) or not allowed.minimum <= value <= allowed.maximum:
+    try:
+        number = value if whole else float(value)
+    except OverflowError:
+        number = math.nan  # a whole number that no float can hold
+    if not allowed.minimum <= number <= allowed.maximum:  # NaN is not
         raise ParameterError(
             f'{name}: {value} is not in {allowed.minimum:g}..{allowed.maximum:g}'
             + (f' {allowed.unit}' if allowed.unit else '')
         )
-    return value if whole else float(value)
+    return number
 
 
 # Parameters that every ROS node has.
@@ -181,7 +185,7 @@ def _load_yaml(path: Path) -> dict[object, object]:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParameterError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # the latter for a text or a date that is none
         raise ParameterError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
     if not isinstance(content, dict):
         raise ParameterError(f'{path}: not a parameter file: no "node: ros__parameters:" section')

@@ -166,6 +166,9 @@ class WeighWindow:
         m/s, ``weigh_length / (t3 - t1)``.
     product_length : float
         m, ``belt_speed * (t2 - t1)``.
+    line_speed : float
+        m/s, `belt_speed`, or where an edge is missing that of the last whole item: no
+        measurement, only to time the rejector.
     sample_rate : float
         Hz.
     counts_per_kg, zero_counts : float
@@ -191,6 +194,7 @@ class WeighWindow:
     t3: int | None
     belt_speed: float = math.nan
     product_length: float = math.nan
+    line_speed: float = math.nan
     sample_rate: float = math.nan
     counts_per_kg: float = math.nan
     zero_counts: float = math.nan
@@ -213,8 +217,7 @@ class WeighWindow:
     @property
     def force(self) -> NDArray[np.float64]:
         """The stretch in kg, zero removed: (n,) float64."""
-        force: NDArray[np.float64] = (self.counts - self.zero) / self.counts_per_kg
-        return force
+        return (self.counts.astype(np.float64) - self.zero) / self.counts_per_kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +225,7 @@ class MassEstimate:
     """The mass of one item with its uncertainty, or the reasons why there is none.
 
     ``mass``, ``std_dev``, ``zero`` (empty belt relative to its calibration) and ``b1`` are in kg:
-    mass = b1 / (1 + a1 + a2). ``natural_frequency`` is in Hz.
+    mass = b1 / (1 + a1 + a2). ``natural_frequency`` is in Hz. ``line_speed`` is that of the window.
     """
 
     item_id: int
@@ -235,6 +238,7 @@ class MassEstimate:
     zero: float = math.nan
     belt_speed: float = math.nan
     product_length: float = math.nan
+    line_speed: float = math.nan
     estimator: str = ''
     a1: float = math.nan
     a2: float = math.nan

@@ -39,11 +39,7 @@ class RejectParameters(Parameters):
 
 
 class RejectStage:
-    """Judge mass estimates by the limits of the product.
-
-    What was not weighed is a FAULT. Where the eyes did not give the belt speed of such an item, it
-    is timed to the rejector with the speed of the item before it: that is no measurement, and a
-    faulty item has to leave the line all the same.
+    """Judge mass estimates by the limits of the product. What was not weighed is a FAULT.
 
     Attributes
     ----------
@@ -53,13 +49,10 @@ class RejectStage:
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self._last_speed = math.nan
 
     def judge(self, estimate: MassEstimate) -> Verdict:
         """Return the verdict on one item."""
         limits = self.parameters
-        if math.isfinite(estimate.belt_speed):
-            self._last_speed = estimate.belt_speed
         return Verdict(
             estimate.item_id,
             estimate.t3,
@@ -69,14 +62,15 @@ class RejectStage:
             estimate.std_dev,
             limits.lower_limit,
             limits.upper_limit,
-            self._reject_at(estimate.t3),
+            self._reject_at(estimate),
         )
 
-    def _reject_at(self, t3: int | None) -> int | None:
+    def _reject_at(self, estimate: MassEstimate) -> int | None:
         """Return when the leading edge, at the outfeed eye at t3, is at the rejector, ns."""
-        if t3 is None or not self._last_speed > 0:
+        if estimate.t3 is None or not estimate.line_speed > 0:
             return None
-        return t3 + round(NANOSECONDS * self.parameters.rejector_distance / self._last_speed)
+        travel = self.parameters.rejector_distance / estimate.line_speed
+        return estimate.t3 + round(NANOSECONDS * travel)
 
 
 def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:

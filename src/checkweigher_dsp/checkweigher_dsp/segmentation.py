@@ -175,7 +175,7 @@ class Segmenter:
         speed, length = self._motion(item)
         self._check_motion(item, speed, length)
         fault = WeighWindow(
-            item.item_id, item.t1, item.t2, item.t3, speed, length,
+            item.item_id, item.t1, item.t2, item.t3, speed, length, self._line_speed(item, speed),
             reasons=tuple(reason.value for reason in item.faults),
         )  # fmt: skip
         if item.faults or item.t1 is None or item.t2 is None or item.t3 is None:
@@ -212,6 +212,12 @@ class Segmenter:
         if item.t2 is None:
             return speed, math.nan
         return speed, speed * seconds(item.t2 - item.t1)
+
+    def _line_speed(self, item: Item, speed: float) -> float:
+        """Return the speed by which to time the rejector, m/s."""
+        if math.isnan(speed) and item.usual_transit is not None:
+            return self.load_cell.weigh_length / seconds(item.usual_transit)
+        return speed
 
     def _check_motion(self, item: Item, speed: float, length: float) -> None:
         limits = self._parameters

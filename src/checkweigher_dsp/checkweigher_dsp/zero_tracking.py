@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 # Vibration of the belt is correlated over some tens of milliseconds: samples closer than this
 # do not count as independent readings of the zero.
 _CORRELATION_TIME = 1 / 30  # s
-_QUANTISATION_VARIANCE = 1 / 12  # counts^2
+# Least variance of a reading, as a share of the initial one: a signal without noise must not stop
+# the filter. Not in counts, so that the gain of the load cell does not matter.
+_LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
 _MEMORY = 0.95  # weight of the scatter seen so far at each further stretch
 
@@ -91,8 +93,8 @@ class ZeroTracker:
             self._scatter = _MEMORY * self._scatter + float(np.var(means)) * batches
             self._degrees = _MEMORY * self._degrees + batches - 1
         if batches < 1 or self._degrees == 0:
-            return float(np.var(counts)) + _QUANTISATION_VARIANCE
-        return self._scatter / self._degrees / batches + _QUANTISATION_VARIANCE
+            return float(np.var(counts)) + _LEAST_NOISE * self._initial_variance
+        return self._scatter / self._degrees / batches + _LEAST_NOISE * self._initial_variance
 
     @property
     def zero(self) -> Zero:

@@ -37,6 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_driver.driver_node import DriverParameters
     from checkweigher_validation.results import ItemResult, ResultJoiner
 
+    DriverParameters(rate=arguments.rate)  # raises ParameterError before anything is done
     parameters = line_parameters(arguments.params, arguments.estimator)
     output = CsvOutput(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
@@ -44,7 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
     joiner = ResultJoiner(recording.edges, recording.references)
     table = Table(recording.blocks[0].stamp)
     results: list[ItemResult] = []
-    DriverParameters(rate=arguments.rate)
     plan = Replay(
         arguments.bag, arguments.lane or '', arguments.rate, parameters, namespace,
         arguments.processes,

@@ -28,12 +28,12 @@ from checkweigher_dsp.records import (
 )
 
 _ESTIMATE_NUMBERS = (
-    'mass', 'std_dev', 'zero', 'belt_speed', 'product_length', 'a1', 'a2', 'b1',
+    'mass', 'std_dev', 'zero', 'belt_speed', 'product_length', 'line_speed', 'a1', 'a2', 'b1',
     'natural_frequency', 'damping_ratio',
 )  # fmt: skip
 _WINDOW_NUMBERS = (
-    'belt_speed', 'product_length', 'sample_rate', 'counts_per_kg', 'zero_counts', 'zero',
-    'zero_std_dev',
+    'belt_speed', 'product_length', 'line_speed', 'sample_rate', 'counts_per_kg', 'zero_counts',
+    'zero', 'zero_std_dev',
 )  # fmt: skip
 
 

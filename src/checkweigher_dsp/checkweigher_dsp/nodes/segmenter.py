@@ -23,6 +23,8 @@ _MAX_EARLY = 10_000
 # The driver of a replay paces itself by the status, so it comes with the samples, not by a timer.
 _STATUS_INTERVAL = 0.25  # s of signal
 _STATUS_BLOCKS = 100  # blocks, where they are short
+_ANSWER_PERIOD = 0.01  # s
+_END_PATIENCE = 2.0  # s of silence after which what is missing of an ended stream is lost
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
@@ -33,42 +35,58 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._load_cell: LoadCell | None = None
         self._segmenter: Segmenter | None = None
         self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
+        self._items_before = 0
         self._last_stamp = 0
         self._reported_samples = 0
         self._blocks_since_report = 0
+        self._announced = False
         self._end: tuple[int, int] | None = None
         self._windows = HeldPublisher(self, topics.WEIGH_WINDOW)
         self._status = self.create_publisher(
             topics.SEGMENTER_STATUS.type, topics.SEGMENTER_STATUS.name, topics.SEGMENTER_STATUS.qos
         )
         self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
-        self.subscribe(topics.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m)))
-        self.subscribe(topics.PHOTO_EYES, lambda m: self._on_event(edge_from(m)))
+        self._inputs = (
+            self.subscribe(topics.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m))),
+            self.subscribe(topics.PHOTO_EYES, lambda m: self._on_event(edge_from(m))),
+        )
         self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
+        self._answer_timer = self.create_timer(_ANSWER_PERIOD, self._answer)
+        self._end_timer = self.create_timer(_END_PATIENCE, self._finish_incomplete)
+        self._end_timer.cancel()
 
     def _on_info(self, message: Any) -> None:
         load_cell = load_cell_from(message)
         if load_cell == self._load_cell:
             return
-        if self._segmenter is not None:
+        if self._load_cell is not None:
             self.warn('load_cell/info has changed: what is on the belt is a fault')
-            self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
-            item_count = self._segmenter.item_count
-        else:
-            item_count = 0
         self._load_cell = load_cell
-        self._segmenter = Segmenter(load_cell, self.parameters, item_count)
+        self._start()
         while self._early:
-            self._take(self._segmenter, self._early.popleft())
+            self._take(self._early.popleft())
+
+    def _start(self) -> None:
+        """Begin a new stream; what is on the belt of the one before is a fault."""
+        if self._load_cell is None:
+            return
+        count = 0
+        if self._segmenter is not None:
+            self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
+            self._items_before += self._segmenter.items
+            count = self._segmenter.item_count
+        self._segmenter = Segmenter(self._load_cell, self.parameters, count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
         if self._segmenter is None:
             self._early.append(event)
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
         else:
-            self._take(self._segmenter, event)
+            self._take(event)
 
-    def _take(self, segmenter: Segmenter, event: SampleBlock | EyeEdge) -> None:
+    def _take(self, event: SampleBlock | EyeEdge) -> None:
+        segmenter = self._segmenter
+        assert segmenter is not None
         if isinstance(event, SampleBlock):
             self._publish(segmenter.add_samples(event))
             self._last_stamp = event.stamp
@@ -86,19 +104,55 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_driver_status(self, message: Any) -> None:
         if message.state == StreamStatus.RUNNING:
             self._end = None
+            self._end_timer.cancel()
+            if self._segmenter is not None and self._segmenter.samples > 0:
+                self._start()
+            self._announced = True
+            self._answer_timer.reset()
         else:
             self._end = (int(message.samples), int(message.edges))
+            self._end_timer.reset()
             self._finish_if_ended()
+
+    def _answer(self) -> None:
+        """Tell the driver that its stream can begin, once nothing of it would be lost.
+
+        That its publishers have found these subscriptions the driver knows itself, the other
+        direction only this node.
+        """
+        if self._segmenter is None or any(s.get_publisher_count() == 0 for s in self._inputs):
+            return
+        self._answer_timer.cancel()
+        if self._announced:
+            self._announced = False
+            self._publish_status(StreamStatus.RUNNING)
 
     def _finish_if_ended(self) -> None:
         """Give up what is still on the belt once everything that was sent has been taken."""
-        segmenter = self._segmenter
-        if segmenter is None or self._end is None:
+        if self._end is None or self._segmenter is None:
             return
-        if (segmenter.samples, segmenter.edges) == self._end:
-            self._end = None
-            self._publish(segmenter.finish())
-            self._publish_status(StreamStatus.FINISHED)
+        if (self._segmenter.samples, self._segmenter.edges) == self._end:
+            self._finish()
+        else:
+            self._end_timer.reset()
+
+    def _finish_incomplete(self) -> None:
+        """Finish although something is missing: it will not come any more."""
+        if self._end is None or self._segmenter is None:
+            return
+        samples, edges = self._end
+        self.warn(
+            f'the stream has ended, but {samples - self._segmenter.samples} of its samples and '
+            f'{edges - self._segmenter.edges} of its edges never came'
+        )
+        self._finish()
+
+    def _finish(self) -> None:
+        assert self._segmenter is not None
+        self._end = None
+        self._end_timer.cancel()
+        self._publish(self._segmenter.finish())
+        self._publish_status(StreamStatus.FINISHED)
 
     def _publish(self, windows: list[WeighWindow]) -> None:
         for window in windows:
@@ -119,7 +173,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 state=state,
                 samples=self._segmenter.samples,
                 edges=self._segmenter.edges,
-                items=self._segmenter.items,
+                items=self._items_before + self._segmenter.items,
             )
         )
 

@@ -19,6 +19,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 
 from checkweigher_dsp.nodes.topics import DIAGNOSTICS, Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
@@ -151,7 +152,7 @@ class StageNode(Node, Generic[P]):
     def on_parameters(self) -> None:
         """Use `self.parameters`, which have changed."""
 
-    def subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+    def subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
         """Subscribe to a topic; a message that the callback cannot use is counted, not fatal."""
 
         def guarded(message: Any) -> None:
@@ -162,7 +163,7 @@ class StageNode(Node, Generic[P]):
                 self.warn(f'refused a message on {topic.name}: {type(error).__name__}: {error}')
                 self.count(f'{topic.name} refused')
 
-        self.create_subscription(topic.type, topic.name, guarded, topic.stage_qos)
+        return self.create_subscription(topic.type, topic.name, guarded, topic.stage_qos)
 
     def count(self, name: str) -> None:
         """Count something for the diagnostics."""

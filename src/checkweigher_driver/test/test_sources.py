@@ -1,0 +1,61 @@
+"""The registry of sources and the sources themselves."""
+
+import pytest
+
+from checkweigher_driver.bag_messages import BagError
+from checkweigher_driver.bag_writing import write_bag
+from checkweigher_driver.recording import canonical_order
+from checkweigher_driver.simulation import SimulationParameters, simulate
+from checkweigher_driver.sources import SOURCES, Source, source_class
+from checkweigher_dsp.parameters import ParameterError, Parameters
+from checkweigher_dsp.records import LoadCell
+
+
+@pytest.mark.parametrize('name', SOURCES)
+def test_every_registered_source_keeps_the_interface(name):
+    found = source_class(name)
+
+    assert issubclass(found, Source)
+    assert issubclass(found.parameters, Parameters)
+    assert found.parameters.node == name
+    assert isinstance(found.paced, bool)
+
+
+def test_an_unknown_source_is_refused_with_the_list_of_known_ones():
+    with pytest.raises(ParameterError, match="'adc' is not one of simulator, bag"):
+        source_class('adc')
+
+
+def test_the_simulator_delivers_its_line():
+    parameters = SimulationParameters(count=2)
+    source = source_class('simulator')(parameters)
+    events = list(source)
+    source.close()
+
+    assert source.paced
+    assert isinstance(source.load_cell, LoadCell)
+    assert source.start_stamp == events[0].stamp
+    assert [canonical_order(event) for event in events] == [
+        canonical_order(event) for event in simulate(parameters)
+    ]
+
+
+def test_the_bag_delivers_what_was_recorded(tmp_path):
+    recording = simulate(SimulationParameters(count=2))
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    found = source_class('bag')
+    source = found(found.parameters.from_mapping({'path': str(tmp_path / 'bag')}))
+
+    assert source.load_cell == recording.load_cell
+    assert source.start_stamp == recording.blocks[0].stamp
+    assert [canonical_order(event) for event in source] == [
+        canonical_order(event) for event in recording
+    ]
+
+
+def test_a_bag_that_is_not_named_or_not_there_is_refused(tmp_path):
+    found = source_class('bag')
+    with pytest.raises(ParameterError, match=r'bag\.path: empty'):
+        found(found.parameters())
+    with pytest.raises(BagError, match='there is no such file'):
+        found(found.parameters.from_mapping({'path': str(tmp_path / 'none')}))

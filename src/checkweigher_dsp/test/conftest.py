@@ -1,0 +1,159 @@
+"""Synthetic lines and windows whose truth is known by construction."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from hypothesis import HealthCheck, settings
+import numpy as np
+import pytest
+
+settings.register_profile(
+    'checkweigher_dsp',
+    derandomize=True,
+    deadline=None,
+    database=None,
+    max_examples=50,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile('checkweigher_dsp')
+
+START = 1_700_000_000 * NANOSECONDS
+CELL = LoadCell(
+    sample_rate=960.0, counts_per_kg=1e6, zero_counts=5000.0, min_counts=-(2**23),
+    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product that crosses the belt: its four edges by name, stamps in ns, and its mass in kg."""
+
+    mass: float
+    t1: int
+    t2: int
+    t3: int
+    t4: int
+
+    @property
+    def edges(self):
+        return {
+            't1': EyeEdge(self.t1, Eye.INFEED, True),
+            't2': EyeEdge(self.t2, Eye.INFEED, False),
+            't3': EyeEdge(self.t3, Eye.OUTFEED, True),
+            't4': EyeEdge(self.t4, Eye.OUTFEED, False),
+        }
+
+
+@dataclass(frozen=True)
+class SyntheticLine:
+    """Products on a noise-free line: the load of each rises, stands from t2 to t3 and falls."""
+
+    load_cell: LoadCell
+    products: tuple[Product, ...]
+    counts: np.ndarray
+    start: int
+
+    def edges(self, without=()):
+        """Edges in time; `without` are pairs of product, counted from 0, and edge name."""
+        edges = [
+            edge
+            for number, product in enumerate(self.products)
+            for name, edge in product.edges.items()
+            if (number, name) not in without
+        ]
+        return sorted(edges, key=lambda edge: edge.stamp)
+
+    def stamp_at(self, index):
+        return self.start + round(index * NANOSECONDS / self.load_cell.sample_rate)
+
+    def blocks(self, size=32, cuts=None, lost=(0, 0)):
+        """Blocks of `size` samples, or cut at the indices `cuts`; [lost[0], lost[1]) is missing."""
+        end = len(self.counts)
+        cuts = {*(range(0, end, size) if cuts is None else cuts), 0, end, *lost}
+        bounds = pairwise(sorted(cuts))
+        return [
+            SampleBlock(self.stamp_at(begin), begin, self.counts[begin:to])
+            for begin, to in bounds
+            if not lost[0] <= begin < lost[1]
+        ]
+
+    def events(self, without=(), **blocks):
+        """Blocks and edges in the order of their last stamp."""
+        timed = [
+            (self.stamp_at(block.first_index + len(block.counts)), block)
+            for block in self.blocks(**blocks)
+        ]
+        timed += [(edge.stamp, edge) for edge in self.edges(without)]
+        return [event for _, event in sorted(timed, key=lambda pair: pair[0])]
+
+
+def make_line(
+    masses=(0.1, 0.2, 0.3),
+    speed=1.0,
+    spacing=0.6,
+    length=0.1,
+    first_entry=1.0,
+    after=1.0,
+    load_cell=CELL,
+    start=START,
+):
+    """Build a line; `spacing` in m, one for all or one for each product but the last."""
+    gaps = [spacing] * (len(masses) - 1) if isinstance(spacing, float) else list(spacing)
+    entries = first_entry + np.cumsum([0.0, *gaps]) / speed
+    seconds = entries[-1] + (load_cell.weigh_length + length) / speed + after
+    time = np.arange(int(seconds * load_cell.sample_rate)) / load_cell.sample_rate
+    load = np.zeros(len(time))
+    products = []
+    for mass, entry in zip(masses, entries, strict=True):
+        ways = np.array([0, length, load_cell.weigh_length, load_cell.weigh_length + length])
+        times = entry + ways / speed
+        load += mass * np.interp(time, times, [0, 1, 1, 0])
+        products.append(Product(mass, *(start + round(t * NANOSECONDS) for t in times)))
+    counts = np.round(load_cell.zero_counts + load_cell.counts_per_kg * load).astype(np.int32)
+    return SyntheticLine(load_cell, tuple(products), counts, start)
+
+
+def run_segmenter(segmenter, events):
+    """Feed events to a segmenter and return the windows, those of the end included."""
+    windows = []
+    for event in events:
+        if isinstance(event, SampleBlock):
+            windows += segmenter.add_samples(event)
+        else:
+            windows += segmenter.add_edge(event)
+    return windows + segmenter.finish()
+
+
+def make_window(force, lead=0, counts_per_kg=1e6, zero=5000.0, **fields):
+    """Build a window of t2..t3 in which `force` (kg) stands, after `lead` samples of empty belt."""
+    counts = np.round(
+        zero + counts_per_kg * np.concatenate([np.zeros(lead), np.asarray(force)])
+    ).astype(np.int32)
+    values = {
+        'item_id': 1, 't1': 0, 't2': 100_000_000, 't3': 200_000_000, 'belt_speed': 1.0,
+        'product_length': 0.1, 'line_speed': 1.0, 'sample_rate': 960.0,
+        'counts_per_kg': counts_per_kg, 'zero_counts': zero, 'zero': zero, 'zero_std_dev': 0.0,
+        'window_begin': lead, 'window_end': len(counts), 'counts': counts,
+    }  # fmt: skip
+    return WeighWindow(**{**values, **fields})
+
+
+@pytest.fixture(scope='session')
+def load_cell():
+    return CELL
+
+
+@pytest.fixture(scope='session', name='make_line')
+def _make_line():
+    return make_line
+
+
+@pytest.fixture(scope='session', name='make_window')
+def _make_window():
+    return make_window
+
+
+@pytest.fixture(scope='session', name='run_segmenter')
+def _run_segmenter():
+    return run_segmenter

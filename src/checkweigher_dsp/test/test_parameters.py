@@ -1,0 +1,201 @@
+"""Parameters: types, ranges, and the YAML files that they come from."""
+
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+from checkweigher_dsp.parameters import (
+    ParameterError,
+    Parameters,
+    parameter,
+    read_parameter_file,
+)
+import pytest
+
+
+@dataclass(frozen=True)
+class Oven(Parameters):
+    node: ClassVar[str] = 'oven'
+
+    heat: float = parameter(20.0, 'temperature', unit='K', minimum=0, maximum=500)
+    trays: int = parameter(2, 'number of trays', minimum=1, maximum=10)
+    fan: bool = parameter(False, 'whether it turns')
+    mode: str = parameter('bake', 'what to do', choices=('bake', 'grill'))
+    profile: tuple[float, ...] = parameter((1.0, 2.0), 'shares', minimum=0, maximum=9)
+    name_in_use: str = parameter('', 'any string')
+
+
+@dataclass(frozen=True)
+class Fridge(Parameters):
+    node: ClassVar[str] = 'fridge'
+
+    heat: float = parameter(5.0, 'temperature', minimum=-300)
+    door: float = parameter(0.0, 'nested.like')
+
+
+SETS = {'oven': Oven, 'fridge': Fridge}
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_text(text, other_nodes=('driver',)):
+        path = tmp_path / 'kitchen.yaml'
+        path.write_text(text, encoding='utf-8')
+        return read_parameter_file(path, SETS, other_nodes)
+
+    return read_text
+
+
+def _refuse(read, text):
+    """Return the message with which a file is refused: one line that begins with the file."""
+    with pytest.raises(ParameterError) as error:
+        read(text)
+    message = str(error.value)
+    assert '\n' not in message
+    assert 'kitchen.yaml: ' in message
+    return message
+
+
+def test_defaults_are_kept_where_nothing_is_given():
+    assert Oven.from_mapping({'trays': 3}) == Oven(20.0, 3, False, 'bake', (1.0, 2.0))
+
+
+@pytest.mark.parametrize('heat', [0, 0.0, 500, 500.0, 37])
+def test_the_range_includes_its_ends_and_whole_numbers_become_floats(heat):
+    value = Oven(heat=heat).heat
+
+    assert value == heat
+    assert isinstance(value, float)
+
+
+def test_a_list_becomes_a_tuple_of_floats():
+    assert Oven(profile=[1, 2.5]).profile == (1.0, 2.5)
+    assert all(isinstance(value, float) for value in Oven(profile=[1, 2]).profile)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'complaint'),
+    [
+        ('heat', math.nan, 'nan is not in 0..500 K'),
+        ('heat', -0.1, '-0.1 is not in 0..500 K'),
+        ('heat', 500.1, '500.1 is not in 0..500 K'),
+        ('heat', math.inf, 'inf is not in'),
+        ('heat', 10**400, 'is not in 0..500 K'),
+        ('heat', '20', "'20' is not a number"),
+        ('heat', True, 'True is not a number'),
+        ('heat', None, 'None is not a number'),
+        ('trays', 2.0, '2.0 is not a whole number'),
+        ('trays', True, 'True is not a whole number'),
+        ('trays', 0, '0 is not in 1..10'),
+        ('trays', 10**400, 'is not in 1..10'),
+        ('fan', 1, '1 is not true or false'),
+        ('fan', 'yes', "'yes' is not true or false"),
+        ('mode', 'boil', "'boil' is not one of bake, grill"),
+        ('mode', 3, '3 is not a string'),
+        ('profile', 1.0, '1.0 is not a list of numbers'),
+        ('profile', '12', "'12' is not a list of numbers"),
+        ('profile', [1.0, math.nan], 'nan is not in 0..9'),
+        ('profile', [1.0, 9.5], '9.5 is not in 0..9'),
+        ('profile', ['a'], "'a' is not a number"),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_a_wrong_value_is_refused_with_its_name_and_what_is_allowed(name, value, complaint):
+    with pytest.raises(ParameterError) as error:
+        Oven.from_mapping({name: value})
+
+    assert str(error.value).startswith(f'oven.{name}: ')
+    assert complaint in str(error.value)
+
+
+def test_a_number_without_a_limit_must_still_be_a_float():
+    with pytest.raises(ParameterError, match=r'^fridge\.heat: '):
+        Fridge(heat=10**400)
+
+
+def test_an_unknown_name_is_refused_with_the_names_there_are():
+    with pytest.raises(ParameterError, match=r'^oven\.haet: no such parameter.*heat.*trays'):
+        Oven.from_mapping({'heat': 3.0, 'haet': 3.0})
+
+
+def test_a_section_for_all_nodes_reaches_those_that_know_the_name(read):
+    values = read('/**:\n  ros__parameters: {heat: 7.0, trays: 4, use_sim_time: true}\n')
+
+    assert values == {'oven': {'heat': 7.0, 'trays': 4}, 'fridge': {'heat': 7.0}}
+
+
+@pytest.mark.parametrize('address', ['oven', '/oven', '/**/oven', '/lane1/oven'])
+def test_a_section_of_a_node_reaches_it_alone(read, address):
+    assert read(f'{address}:\n  ros__parameters: {{heat: 7.0}}\n') == {
+        'oven': {'heat': 7.0},
+        'fridge': {},
+    }
+
+
+def test_a_section_of_a_node_wins_wherever_it_stands(read):
+    own = '/**/oven:\n  ros__parameters: {heat: 1.0}\n'
+    shared = '/**:\n  ros__parameters: {heat: 2.0}\n'
+
+    for text in (own + shared, shared + own):
+        assert read(text) == {'oven': {'heat': 1.0}, 'fridge': {'heat': 2.0}}
+
+
+def test_nested_names_are_joined_by_dots(read):
+    text = 'oven:\n  ros__parameters:\n    a:\n      b: {c: 1}\n      d: 2\n'
+
+    assert read(text)['oven'] == {'a.b.c': 1, 'a.d': 2}
+
+
+def test_other_nodes_may_be_addressed_and_are_passed_over(read):
+    text = '/**/driver:\n  ros__parameters: {whatever: 1}\noven:\n  ros__parameters: {trays: 4}\n'
+
+    assert read(text) == {'oven': {'trays': 4}, 'fridge': {}}
+
+
+def test_a_parameter_of_every_node_may_stand_in_a_section_of_its_own(read):
+    assert read('oven:\n  ros__parameters: {use_sim_time: true}\n')['oven'] == {}
+
+
+def test_a_node_that_there_is_not_is_refused(read):
+    message = _refuse(read, '/**/ovne:\n  ros__parameters: {heat: 7.0}\n')
+
+    assert "'/**/ovne'" in message
+    assert 'oven, fridge, driver' in message
+
+
+def test_a_name_for_all_that_none_knows_is_refused(read):
+    assert 'haet' in _refuse(read, '/**:\n  ros__parameters: {haet: 7.0}\n')
+
+
+@pytest.mark.parametrize(
+    'text',
+    ['oven: {heat: 7.0}\n', 'oven: 3\n', 'oven:\n', 'oven:\n  ros__parameters:\n',
+     'oven:\n  ros__parameters: [1, 2]\n', 'oven:\n  ros_parameters: {heat: 1.0}\n'],
+)  # fmt: skip
+def test_a_section_without_ros_parameters_is_refused(read, text):
+    assert "section 'oven' has no ros__parameters" in _refuse(read, text)
+
+
+@pytest.mark.parametrize('text', ['a: [1\nb: 2\n', '\tx: 1\n', 'a: b: c\n', '!!python/none x\n', 'a: 2024-13-01'])
+def test_what_is_not_yaml_is_refused_in_one_line(read, text):
+    assert 'not a YAML file' in _refuse(read, text)
+
+
+@pytest.mark.parametrize('text', ['', '3\n', '- 1\n- 2\n', 'just words\n'])
+def test_yaml_without_sections_is_refused(read, text):
+    assert 'not a parameter file' in _refuse(read, text)
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = tmp_path / 'picture.yaml'
+    path.write_bytes(b'\xff\xd8\xff\xe0')
+
+    with pytest.raises(ParameterError, match=r'picture\.yaml: not a YAML file'):
+        read_parameter_file(path, SETS)
+
+
+def test_a_missing_file_and_a_directory_are_refused_by_name(tmp_path):
+    with pytest.raises(ParameterError, match=r'none\.yaml: No such file'):
+        read_parameter_file(tmp_path / 'none.yaml', SETS)
+    with pytest.raises(ParameterError, match='directory'):
+        read_parameter_file(tmp_path, SETS)

@@ -1,0 +1,119 @@
+"""Verdicts: limits, faults and the time at the rejector."""
+
+import math
+
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.records import Decision, MassEstimate
+from checkweigher_dsp.rejection import RejectParameters, RejectStage
+import pytest
+
+LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
+
+
+def _estimate(mass=0.15, **fields):
+    values = {'belt_speed': 1.25, 'line_speed': 1.25, 'std_dev': 1e-4, **fields}
+    return MassEstimate(5, 0, 100_000_000, 200_000_000, mass=mass, **values)
+
+
+@pytest.mark.parametrize(
+    ('mass', 'decision'),
+    [
+        (0.15, Decision.ACCEPT),
+        (0.1, Decision.ACCEPT),
+        (0.2, Decision.ACCEPT),
+        (math.nextafter(0.1, 0), Decision.UNDER),
+        (math.nextafter(0.2, 1), Decision.OVER),
+        (-0.5, Decision.UNDER),
+        (math.nan, Decision.FAULT),
+    ],
+)
+def test_both_limits_belong_to_what_is_accepted(mass, decision):
+    assert RejectStage(LIMITS).judge(_estimate(mass)).decision is decision
+
+
+@pytest.mark.parametrize('mass', [1e-6, 0.15, 1e3])
+def test_without_limits_all_that_was_weighed_is_accepted(mass):
+    assert RejectStage(RejectParameters()).judge(_estimate(mass)).decision is Decision.ACCEPT
+
+
+def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():
+    verdict = RejectStage(LIMITS).judge(_estimate(reasons=('Saturation', 'SamplesLost')))
+
+    assert verdict.decision is Decision.FAULT
+    assert verdict.reasons == ('Saturation', 'SamplesLost')
+
+
+def test_the_verdict_says_what_it_rests_on():
+    verdict = RejectStage(LIMITS).judge(_estimate(0.15))
+
+    assert (verdict.item_id, verdict.t3) == (5, 200_000_000)
+    assert (verdict.mass, verdict.std_dev) == (0.15, 1e-4)
+    assert (verdict.lower_limit, verdict.upper_limit) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ('distance', 'reject_at'), [(0.0, 200_000_000), (0.5, 600_000_000), (1.0, 1_000_000_000)]
+)
+def test_the_item_is_at_the_rejector_after_its_way_at_belt_speed(distance, reject_at):
+    stage = RejectStage(RejectParameters(rejector_distance=distance))
+
+    # 0.5 m at 1.25 m/s are 0.4 s.
+    assert stage.judge(_estimate()).reject_at == reject_at
+
+
+def test_a_fault_without_a_belt_speed_is_timed_by_the_speed_of_the_line():
+    fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan, line_speed=0.5)
+
+    assert RejectStage(RejectParameters()).judge(fault).reject_at == 1_200_000_000
+
+
+@pytest.mark.parametrize('speed', [math.nan, 0.0, -1.0])
+def test_without_any_speed_there_is_no_time_at_the_rejector(speed):
+    verdict = RejectStage(RejectParameters()).judge(_estimate(line_speed=speed))
+
+    assert verdict.reject_at is None
+
+
+def test_without_t3_there_is_no_time_at_the_rejector():
+    fault = MassEstimate(5, 0, 1, None, reasons=('MissingEdge',), line_speed=1.0)
+
+    verdict = RejectStage(RejectParameters()).judge(fault)
+
+    assert verdict.decision is Decision.FAULT
+    assert verdict.reject_at is None
+
+
+def test_limits_may_change_between_two_items():
+    stage = RejectStage(LIMITS)
+    before = stage.judge(_estimate(0.25)).decision
+    stage.parameters = RejectParameters(lower_limit=0.2, upper_limit=0.3)
+
+    assert (before, stage.judge(_estimate(0.25)).decision) == (Decision.OVER, Decision.ACCEPT)
+
+
+def test_equal_limits_are_allowed():
+    stage = RejectStage(RejectParameters(lower_limit=0.0, upper_limit=0.0))
+
+    assert stage.judge(_estimate(0.0)).decision is Decision.ACCEPT
+
+
+@pytest.mark.parametrize(
+    ('values', 'name'),
+    [
+        ({'lower_limit': math.nan}, 'lower_limit'),
+        ({'upper_limit': math.nan}, 'upper_limit'),
+        ({'lower_limit': -0.1}, 'lower_limit'),
+        ({'upper_limit': -0.1}, 'upper_limit'),
+        ({'lower_limit': math.inf}, 'lower_limit'),
+        ({'upper_limit': -math.inf}, 'upper_limit'),
+        ({'lower_limit': 0.3, 'upper_limit': 0.2}, 'lower_limit'),
+        ({'lower_limit': '0.1'}, 'lower_limit'),
+        ({'rejector_distance': -1.0}, 'rejector_distance'),
+        ({'rejector_distance': math.nan}, 'rejector_distance'),
+        ({'rejector_distance': math.inf}, 'rejector_distance'),
+    ],
+    ids=str,
+)
+def test_limits_that_cannot_be_are_refused_by_name(values, name):
+    with pytest.raises(ParameterError, match=rf'^reject\.{name}: '):
+        RejectParameters(**values)

@@ -1,0 +1,114 @@
+"""Shrinkage by FFT against PyWavelets, which does the same with the full transform."""
+
+from checkweigher_dsp.wavelet_shrinkage import Shrinkage, band_responses, denoise_periodic, shrink
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+import pywt
+
+ROUNDING = 1e-10  # of the largest sample
+
+LENGTHS = st.integers(1, 32).map(lambda periods: 128 * periods)
+SHRINKAGES = st.none() | st.builds(Shrinkage, st.floats(0, 2), st.floats(0, 3))
+
+
+def _denoise_by_pywt(stretch, details, wavelet):
+    approximation, *bands = pywt.swt(
+        stretch, wavelet, level=len(details), trim_approx=True, norm=False
+    )
+    shrunk = []
+    for band, shrinkage in zip(bands, reversed(details), strict=True):
+        if shrinkage is None:
+            shrunk.append(np.zeros_like(band))
+            continue
+        size = np.abs(band)
+        soft = np.sign(band) * shrinkage.gain * (size - shrinkage.threshold)
+        shrunk.append(np.where(size >= shrinkage.threshold, soft, 0.0))
+    return pywt.iswt([approximation, *shrunk], wavelet, norm=False)
+
+
+def _assert_agrees(stretch, details, wavelet):
+    np.testing.assert_allclose(
+        denoise_periodic(stretch, details, wavelet),
+        _denoise_by_pywt(stretch, details, wavelet),
+        rtol=0,
+        atol=ROUNDING * np.abs(stretch).max(),
+    )
+
+
+@given(LENGTHS, st.lists(SHRINKAGES, min_size=7, max_size=7), st.integers(0, 2**32 - 1))
+def test_db16_of_7_levels_agrees_with_pywavelets(length, details, seed):
+    noise = np.random.default_rng(seed).standard_normal(length)
+
+    _assert_agrees(noise, details, 'db16')
+
+
+@given(
+    st.sampled_from(['haar', 'db2', 'db7', 'sym5', 'coif2']),
+    st.lists(SHRINKAGES, min_size=1, max_size=6),
+    st.integers(1, 5),
+    st.integers(0, 2**32 - 1),
+)
+def test_other_wavelets_and_levels_agree_with_pywavelets(wavelet, details, periods, seed):
+    stretch = np.random.default_rng(seed).standard_normal(periods * 2 ** len(details))
+
+    _assert_agrees(stretch, details, wavelet)
+
+
+@pytest.mark.parametrize('length', [128, 1024, 4096])
+def test_all_bands_unchanged_reconstruct_the_stretch(length):
+    stretch = np.random.default_rng(1).standard_normal(length)
+
+    result = denoise_periodic(stretch, [Shrinkage(1.0, 0.0)] * 7)
+
+    np.testing.assert_allclose(result, stretch, rtol=0, atol=ROUNDING * np.abs(stretch).max())
+
+
+def test_a_constant_is_kept_without_any_details():
+    # A constant is all in the approximation.
+    np.testing.assert_allclose(denoise_periodic(np.full(256, 0.3), [None] * 7), 0.3, rtol=ROUNDING)
+
+
+def test_the_fastest_oscillation_is_all_in_the_removed_bands():
+    # The low-pass of an orthogonal wavelet has its zero at half the sample rate.
+    stretch = np.tile([1.0, -1.0], 128)
+
+    np.testing.assert_allclose(denoise_periodic(stretch, [None] * 7), 0.0, atol=ROUNDING)
+
+
+def test_shrink_takes_the_threshold_off_and_applies_the_gain():
+    coefficients = np.array([-5.0, -2.0, -1.5, 0.0, 1.5, 2.0, 3.0])
+
+    result = shrink(coefficients, Shrinkage(gain=0.5, threshold=2.0))
+
+    np.testing.assert_array_equal(result, [-1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+
+
+def test_shrink_is_0_exactly_at_the_threshold_and_continuous_above_it():
+    threshold = 2.0
+    above = np.nextafter(threshold, 3.0)
+
+    result = shrink(np.array([threshold, -threshold, above]), Shrinkage(0.5, threshold))
+
+    np.testing.assert_array_equal(result, [0.0, 0.0, 0.5 * (above - threshold)])
+
+
+def test_gain_0_removes_a_band():
+    np.testing.assert_array_equal(shrink(np.array([-4.0, 0.0, 4.0]), Shrinkage(0.0, 1.0)), 0.0)
+
+
+def test_threshold_0_and_gain_1_change_nothing():
+    coefficients = np.array([-4.0, -1e-300, 0.0, 4.0])
+
+    np.testing.assert_array_equal(shrink(coefficients, Shrinkage(1.0, 0.0)), coefficients)
+
+
+@pytest.mark.parametrize('length', [0, 1, 64, 127, 129, 192, 1000])
+def test_a_length_that_is_no_multiple_of_128_is_refused(length):
+    with pytest.raises(ValueError, match=f'length {length} is not a multiple of 128'):
+        denoise_periodic(np.zeros(length), [None] * 7)
+
+
+def test_the_responses_that_are_shared_cannot_be_changed():
+    with pytest.raises(ValueError, match='read-only'):
+        band_responses(128)[0, 0] = 1.0

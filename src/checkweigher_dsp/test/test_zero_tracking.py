@@ -1,0 +1,129 @@
+"""The zero against the scalar Kalman filter by hand."""
+
+import math
+
+from checkweigher_dsp.zero_tracking import Zero, ZeroTracker
+import numpy as np
+import pytest
+
+# Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
+# examples is up to 3e-6 of its own.
+LEAST_NOISE = 1e-5
+RATE = 30.0  # at which each sample is an independent reading
+
+
+def _counts(*values):
+    return np.array(values, np.int32)
+
+
+def test_before_any_reading_the_zero_is_that_of_calibration():
+    assert ZeroTracker(9.0, 2.0, 0.5, RATE).zero == Zero(9.0, 2.0)
+
+
+def test_two_steps_of_the_filter():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+
+    first = tracker.update(10.0, _counts(10, 12, 14))
+
+    # Scatter of the mean: (4 + 0 + 4) / 2 / 3 = 4/3; gain 4 / (4 + 4/3) = 3/4.
+    assert first.counts == pytest.approx(9 + 0.75 * 3, rel=LEAST_NOISE)
+    assert first.std_dev == pytest.approx(math.sqrt(4 * 0.25), rel=LEAST_NOISE)
+
+    second = tracker.update(12.0, _counts(11, 13))
+
+    # Two seconds of random walk: 1 + 2 * 0.25. The scatter is pooled, the older one with 0.95.
+    noise = (0.95 * 8 + 2) / (0.95 * 2 + 1) / 2
+    gain = 1.5 / (1.5 + noise)
+    assert second.counts == pytest.approx(11.25 + gain * 0.75, rel=LEAST_NOISE)
+    assert second.std_dev == pytest.approx(math.sqrt(1.5 * (1 - gain)), rel=LEAST_NOISE)
+
+
+def test_samples_of_the_same_thirtieth_of_a_second_are_one_reading():
+    tracker = ZeroTracker(0.0, 2.0, 0.0, 60.0)
+
+    zero = tracker.update(0.0, _counts(0, 2, 4, 6))
+
+    # Batches (0, 2) and (4, 6): means 1 and 5, scatter 8 / 1 / 2 = 4; gain 4 / (4 + 4).
+    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
+    assert zero.std_dev == pytest.approx(math.sqrt(2), rel=LEAST_NOISE)
+
+
+def test_a_stretch_shorter_than_one_reading_counts_with_its_whole_variance():
+    tracker = ZeroTracker(0.0, 2.0, 0.0, 300.0)
+
+    zero = tracker.update(0.0, _counts(1, 5, 1, 5))
+
+    # Variance 4; gain 4 / (4 + 4).
+    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
+
+
+@pytest.mark.parametrize('counts', [_counts(), _counts(1000)])
+def test_without_samples_the_zero_is_carried_on_and_grows_uncertain(counts):
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    known = tracker.update(0.0, _counts(10, 12, 14))
+
+    carried = tracker.update(4.0, counts)
+
+    assert carried.counts == known.counts
+    assert carried.std_dev == pytest.approx(math.sqrt(known.std_dev**2 + 4 * 0.25))
+
+
+def test_the_zero_never_gets_less_certain_than_at_calibration():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    tracker.update(0.0, _counts(10, 12, 14))
+
+    assert tracker.update(1e6, _counts()).std_dev == pytest.approx(2.0)
+
+
+def test_a_clock_that_goes_back_takes_no_uncertainty_away():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    known = tracker.update(10.0, _counts(10, 12, 14))
+
+    assert tracker.update(5.0, _counts()).std_dev == known.std_dev
+
+
+def test_a_jump_starts_the_filter_afresh():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        tracker.update(float(second), _counts(-1, 1, -1, 1))
+
+    zero = tracker.update(100.0, _counts(49, 51, 49, 51))
+
+    # Noise of the mean 1 / 3; afresh the gain is 100 / (100 + 1/3), without it about 1 / 100.
+    gain = 100 / (100 + 1 / 3)
+    assert zero.counts == pytest.approx(50 * gain, rel=LEAST_NOISE)
+    assert zero.std_dev == pytest.approx(10 * math.sqrt(1 - gain), rel=LEAST_NOISE)
+
+
+def test_the_noise_of_the_mean_averages_out_from_product_to_product():
+    tracker = ZeroTracker(0.0, 1000.0, 0.0, RATE)
+    for second in range(64):
+        zero = tracker.update(float(second), _counts(-3, 3, -3, 3))
+
+    # 64 readings of variance 9 * 4 / 3 / 4 = 3; the prior of 1e6 does not matter.
+    assert zero.std_dev == pytest.approx(math.sqrt(3 / 64), rel=1e-2)
+
+
+def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
+    drift, interval, walk, swing = 1, 2.0, 1.0, 6
+    tracker = ZeroTracker(0.0, 1e3, walk, RATE)
+    for step in range(300):
+        level = drift * step
+        zero = tracker.update(interval * step, _counts(*[level - swing, level + swing] * 8))
+
+    # Local-level filter: p = (q + sqrt(q^2 + 4 q r)) / 2, gain p / (p + r); it lags a ramp by
+    # its step times (1 - gain) / gain.
+    q, r = walk**2 * interval, swing**2 / 15 + 1e-8 * 1e6
+    p = (q + math.sqrt(q * q + 4 * q * r)) / 2
+    gain = p / (p + r)
+    assert level - zero.counts == pytest.approx(drift * (1 - gain) / gain, rel=1e-6)
+    assert zero.std_dev == pytest.approx(math.sqrt(p * (1 - gain)), rel=1e-6)
+
+
+def test_the_gain_of_the_load_cell_does_not_matter():
+    plain, scaled = ZeroTracker(9.0, 2.0, 0.5, RATE), ZeroTracker(900.0, 200.0, 50.0, RATE)
+    for time, counts in ((0.0, _counts(10, 12, 14)), (1.0, _counts(30, 31)), (2.0, _counts())):
+        zero, hundredfold = plain.update(time, counts), scaled.update(time, 100 * counts)
+
+        assert hundredfold.counts == pytest.approx(100 * zero.counts, rel=1e-12)
+        assert hundredfold.std_dev == pytest.approx(100 * zero.std_dev, rel=1e-12)
