@@ -19,7 +19,7 @@ Rows = Callable[..., list[dict[str, str]]]
 @pytest.fixture(scope='module')
 def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a bag in which every second item cannot be weighed, each for another reason."""
-    line = simulated(speed=60.0, count=12)
+    line = simulated(speed=1.0, count=12)
     edges = [edges_of(line, item) for item in range(12)]
     lost = (edges[1]['t2'], edges[3]['t3'], edges[9]['t1'], edges[10]['t4'], edges[11]['t3'])
     line = without_edges(line, *lost)
@@ -92,7 +92,7 @@ def test_parameters_reach_the_graph_as_they_reach_offline(rows: Rows, tmp_path: 
 
 
 def test_message_order_in_the_bag_does_not_matter(rows: Rows, tmp_path: Path):
-    line = simulated(speed=90.0, count=8)
+    line = simulated(speed=1.5, count=8)
     events = list(line)
     random.Random(1).shuffle(events)
     write_bag(tmp_path / 'sorted', line.load_cell, line)

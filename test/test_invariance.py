@@ -28,7 +28,7 @@ def weigh(rows: Rows, tmp_path: Path) -> Callable[[Recording], list[dict[str, st
 def test_blocks_of_any_size_give_the_same_rows(
     weigh: Callable[[Recording], list[dict[str, str]]], sizes: list[int]
 ):
-    line = simulated(speed=75.0, count=6, profile='roller')
+    line = simulated(speed=1.25, count=6, profile='roller')
     assert weigh(reblocked(line, sizes)) == weigh(line)
 
 
@@ -36,7 +36,7 @@ def test_blocks_of_any_size_give_the_same_rows(
 def test_the_gain_of_the_load_cell_changes_no_mass(
     weigh: Callable[[Recording], list[dict[str, str]]], gain: int
 ):
-    line = simulated(speed=90.0, count=10)
+    line = simulated(speed=1.5, count=10)
     for row, amplified_row in zip(weigh(line), weigh(amplified(line, gain)), strict=True):
         mass = float(row['mass_g'])
         assert float(amplified_row['mass_g']) == pytest.approx(mass, rel=GAIN_TOLERANCE)

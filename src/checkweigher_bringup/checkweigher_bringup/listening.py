@@ -2,6 +2,7 @@
 
 from collections import deque
 import queue
+import sys
 import time
 from typing import Any
 
@@ -118,7 +119,7 @@ def echo(namespace: str, count: int | None, duration: float | None) -> None:
                 except queue.Empty:
                     if time.monotonic() - node.heard > _PATIENCE:
                         node.heard = time.monotonic()
-                        print(node.silence(), flush=True)
+                        print(node.silence(), file=sys.stderr, flush=True)
                     continue
                 table = table or Table(weighing.estimate.t1 or weighing.estimate.t3 or 0)
                 table.show(node.result(weighing))

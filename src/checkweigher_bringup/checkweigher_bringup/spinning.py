@@ -29,6 +29,12 @@ class Spinner:
         self._nodes.append(node)
         self._executor.add_node(node)
 
+    def remove(self, node: Node) -> None:
+        """Destroy a node before the others."""
+        self._nodes.remove(node)
+        self._executor.remove_node(node)
+        node.destroy_node()
+
     def stop(self) -> None:
         """Stop, and destroy the nodes in the order opposite to that in which they came."""
         self._executor.shutdown()

@@ -82,7 +82,8 @@ class BagFile:
             raise output_error(self._path, error) from None
         # The check sum of the data section is off by default.
         self._mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._mcap.start(profile='ros2')
+        # The name of the library, by default with its version, is part of the file.
+        self._mcap.start(profile='ros2', library='checkweigher')
         self._channels = {topic: self._add_channel(topic) for topic in self._topics}
         return self
 

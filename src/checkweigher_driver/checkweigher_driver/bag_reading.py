@@ -1,7 +1,7 @@
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import math
 from pathlib import Path
@@ -161,19 +161,21 @@ def _type_hash(definition: MessageDefinition, topic: Topic) -> str:
 
 
 def _read_lane(path: Path, reader: Reader, lane: _Lane) -> Recording:
-    topics = {connection.topic: topic for connection, topic in lane}
-    read: Counter[str] = Counter()
+    # Looked up by name, message for message: the hash of a Topic is that of all its fields.
+    makers = {connection.topic: _EVENTS.get(topic) for connection, topic in lane}
+    read = dict.fromkeys(makers, 0)
     cells: list[LoadCell] = []
     events: list[Event] = []
     deserialize = typestore().deserialize_cdr
     for connection, _, data in reader.messages([connection for connection, _ in lane]):
-        topic = topics[connection.topic]
-        read[connection.topic] += 1
-        message: Any = deserialize(data, topic.message_type)
-        if topic is LOAD_CELL_INFO:
+        name = connection.topic
+        read[name] += 1
+        message: Any = deserialize(data, connection.msgtype)
+        make = makers[name]
+        if make is None:
             cells.append(_load_cell(path, message))
         else:
-            events.append(_EVENTS[topic](message))
+            events.append(make(message))
     _check_numbers(path, reader, read, lane)
     if not cells:
         raise BagError(
@@ -190,7 +192,7 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane) -> Recording:
     return recording
 
 
-def _check_numbers(path: Path, reader: Reader, read: Counter[str], lane: _Lane) -> None:
+def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int], lane: _Lane) -> None:
     """Check that all messages have been read that the bag says it holds.
 
     A folder says so twice, in ``metadata.yaml`` and in its files. Where the two disagree, or where
@@ -240,13 +242,15 @@ def _load_cell(path: Path, message: Any) -> LoadCell:
 
 def _stamp(message: Any) -> int:
     stamp = message.header.stamp
-    if not (stamp.sec >= 0 and stamp.nanosec < NANOSECONDS):
-        raise ValueError(f'a stamp of {stamp.sec} s and {stamp.nanosec} ns')
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    sec: int = stamp.sec
+    nanosec: int = stamp.nanosec
+    if sec < 0 or nanosec >= NANOSECONDS:
+        raise ValueError(f'a stamp of {sec} s and {nanosec} ns')
+    return sec * NANOSECONDS + nanosec
 
 
 def _block(message: Any) -> SampleBlock:
-    return SampleBlock(_stamp(message), int(message.first_index), message.counts)
+    return SampleBlock(_stamp(message), message.first_index, message.counts)
 
 
 def _edge(message: Any) -> EyeEdge:

@@ -66,6 +66,7 @@ class DriverNode(StageNode[DriverParameters]):
         self._changed = threading.Condition()
         self._stopping = False
         self._flow = FlowControl()
+        self._stream_number = time.time_ns()  # no other driver's
         self._answered = False
         self._edges_sent = 0
         self._last_stamp = 0
@@ -94,10 +95,12 @@ class DriverNode(StageNode[DriverParameters]):
 
     def _on_segmenter_status(self, message: Any) -> None:
         with self._changed:
-            self._flow.taken(int(message.samples), int(message.items))
-            if message.state == StreamStatus.RUNNING and message.samples == 0:
+            if message.stream != self._stream_number:
+                return
+            if not self._answered:
                 self._answered = True
-                self._flow.items_judged = max(self._flow.items_judged, int(message.items))
+                self._flow.items_judged = int(message.items)
+            self._flow.taken(int(message.samples), int(message.items))
             self._changed.notify_all()
 
     def _on_verdict(self, message: Any) -> None:
@@ -180,6 +183,7 @@ class DriverNode(StageNode[DriverParameters]):
         self._status.publish(
             StreamStatus(
                 header=header_to(self._last_stamp),
+                stream=self._stream_number,
                 state=state,
                 samples=self._flow.samples_sent,
                 edges=self._edges_sent,

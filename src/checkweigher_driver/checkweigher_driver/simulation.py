@@ -49,8 +49,6 @@ MOVING_MASS = 2.5  # kg, the platform without a product
 DAMPING_RATIO = 0.06  # of the empty platform
 IMPACT_DURATION = 0.0035  # s
 FLOOR_BAND = (4.0, 12.0)  # Hz
-GRAMS = 1000.0  # in a kilogram
-MINUTE, HOUR = 60.0, 3600.0  # s
 
 # Signal that is computed at once; long enough to make the overhead small, short enough to let an
 # endless line start at once.
@@ -128,13 +126,13 @@ class SimulationParameters(Parameters):
     node: ClassVar[str] = 'simulator'
 
     profile: str = parameter('paper', 'machine and its disturbances', choices=tuple(PROFILES))
-    speed: float = parameter(60.0, 'belt speed', unit='m/min', minimum=1.0, maximum=300.0)
+    speed: float = parameter(1.0, 'belt speed', unit='m/s', minimum=0.01, maximum=5.0)
     masses: tuple[float, ...] = parameter(
-        (74.5, 134.5, 164.5, 194.5, 254.5),
+        (0.0745, 0.1345, 0.1645, 0.1945, 0.2545),
         'masses of the products, taken in turn',
-        unit='g',
+        unit='kg',
         minimum=0.0,
-        maximum=CAPACITY * GRAMS,
+        maximum=CAPACITY,
     )
     count: int = parameter(25, 'number of products; 0 is an endless line', minimum=0)
     spacing: float = parameter(
@@ -148,7 +146,7 @@ class SimulationParameters(Parameters):
         0.2, 'from the infeed eye to the outfeed eye', unit='m', minimum=0.01, maximum=10.0
     )
     zero_drift: float = parameter(
-        0.0, 'drift of the empty belt', unit='g/h', minimum=-1e6, maximum=1e6
+        0.0, 'drift of the empty belt', unit='kg/s', minimum=-0.01, maximum=0.01
     )
     lead_in: float = parameter(
         2.0, 'empty belt before the first product', unit='s', minimum=0.0, maximum=3600.0
@@ -285,7 +283,7 @@ class _Machine:
         self.total: int | None = None
         self._parameters = parameters
         self._profile = PROFILES[parameters.profile]
-        self._speed = parameters.speed / MINUTE
+        self._speed = parameters.speed
         self._rate = OVERSAMPLING * parameters.sample_rate
         # A stream of its own for each source, so that none depends on how much another has used.
         passes, phases, self._broadband, self._floor, self._electronic = (
@@ -298,7 +296,7 @@ class _Machine:
             spacing=parameters.spacing,
             product_length=parameters.product_length,
             weigh_length=parameters.weigh_length,
-            masses=tuple(mass / GRAMS for mass in parameters.masses),
+            masses=parameters.masses,
             count=parameters.count,
             first_entry=parameters.lead_in,
         )
@@ -378,6 +376,6 @@ class _Machine:
         parameters = self._parameters
         noise = self._profile.electronic * self._electronic.standard_normal(len(reading))
         time = (first + np.arange(len(reading))) / parameters.sample_rate
-        drift = parameters.zero_drift / GRAMS / HOUR * time
+        drift = parameters.zero_drift * time
         counts = parameters.zero_counts + parameters.counts_per_kg * (reading + noise + drift)
         return np.clip(np.rint(counts), MIN_COUNTS, MAX_COUNTS).astype(np.int32)

@@ -40,6 +40,14 @@ def test_equal_events_give_equal_bytes_whatever_the_name(tmp_path):
     assert _files(tmp_path / 'one') == _files(tmp_path / 'another')
 
 
+def test_the_version_of_the_library_is_not_in_the_file(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+
+    with (tmp_path / 'bag' / 'line_0.mcap').open('rb') as file:
+        header = make_reader(file).get_header()
+    assert (header.profile, header.library) == ('ros2', 'checkweigher')
+
+
 def test_nothing_else_appears_beside_the_bag(tmp_path, recording):
     write_bag(tmp_path / 'bag', recording.load_cell, recording)
 
@@ -102,7 +110,7 @@ def test_type_hashes_are_those_of_the_installed_messages(topic):
 
 
 def test_25_products_take_little_room(tmp_path):
-    simulation = Simulation(SimulationParameters(speed=30.0, count=25))
+    simulation = Simulation(SimulationParameters(speed=0.5, count=25))
     write_bag(tmp_path / 'bag', simulation.load_cell, simulation)
 
     assert sum(map(len, _files(tmp_path / 'bag').values())) < 400_000

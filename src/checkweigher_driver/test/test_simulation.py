@@ -36,9 +36,9 @@ def _seconds(recording):
     return np.array([edge.stamp - START for edge in recording.edges]) / 1e9
 
 
-@pytest.mark.parametrize('mass', [74.5, 254.5, 7000.0])
+@pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
 def test_a_product_at_rest_reads_its_mass(mass):
-    # A belt of 10 m at 60 m/min: the product is fully on for 9.9 s.
+    # A belt of 10 m at 1 m/s: the product is fully on for 9.9 s.
     recording = simulate(
         SimulationParameters(
             profile='quiet', masses=(mass,), count=1, weigh_length=10.0, spacing=20.0
@@ -49,13 +49,15 @@ def test_a_product_at_rest_reads_its_mass(mass):
     plateau = _grams(recording)[math.ceil(t2) + 4800 : math.ceil(t3)]
 
     # Electronic noise of 0.05 g and steps of 0.002 g remain.
-    assert plateau.mean() == pytest.approx(mass, abs=5 * 0.05 / math.sqrt(len(plateau)) + 0.001)
+    assert plateau.mean() == pytest.approx(
+        1000 * mass, abs=5 * 0.05 / math.sqrt(len(plateau)) + 0.001
+    )
     assert plateau.std() == pytest.approx(0.05, rel=0.05)
 
 
 def test_edges_and_references_follow_from_the_geometry():
-    # 90 m/min = 1.5 m/s; the quiet belt has no jitter.
-    recording = simulate(SimulationParameters(profile='quiet', speed=90.0, count=3, lead_in=1.25))
+    # The quiet belt has no jitter.
+    recording = simulate(SimulationParameters(profile='quiet', speed=1.5, count=3, lead_in=1.25))
     times = [1.25 + 0.66 / 1.5 * item for item in range(3)]
 
     assert [(edge.eye, edge.blocked) for edge in recording.edges] == 3 * [
@@ -72,9 +74,7 @@ def test_edges_and_references_follow_from_the_geometry():
 def test_samples_and_edges_have_the_same_clock():
     # In the mean over a pass a linear platform neither changes the area under the load, mass L / v,
     # nor its centre, except for the delay of its step response, 2 xi / w = 0.5 ms.
-    recording = simulate(
-        SimulationParameters(profile='quiet', speed=30.0, masses=(200.0,), count=1)
-    )
+    recording = simulate(SimulationParameters(profile='quiet', speed=0.5, masses=(0.2,), count=1))
     t1, _, _, t4 = _seconds(recording) * RATE
     begin, end = math.floor(t1) - 100, math.ceil(t4) + 400
     grams = _grams(recording)[begin:end]
@@ -134,7 +134,7 @@ def test_an_endless_line_begins_like_a_short_one():
 
 @pytest.mark.parametrize('spacing', [0.11, 0.25, 0.3, 0.66])
 def test_events_come_in_canonical_order(spacing):
-    parameters = SimulationParameters(count=30, spacing=spacing, speed=90.0)
+    parameters = SimulationParameters(count=30, spacing=spacing, speed=1.5)
     events = list(Simulation(parameters))
 
     assert events == sorted(events, key=canonical_order)
@@ -147,7 +147,7 @@ def test_two_products_on_the_belt_add_up():
     # over a spacing.
     recording = simulate(
         SimulationParameters(
-            profile='quiet', masses=(100.0,), count=60, spacing=0.2, weigh_length=1.1
+            profile='quiet', masses=(0.1,), count=60, spacing=0.2, weigh_length=1.1
         )
     )
     middle = _grams(recording)[round(6 * RATE) : round(10 * RATE)]
@@ -156,11 +156,8 @@ def test_two_products_on_the_belt_add_up():
 
 
 def test_the_zero_drifts_as_told():
-    # 3600 g/h = 1 g/s
     recording = simulate(
-        SimulationParameters(
-            profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=3600.0
-        )
+        SimulationParameters(profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=0.001)
     )
     grams = _grams(recording)
     slope, intercept = np.polyfit(np.arange(len(grams)) / RATE, grams, 1)
@@ -169,14 +166,14 @@ def test_the_zero_drifts_as_told():
     assert intercept == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize('speed', [30.0, 60.0])
+@pytest.mark.parametrize('speed', [0.5, 1.0])
 def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
     recording = simulate(
         SimulationParameters(profile='roller', speed=speed, masses=(0.0,), count=1, lead_in=40.0)
     )
     grams = _grams(recording)[round(2 * RATE) : round(40 * RATE)]
     time = np.arange(len(grams)) / RATE
-    turning = speed / 60 / (math.pi * 0.032)
+    turning = speed / (math.pi * 0.032)
     for order, level in enumerate(PROFILES['roller'].roller, start=1):
         frequency = order * turning
         line = 2 * abs(np.mean(grams * np.exp(-2j * math.pi * frequency * time)))
@@ -184,13 +181,13 @@ def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
         # Amplitude of the force times the platform's gain.
         ratio = frequency / 38
         gain = 1 / math.hypot(1 - ratio**2, 2 * 0.06 * ratio)
-        assert line == pytest.approx(level * speed / 60 * gain * 1000, rel=0.05)
+        assert line == pytest.approx(level * speed * gain * 1000, rel=0.05)
         assert beside < 0.1 * line
 
 
 def test_the_floor_shakes_between_4_and_12_hz():
     recording = simulate(
-        SimulationParameters(profile='floor', speed=1.0, masses=(0.0,), count=1, lead_in=60.0)
+        SimulationParameters(profile='floor', speed=0.01, masses=(0.0,), count=1, lead_in=60.0)
     )
     grams = _grams(recording)[960 : 60 * 960]
     power = abs(np.fft.rfft(grams) / len(grams)) ** 2 * 2
@@ -204,21 +201,21 @@ def test_the_floor_shakes_between_4_and_12_hz():
 
 def test_readings_stop_at_the_converters_limits():
     recording = simulate(
-        SimulationParameters(count=1, masses=(3000.0,), counts_per_kg=1e6, zero_counts=6e6)
+        SimulationParameters(count=1, masses=(3.0,), counts_per_kg=1e6, zero_counts=6e6)
     )
     assert _counts(recording).max() == MAX_COUNTS == recording.load_cell.max_counts == 2**23 - 1
 
 
 def test_an_inverted_cell_counts_downwards():
     recording = simulate(
-        SimulationParameters(profile='quiet', count=1, masses=(200.0,), counts_per_kg=-5e5)
+        SimulationParameters(profile='quiet', count=1, masses=(0.2,), counts_per_kg=-5e5)
     )
     assert _counts(recording).min() < 1_250_000 - 99_000
     assert _grams(recording).max() == pytest.approx(200, rel=0.2)
 
 
 def test_a_long_line_needs_no_more_memory_than_a_short_one():
-    events = iter(Simulation(SimulationParameters(count=0, speed=90.0)))
+    events = iter(Simulation(SimulationParameters(count=0, speed=1.5)))
 
     def held(blocks):
         for _ in range(blocks):
@@ -231,8 +228,9 @@ def test_a_long_line_needs_no_more_memory_than_a_short_one():
         short, long = held(1000), held(12_000)
     finally:
         tracemalloc.stop()
-    # A second of the signal is held; a hundred seconds would be 400 kB.
-    assert long < short + 20_000
+    # A second of the signal is held; the 125 s in between would be 480 kB. Caches of the libraries
+    # may still grow by some tens of kB.
+    assert long < short + 100_000
 
 
 @pytest.mark.parametrize(
@@ -240,9 +238,10 @@ def test_a_long_line_needs_no_more_memory_than_a_short_one():
     [
         ({'profile': 'worn'}, "simulator.profile: 'worn' is not one of paper, roller"),
         ({'masses': ()}, 'simulator.masses: empty'),
-        ({'masses': (-1.0,)}, r'simulator.masses: -1.0 is not in 0\.\.7200 g'),
+        ({'masses': (-1.0,)}, r'simulator.masses: -1.0 is not in 0\.\.7\.2 kg'),
         ({'spacing': 0.1}, 'simulator.spacing: 0.1 m is not above product_length 0.1 m'),
-        ({'speed': 0.0}, 'simulator.speed'),
+        ({'speed': 0.0}, r'simulator.speed: 0.0 is not in 0\.01\.\.5 m/s'),
+        ({'zero_drift': 0.1}, 'simulator.zero_drift'),
         ({'counts_per_kg': 0.0}, 'simulator.counts_per_kg: 0'),
         ({'seed': -1}, 'simulator.seed'),
     ],

@@ -120,7 +120,8 @@ class ItemTracker:
             and not previous.blocked
             and 0 <= stamp - last.t2 < self._debounce
         ):
-            last.t2 = None
+            if last.t1 is not None:
+                last.t2 = None
             last.fault(Reason.CHATTERING_EYE)
             self._entering = last
             return
@@ -134,8 +135,8 @@ class ItemTracker:
         self._entering = item
 
     def _infeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
-        if self._entering is not None:
-            item, self._entering = self._entering, None
+        item, self._entering = self._entering, None
+        if item is not None and item.t4 is None:
             item.t2 = stamp
             return
         if previous is None:
@@ -159,7 +160,9 @@ class ItemTracker:
         self._entered_last = item
 
     def _outfeed_blocked(self, stamp: int) -> None:
-        if self._still_covers_outfeed(stamp):
+        last = self._covers_outfeed(stamp)
+        if last is not None:
+            self._leaving, last.t4 = last, None
             return
         item = self._item_leaving_at(stamp)
         if item is None:
@@ -173,8 +176,9 @@ class ItemTracker:
         item.usual_transit = self._transit
         self._given_up = None  # whatever was before this item has left
         if item is self._entering:
+            # Too long to be on the belt as a whole, or its edge was lost: t2 tells, if it comes.
+            item.fault(Reason.PRODUCT_TOO_LONG)
             item.fault(Reason.MISSING_EDGE)
-            self._entering = None
         previous, self._leaving, self._left_last = self._left_last, item, item
         if item.t2 is not None and previous is not None and _departure(previous) > item.t2:
             item.fault(Reason.DISTANCE_FAULT)
@@ -188,7 +192,11 @@ class ItemTracker:
         if leaving is not None and (not _length(leaving) or stamp <= _departure(leaving)):
             leaving.t4 = stamp
             return
-        if previous is None or self._still_covers_outfeed(stamp):
+        if previous is None:
+            return
+        last = self._covers_outfeed(stamp)
+        if last is not None:
+            last.t4 = stamp
             return
         item = self._item_leaving_at(stamp)
         if item is not None:
@@ -199,16 +207,14 @@ class ItemTracker:
             self._left_last = item
             self._finished.append(item)
 
-    def _still_covers_outfeed(self, stamp: int) -> bool:
-        """Tell whether the item that left last must still be in front of the outfeed eye."""
+    def _covers_outfeed(self, stamp: int) -> Item | None:
+        """Return the item that left last if it must still be in front of the outfeed eye."""
         last = self._left_last
-        if last is None or last.t3 is None:
-            return False
-        covers = 0 <= stamp - last.t3 < max(_length(last), self._debounce)
+        if last is None:
+            return None
+        covers = last.t3 is not None and 0 <= stamp - last.t3 < max(_length(last), self._debounce)
         flickers = last.t4 is not None and 0 <= stamp - last.t4 < self._debounce
-        if covers or flickers:
-            self._leaving = last
-        return covers or flickers
+        return last if covers or flickers else None
 
     def _item_leaving_at(self, stamp: int) -> Item | None:
         """Take from the belt the item that an outfeed edge belongs to, and those before it."""

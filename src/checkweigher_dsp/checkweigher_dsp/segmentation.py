@@ -1,5 +1,6 @@
 """Cutting the stream of samples into one weigh window for each item."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 import math
 from typing import ClassVar
@@ -20,6 +21,8 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_dsp.sample_buffer import SampleBuffer
 from checkweigher_dsp.zero_tracking import ZeroTracker
+
+_LONGEST_PIECE = NANOSECONDS  # of a block that is taken at once, ns
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ class Segmenter:
 
     def _new_buffer(self) -> SampleBuffer:
         history = max(self._parameters.lead_time, self._parameters.zero_time) + seconds(
-            self._max_transit + 2 * self._lateness
+            self._max_transit + max(2 * self._lateness, _LONGEST_PIECE)
         )
         return SampleBuffer(self.load_cell.sample_rate, history)
 
@@ -129,12 +132,25 @@ class Segmenter:
         if self._buffer.is_restart(block):
             windows = self.give_up(Reason.SOURCE_RESTARTED)
             self._buffer = self._new_buffer()
-        self._buffer.append(block)
         self.samples += len(block.counts)
-        now = self._buffer.last_stamp
-        if now is not None:
-            self._waiting += _copies(self._tracker.expire(now - self._lateness))
-        return windows + self._cut_waiting()
+        for piece in self._pieces(block):
+            self._buffer.append(piece)
+            now = self._buffer.last_stamp
+            if now is not None:
+                self._waiting += _copies(self._tracker.expire(now - self._lateness))
+            windows += self._cut_waiting()
+        return windows
+
+    def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
+        """Cut a block so that no part of it leaves the buffer before it was looked at."""
+        rate = self.load_cell.sample_rate
+        size = max(1, int(rate * seconds(_LONGEST_PIECE)))
+        for begin in range(0, len(block.counts), size):
+            yield SampleBlock(
+                block.stamp + round(begin * NANOSECONDS / rate),
+                block.first_index + begin,
+                block.counts[begin : begin + size],
+            )
 
     def add_edge(self, edge: EyeEdge) -> list[WeighWindow]:
         """Take a photo-eye edge and return the windows that it completes."""

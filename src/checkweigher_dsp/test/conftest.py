@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from hypothesis import HealthCheck, settings
 import numpy as np
 import pytest
+
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
 
 settings.register_profile(
     'checkweigher_dsp',

@@ -3,6 +3,11 @@
 from dataclasses import replace
 import math
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
 from checkweigher_dsp.denoising import (
     DenoiseParameters,
     Denoiser,
@@ -13,9 +18,6 @@ from checkweigher_dsp.denoising import (
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.wavelet_shrinkage import Shrinkage, denoise_periodic
-from hypothesis import given, settings, strategies as st
-import numpy as np
-import pytest
 
 ROUNDING = 1e-12
 

@@ -3,13 +3,15 @@
 from dataclasses import replace
 import math
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
 from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import WeighWindow
-from hypothesis import given, settings, strategies as st
-import numpy as np
-import pytest
 
 # R / P0 of a noise-free window is 1e-12: so much the prior may pull, with room for rounding.
 PRIOR = 1e-10
@@ -32,9 +34,7 @@ def test_a_constant_plateau_gives_its_mass(make_window, mass):
 
     assert estimate.reasons == ()
     assert estimate.mass == pytest.approx(mass, rel=PRIOR)
-    assert estimate.mass == pytest.approx(
-        estimate.b1 / (1 + estimate.a1 + estimate.a2), rel=GAIN
-    )
+    assert estimate.mass == pytest.approx(estimate.b1 / (1 + estimate.a1 + estimate.a2), rel=GAIN)
 
 
 def test_the_mass_is_the_load_above_the_zero_and_not_above_the_calibration(make_window):

@@ -2,11 +2,13 @@
 
 import math
 
-from checkweigher_dsp.identification import Noise, identify, is_stable, platform_poles
 from filterpy.kalman import ExtendedKalmanFilter
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
+
+from checkweigher_dsp.identification import Noise, identify, is_stable, platform_poles
 
 RATE = 960.0
 ROUNDING = 1e-10

@@ -4,13 +4,14 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
+import pytest
+
 from checkweigher_dsp.parameters import (
     ParameterError,
     Parameters,
     parameter,
     read_parameter_file,
 )
-import pytest
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,9 @@ def test_a_section_without_ros_parameters_is_refused(read, text):
     assert "section 'oven' has no ros__parameters" in _refuse(read, text)
 
 
-@pytest.mark.parametrize('text', ['a: [1\nb: 2\n', '\tx: 1\n', 'a: b: c\n', '!!python/none x\n', 'a: 2024-13-01'])
+@pytest.mark.parametrize(
+    'text', ['a: [1\nb: 2\n', '\tx: 1\n', 'a: b: c\n', '!!python/none x\n', 'a: 2024-13-01']
+)
 def test_what_is_not_yaml_is_refused_in_one_line(read, text):
     assert 'not a YAML file' in _refuse(read, text)
 

@@ -2,10 +2,11 @@
 
 import math
 
+import pytest
+
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Decision, MassEstimate
 from checkweigher_dsp.rejection import RejectParameters, RejectStage
-import pytest
 
 LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 

@@ -2,11 +2,13 @@
 
 from itertools import pairwise
 
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
-from checkweigher_dsp.sample_buffer import SampleBuffer
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
+
+from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_dsp.sample_buffer import SampleBuffer
 
 RATE = 960.0
 NANOSECOND = 1  # to which stamps are rounded
@@ -145,6 +147,17 @@ def test_samples_beyond_the_duration_are_forgotten():
     assert 10_000 - 2 * 96 <= buffer.start <= 10_000 - 96
     assert not buffer.is_whole(buffer.start - 1, 10_000)
     assert buffer.read(9_904, 10_000).tolist() == list(range(9_904, 10_000))
+
+
+@pytest.mark.parametrize('lost', [95, 96, 97, 1000, 10**12])
+def test_a_gap_of_any_size_is_a_gap(lost):
+    buffer = _filled((0, 50), duration=0.1)
+    first = 50 + lost
+    buffer.append(_block(first, range(20)))
+
+    assert (buffer.end, buffer.is_whole(first, first + 20)) == (first + 20, True)
+    assert not buffer.is_whole(first - 1, first + 1)
+    assert buffer.read(first, first + 20).tolist() == list(range(20))
 
 
 def test_what_is_read_does_not_change_afterwards():

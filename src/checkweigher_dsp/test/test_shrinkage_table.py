@@ -1,7 +1,8 @@
 """Table 1 as it is printed, and what stands between its columns."""
 
-from checkweigher_dsp.shrinkage_table import TABLE_1, ShrinkageTable, interpolate
 import pytest
+
+from checkweigher_dsp.shrinkage_table import TABLE_1, ShrinkageTable, interpolate
 
 ROUNDING = 1e-12
 

@@ -1,10 +1,12 @@
 """Shrinkage by FFT against PyWavelets, which does the same with the full transform."""
 
-from checkweigher_dsp.wavelet_shrinkage import Shrinkage, band_responses, denoise_periodic, shrink
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 import pywt
+
+from checkweigher_dsp.wavelet_shrinkage import Shrinkage, band_responses, denoise_periodic, shrink
 
 ROUNDING = 1e-10  # of the largest sample
 

@@ -2,9 +2,10 @@
 
 import math
 
-from checkweigher_dsp.zero_tracking import Zero, ZeroTracker
 import numpy as np
 import pytest
+
+from checkweigher_dsp.zero_tracking import Zero, ZeroTracker
 
 # Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
 # examples is up to 3e-6 of its own.

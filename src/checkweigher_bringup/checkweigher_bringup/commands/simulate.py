@@ -3,6 +3,14 @@
 import argparse
 from pathlib import Path
 
+# Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
+# one of SI.
+_CONVERTED = {
+    'speed': ('speed', 'm/min', 60.0),
+    'mass': ('masses', 'g', 1000.0),
+    'zero-drift': ('zero_drift', 'g/h', 3.6e6),
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `simulate`; the defaults are those of SimulationParameters."""
@@ -39,24 +47,47 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_driver.bag_writing import write_bag
     from checkweigher_driver.simulation import Simulation, SimulationParameters
 
-    given = {
+    given: dict[str, object] = {
         name: getattr(arguments, name)
         for name in (
-            'speed', 'count', 'profile', 'seed', 'spacing', 'product_length', 'weigh_length',
-            'zero_drift', 'lead_in', 'run_out',
+            'count', 'profile', 'seed', 'spacing', 'product_length', 'weigh_length', 'lead_in',
+            'run_out',
         )
         if getattr(arguments, name) is not None
     }  # fmt: skip
     if arguments.count == 0:
         raise UserError('--count 0 is an endless line, which fits in no bag')
-    parameters = SimulationParameters.from_mapping({**given, 'masses': tuple(arguments.mass)})
+    given['speed'] = _to_si('speed', arguments.speed)
+    given['masses'] = tuple(_to_si('mass', mass) for mass in arguments.mass)
+    if arguments.zero_drift is not None:
+        given['zero_drift'] = _to_si('zero-drift', arguments.zero_drift)
+    parameters = SimulationParameters.from_mapping(given)
     simulation = Simulation(parameters)
     with tqdm(
         simulation, desc='simulating', unit=' messages', delay=2, leave=False, disable=None
     ) as events:
         write_bag(arguments.output, simulation.load_cell, events)
     print(
-        f'{arguments.output}: {parameters.count} products at {parameters.speed:g} m/min, '
+        f'{arguments.output}: {parameters.count} products at {arguments.speed:g} m/min, '
         f'profile {parameters.profile}, seed {parameters.seed}'
     )
     return 0
+
+
+def _to_si(option: str, value: float) -> float:
+    """Return the value of an option in SI; a refusal is in the unit that the user gave it in."""
+    from dataclasses import fields
+
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_driver.simulation import SimulationParameters
+    from checkweigher_dsp.parameters import describe
+
+    name, unit, per_si = _CONVERTED[option]
+    allowed = describe(next(entry for entry in fields(SimulationParameters) if entry.name == name))
+    converted = value / per_si
+    if not allowed.minimum <= converted <= allowed.maximum:  # NaN is not
+        raise UserError(
+            f'--{option} {value:g}: must be between {per_si * allowed.minimum:g} and '
+            f'{per_si * allowed.maximum:g} {unit}'
+        )
+    return converted

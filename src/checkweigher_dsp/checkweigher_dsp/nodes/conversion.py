@@ -6,6 +6,7 @@ and a numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -172,7 +173,8 @@ def estimate_from(message: Any) -> MassEstimate:
     One without a mass and without reasons, as a message that nobody filled in, gets a reason.
     """
     reasons = tuple(message.reasons)
-    if message.status != messages.MassEstimate.WEIGHED and not reasons:
+    weighed = message.status == messages.MassEstimate.WEIGHED and not math.isnan(message.mass)
+    if not weighed and not reasons:
         reasons = ('Unknown',)
     return MassEstimate(
         item_id=int(message.item_id),
@@ -202,11 +204,12 @@ def estimate_to(estimate: MassEstimate) -> messages.MassEstimate:
 
 
 def verdict_from(message: Any) -> Verdict:
-    """Return the verdict of a Verdict message; ValueError for an unknown decision."""
+    """Return the verdict of a Verdict message; a decision that is not known is a FAULT."""
+    known = message.decision in tuple(Decision)
     return Verdict(
         item_id=int(message.item_id),
         t3=known_stamp_from(message.header.stamp),
-        decision=Decision(message.decision),
+        decision=Decision(message.decision) if known else Decision.FAULT,
         reasons=tuple(message.reasons),
         mass=float(message.mass),
         std_dev=float(message.std_dev),

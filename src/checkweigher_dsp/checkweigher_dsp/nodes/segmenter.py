@@ -39,6 +39,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._last_stamp = 0
         self._reported_samples = 0
         self._blocks_since_report = 0
+        self._stream = 0
         self._announced = False
         self._end: tuple[int, int] | None = None
         self._windows = HeldPublisher(self, topics.WEIGH_WINDOW)
@@ -103,6 +104,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
 
     def _on_driver_status(self, message: Any) -> None:
         if message.state == StreamStatus.RUNNING:
+            if message.stream == self._stream:
+                return
+            self._stream = int(message.stream)
             self._end = None
             self._end_timer.cancel()
             if self._segmenter is not None and self._segmenter.samples > 0:
@@ -110,6 +114,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._announced = True
             self._answer_timer.reset()
         else:
+            self._stream = int(message.stream)
             self._end = (int(message.samples), int(message.edges))
             self._end_timer.reset()
             self._finish_if_ended()
@@ -142,8 +147,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             return
         samples, edges = self._end
         self.warn(
-            f'the stream has ended, but {samples - self._segmenter.samples} of its samples and '
-            f'{edges - self._segmenter.edges} of its edges never came'
+            f'the stream has ended: {samples} samples and {edges} edges were sent, but '
+            f'{self._segmenter.samples} and {self._segmenter.edges} have come'
         )
         self._finish()
 
@@ -171,6 +176,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             StreamStatus(
                 header=header_to(self._last_stamp),
                 state=state,
+                stream=self._stream,
                 samples=self._segmenter.samples,
                 edges=self._segmenter.edges,
                 items=self._items_before + self._segmenter.items,

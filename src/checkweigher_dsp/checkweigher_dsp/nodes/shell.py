@@ -45,7 +45,9 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
     if isinstance(entry.default, float) and bounded:
         result.floating_point_range = [
-            FloatingPointRange(from_value=allowed.minimum, to_value=allowed.maximum, step=0.0)
+            FloatingPointRange(
+                from_value=float(allowed.minimum), to_value=float(allowed.maximum), step=0.0
+            )
         ]
     elif isinstance(entry.default, int) and not isinstance(entry.default, bool) and bounded:
         result.integer_range = [

@@ -1,0 +1,88 @@
+"""The values that pass between the stages."""
+
+from dataclasses import fields, replace
+import math
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.records import (
+    MassEstimate,
+    Reason,
+    WeighWindow,
+    seconds,
+)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('sample_rate', 0.0),
+        ('sample_rate', -960.0),
+        ('sample_rate', math.nan),
+        ('sample_rate', math.inf),
+        ('capacity', 0.0),
+        ('weigh_length', -0.2),
+        ('weigh_length', math.nan),
+        ('counts_per_kg', 0.0),
+        ('counts_per_kg', math.nan),
+        ('zero_counts', math.inf),
+        ('min_counts', 2**23 - 1),
+    ],
+)
+def test_what_cannot_describe_a_load_cell_is_refused_by_name(load_cell, name, value):
+    with pytest.raises(ValueError, match=f'load cell: {name} '):
+        replace(load_cell, **{name: value})
+
+
+def test_a_load_cell_may_be_mounted_upside_down(load_cell):
+    assert replace(load_cell, counts_per_kg=-1e6).counts_per_kg == -1e6
+
+
+def test_a_stamp_in_seconds():
+    assert seconds(1_500_000_000) == 1.5
+    assert math.isnan(seconds(None))
+
+
+def test_windows_of_equal_fields_are_equal_unknown_ones_included(make_window):
+    unknown = WeighWindow(1, None, None, None)
+
+    assert unknown == WeighWindow(1, None, None, None)
+    assert make_window([0.1] * 20) == make_window([0.1] * 20)
+    assert unknown != make_window([0.1] * 20)
+    assert unknown != 'window'
+
+
+_OTHER = {'counts': np.zeros(3, np.int32), 'denoised': np.zeros(3), 'reasons': ('SamplesLost',)}
+
+
+@pytest.mark.parametrize('name', [entry.name for entry in fields(WeighWindow)])
+def test_windows_that_differ_in_one_field_are_not_equal(make_window, name):
+    window = make_window([0.1] * 20)
+
+    assert replace(window, **{name: _OTHER.get(name, 77)}) != window
+
+
+def test_windows_that_differ_in_one_sample_are_not_equal(make_window):
+    window = make_window([0.1] * 20)
+    counts = window.counts.copy()
+    counts[7] += 1
+
+    assert replace(window, counts=counts) != window
+
+
+def test_force_is_the_load_without_the_zero():
+    window = WeighWindow(
+        1, 0, 1, 2, counts_per_kg=-50.0, zero=100.0, counts=np.array([100, 50, -50], np.int32)
+    )
+
+    np.testing.assert_array_equal(window.force, [0.0, 1.0, 3.0])
+
+
+def test_an_estimate_is_weighed_unless_it_has_a_reason():
+    assert MassEstimate(1, 0, 1, 2, mass=0.1).weighed
+    assert not MassEstimate(1, 0, 1, 2, ('SamplesLost',), mass=0.1).weighed
+
+
+def test_each_reason_has_a_hint_of_its_own():
+    assert len({reason.hint for reason in Reason}) == len(Reason)

@@ -1,0 +1,131 @@
+"""docs/interfaces.md, README.md and config/line.yaml against the code."""
+
+from dataclasses import fields
+import math
+import re
+
+import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from running import ROOT
+import yaml
+
+from checkweigher_bringup.cli import COMMANDS
+from checkweigher_driver.driver_node import DriverParameters
+from checkweigher_driver.sources import SOURCES, source_class
+from checkweigher_dsp.line import LineParameters
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.parameters import Parameters, describe
+from checkweigher_dsp.records import Reason
+
+INTERFACES = ROOT / 'docs/interfaces.md'
+
+SETS: dict[str, tuple[str, type[Parameters]]] = {
+    **{entry.name: ('', entry.type) for entry in fields(LineParameters)},
+    'driver': ('', DriverParameters),
+    **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
+}
+
+
+def plain(value: object) -> str:
+    if isinstance(value, tuple):
+        return '[' + ', '.join(map(plain, value)) + ']'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value or "''"
+    return f'{value:g}' if isinstance(value, float) else str(value)
+
+
+def kind(value: object) -> str:
+    if isinstance(value, tuple):
+        return 'double[]'
+    return {bool: 'bool', int: 'int', float: 'double', str: 'string'}[type(value)]
+
+
+def parameter_rows(prefix: str, parameters: type[Parameters]) -> list[str]:
+    """Return the rows that the table of a parameter set must have."""
+    rows = []
+    for entry in fields(parameters):
+        allowed = describe(entry)
+        bounds = f'{allowed.minimum:g}..{allowed.maximum:g}'
+        span = ', '.join(allowed.choices) or ('' if bounds == '-inf..inf' else bounds)
+        cells = (
+            f'`{prefix}{entry.name}`', kind(entry.default), plain(entry.default), allowed.unit,
+            span, allowed.text,
+        )  # fmt: skip
+        rows.append('| ' + ' | '.join(cells) + ' |')
+    return rows
+
+
+def topic_rows() -> list[str]:
+    """Return the rows that the table of topics must have, up to their description."""
+    rows = []
+    for topic in topics.ALL:
+        assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
+        kept = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        durability = 'transient local' if kept else 'volatile'
+        rows.append(
+            f'| `{topic.name}` | {topic.type.__name__} | reliable, {durability}, '
+            f'{topic.qos.depth} |'
+        )
+    return rows
+
+
+def section(title: str) -> str:
+    """Return a section of the document."""
+    found = re.search(
+        rf'^### {re.escape(title)}\n(.*?)(?=^##|\Z)', INTERFACES.read_text(), re.M | re.S
+    )
+    assert found, f'{INTERFACES} has no section {title}'
+    return found.group(1)
+
+
+@pytest.mark.parametrize('name', SETS)
+def test_every_parameter_is_documented_as_it_is(name: str):
+    prefix, parameters = SETS[name]
+    rows = [line for line in section(name).splitlines() if line.startswith('| `')]
+    assert rows == parameter_rows(prefix, parameters)
+
+
+@pytest.mark.parametrize('row', topic_rows())
+def test_every_topic_is_documented_as_it_is(row: str):
+    assert row in INTERFACES.read_text()
+
+
+def test_every_message_is_documented():
+    text = INTERFACES.read_text()
+    for path in (ROOT / 'src/checkweigher_msgs/msg').glob('*.msg'):
+        assert f'`{path.stem}`' in text, path.stem
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_every_reason_is_documented_with_its_hint(reason: Reason):
+    assert f'| `{reason.value}` | {reason.hint} |' in INTERFACES.read_text()
+
+
+def test_the_parameter_file_says_the_defaults():
+    content = yaml.safe_load((ROOT / 'src/checkweigher_bringup/config/line.yaml').read_text())
+    sets = {name: parameters for name, (_, parameters) in SETS.items() if ',' not in name}
+    assert set(content) == {f'/**/{name}' for name in sets}
+    for name, parameters in sets.items():
+        defaults = {
+            entry.name: list(entry.default) if isinstance(entry.default, tuple) else entry.default
+            for entry in fields(parameters)
+        }
+        given = content[f'/**/{name}']['ros__parameters']
+        assert given == defaults
+        for value in given.values():
+            assert not (isinstance(value, float) and math.isnan(value))
+
+
+@pytest.mark.parametrize('command', [name for name, *_ in COMMANDS])
+def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
+    text = (ROOT / 'README.md').read_text() + (ROOT / 'bags/README.md').read_text()
+    assert re.search(rf'checkweigher {command}\b|`{command}`', text), command
+
+
+@pytest.mark.parametrize('path', ['README.md', 'CONTRIBUTING.md', 'docs/method.md'])
+def test_files_that_the_docs_name_are_there(path: str):
+    base = (ROOT / path).parent
+    for target in re.findall(r'\]\(([^)#:]+)\)', (ROOT / path).read_text()):
+        assert (base / target).exists(), f'{path} links to {target}'

@@ -1,0 +1,74 @@
+"""Recording and listening to a running graph, each in a process of its own."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from lines import simulated
+import pytest
+from running import run_command
+
+from checkweigher_driver.bag_writing import write_bag
+
+MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
+
+# A late listener misses what was sent before DDS has brought it together with the line, which can
+# take seconds: so long an empty belt comes first. Of it only the last second matters to a mass.
+EMPTY_BELT = 20.0  # s
+RATE = 4
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bag that begins with a long empty belt."""
+    line = simulated(count=6, lead_in=EMPTY_BELT)
+    path = tmp_path_factory.mktemp('line') / 'bag'
+    write_bag(path, line.load_cell, line)
+    return path
+
+
+@contextmanager
+def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Have a command running for as long as the block lasts."""
+    process = subprocess.Popen(
+        [*MODULE, *map(str, arguments)], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def test_a_recording_weighs_as_the_line_did(
+    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
+):
+    with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:
+        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'taped')
+        recorder.send_signal(signal.SIGINT)
+        output, errors = recorder.communicate(timeout=20)
+    assert recorder.returncode == 0, errors
+    assert 'messages' in output
+    assert rows('weigh', tmp_path / 'bag') == replayed
+
+
+def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
+    with (
+        started('echo', '--namespace', 'seen', '--count', '5') as seen,
+        started('echo', '--namespace', 'other', '--duration', '12') as other,
+    ):
+        done = run_command('replay', bag, '--rate', RATE, '--namespace', 'seen')
+        assert done.returncode == 0, done.stderr
+        output, errors = seen.communicate(timeout=30)
+        assert seen.returncode == 0, errors
+        lines = output.splitlines()
+        assert [int(line.split()[0]) for line in lines[1:6]] == [1, 2, 3, 4, 5]
+        assert lines[6].startswith('5 items, 5 ACCEPT')
+        rows_of_other, silence = other.communicate(timeout=30)
+    assert rows_of_other == ''
+    assert 'nobody publishes /other/load_cell/samples' in silence
