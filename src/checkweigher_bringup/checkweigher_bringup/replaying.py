@@ -69,13 +69,13 @@ class Collector(ResultListener):
 
     Attributes
     ----------
-    failure : str
-        Why the replay cannot end well, empty while it can.
+    failure : UserError or None
+        Why the replay cannot end well, None while it can.
     """
 
     def __init__(self, patience: float) -> None:
         super().__init__('replay', from_start=True)
-        self.failure = ''
+        self.failure: UserError | None = None
         self._patience = patience
         self._expected: int | None = None
         self._samples_taken = 0
@@ -86,7 +86,7 @@ class Collector(ResultListener):
     @property
     def finished(self) -> bool:
         """Whether every item has its verdict, or the replay has failed."""
-        return bool(self.failure) or self._expected == self.judged
+        return self.failure is not None or self._expected == self.judged
 
     def _on_segmenter(self, message: Any) -> None:
         self.heard = time.monotonic()
@@ -96,7 +96,7 @@ class Collector(ResultListener):
 
     def _on_driver(self, message: Any) -> None:
         if message.state == StreamStatus.FAILED:
-            self.failure = message.text
+            self.failure = LineError(message.text)
 
     def count_drivers(self) -> int:
         """Return how many drivers publish samples in this namespace."""
@@ -108,14 +108,14 @@ class Collector(ResultListener):
             self.failure = self.conflict()
         elif time.monotonic() - self.heard > self._patience:
             expected = '' if self._expected is None else f' of {self._expected}'
-            self.failure = (
+            self.failure = LineError(
                 f'the graph has been silent for {self._patience:.0f} s, after {self.judged}'
                 f'{expected} verdicts and {self._samples_taken} samples'
             )
 
-    def conflict(self) -> str:
-        """Return what to say of a second driver."""
-        return (
+    def conflict(self) -> UserError:
+        """Return the error of a second driver."""
+        return UserError(
             f'something else publishes {self._samples_name} in this ROS domain; stop it, or '
             f'choose another --namespace or ROS_DOMAIN_ID'
         )
@@ -137,7 +137,7 @@ def replay(plan: Replay) -> Iterator[Weighing]:
         spinner.add(collector)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
-            raise UserError(collector.conflict())
+            raise collector.conflict()
         children: list[subprocess.Popen[bytes]] = []
         if plan.processes:
             children = stack.enter_context(_processes(plan))
@@ -147,8 +147,8 @@ def replay(plan: Replay) -> Iterator[Weighing]:
                 spinner.add(make_stage(values[name]))
             spinner.add(DriverNode(values['driver']))
         yield from _results(collector, children, spinner)
-        if collector.failure:
-            raise LineError(collector.failure)
+        if collector.failure is not None:
+            raise collector.failure
 
 
 def _results(
@@ -166,10 +166,12 @@ def _results(
             return
         collector.check()
         if not spinner.alive:
-            collector.failure = 'the graph broke off; its error is above'
+            collector.failure = LineError('the graph broke off; its error is above')
         for child in children:
             if child.poll() is not None:
-                collector.failure = f'a node ended with status {child.returncode}: {child.args!r}'
+                collector.failure = LineError(
+                    f'a node ended with status {child.returncode}: {child.args!r}'
+                )
 
 
 @contextmanager

@@ -1,10 +1,13 @@
 """Start the checkweigher line: driver, segmenter, denoise, identifier and reject.
 
-The arguments set what differs from run to run; everything else is in the parameter file.
+The arguments set what differs from run to run; everything else is in the parameter file, and so
+is what the arguments leave out.
 """
 
+from pathlib import Path
+
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -22,20 +25,7 @@ STAGES = {
 
 
 def generate_launch_description():
-    """Return the line, in one process or in one for each node."""
-    one_process = LaunchConfiguration('one_process')
-    common = {
-        'namespace': LaunchConfiguration('namespace'),
-        'output': 'screen',
-    }
-    parameters = [
-        LaunchConfiguration('params_file'),
-        {
-            'source': LaunchConfiguration('source'),
-            'rate': ParameterValue(LaunchConfiguration('rate'), value_type=float),
-            'bag.path': ParameterValue(LaunchConfiguration('bag'), value_type=str),
-        },
-    ]
+    """Return the arguments and the line."""
     return LaunchDescription(
         [
             DeclareLaunchArgument('namespace', default_value='', description='of the lane'),
@@ -47,38 +37,76 @@ def generate_launch_description():
                 description='parameters of all nodes',
             ),
             DeclareLaunchArgument(
-                'source', default_value='simulator', description='simulator or bag'
+                'source',
+                default_value='',
+                description='simulator or bag; empty: bag with bag:=..., else as in params_file',
             ),
-            DeclareLaunchArgument(
-                'bag', default_value='', description='bag to play with source:=bag'
-            ),
+            DeclareLaunchArgument('bag', default_value='', description='bag to play'),
             DeclareLaunchArgument(
                 'rate',
-                default_value='1.0',
-                description='pace of a bag or of the simulator; 0 as fast as nothing is lost',
+                default_value='',
+                description='pace of a bag or of the simulator; 0 as fast as nothing is lost; '
+                'empty: as in params_file',
             ),
             DeclareLaunchArgument(
                 'one_process',
                 default_value='true',
                 description='whether all nodes share one process; false gives each its own',
             ),
-            Node(
-                package='checkweigher_bringup',
-                executable='line',
-                parameters=parameters,
-                condition=IfCondition(one_process),
-                **common,
-            ),
-            *(
-                Node(
-                    package=package,
-                    executable=name,
-                    name=name,
-                    parameters=parameters if name == 'driver' else parameters[:1],
-                    condition=UnlessCondition(one_process),
-                    **common,
-                )
-                for name, package in STAGES.items()
-            ),
+            OpaqueFunction(function=make_line),
         ]
     )
+
+
+def make_line(context):
+    """Return the line, in one process or in one for each node."""
+    params_file = LaunchConfiguration('params_file').perform(context)
+    # Launch would only warn, and run the line without the limits of the product.
+    if not Path(params_file).is_file():
+        raise RuntimeError(f'params_file: there is no file {params_file}')
+    one_process = LaunchConfiguration('one_process')
+    common = {
+        'namespace': LaunchConfiguration('namespace'),
+        'output': 'screen',
+        # A line that lacks a node gives no verdicts: whoever watches over launch has to see it.
+        'on_exit': Shutdown(reason='a node of the line has ended'),
+    }
+    for_driver = [params_file, driver_parameters(context)]
+    return [
+        Node(
+            package='checkweigher_bringup',
+            executable='line',
+            parameters=for_driver,
+            condition=IfCondition(one_process),
+            **common,
+        ),
+        *(
+            Node(
+                package=package,
+                executable=name,
+                name=name,
+                parameters=for_driver if name == 'driver' else [params_file],
+                condition=UnlessCondition(one_process),
+                **common,
+            )
+            for name, package in STAGES.items()
+        ),
+    ]
+
+
+def driver_parameters(context):
+    """Return what the arguments say; what they do not say is left to the parameter file."""
+    source, bag, rate = (
+        LaunchConfiguration(name).perform(context) for name in ('source', 'bag', 'rate')
+    )
+    parameters = {}
+    if source or bag:
+        parameters['source'] = ParameterValue(source or 'bag', value_type=str)
+    if bag:
+        parameters['bag.path'] = ParameterValue(bag, value_type=str)
+    if rate:
+        try:
+            parameters['rate'] = float(rate)
+        except ValueError:
+            raise RuntimeError(f'rate: {rate!r} is not a number') from None
+    return parameters

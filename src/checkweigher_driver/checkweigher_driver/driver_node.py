@@ -22,7 +22,7 @@ from checkweigher_dsp.nodes.conversion import (
 )
 from checkweigher_dsp.nodes.shell import StageNode, declare, run
 from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.parameters import Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import EyeEdge, LoadCell, Reference, SampleBlock
 
 _PATIENCE = 5.0  # s without a segmenter before that is said
@@ -60,9 +60,12 @@ class DriverNode(StageNode[DriverParameters]):
             self._source: Source = make_source(
                 declare(self, make_source.parameters, f'{self.parameters.source}.', read_only=True)
             )
-        except ValueError:
+        except ValueError as error:
             self.destroy_node()
-            raise
+            if isinstance(error, ParameterError):
+                raise
+            # The bag is damaged, or whatever else keeps the source from being opened.
+            raise ParameterError(f'driver.source: {error}') from None
         self._changed = threading.Condition()
         self._stopping = False
         self._flow = FlowControl()

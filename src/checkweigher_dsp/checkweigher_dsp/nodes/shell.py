@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields
 import math
+import signal
 import sys
 from typing import Any, Generic, TypeVar, cast
 
@@ -16,9 +17,10 @@ from rcl_interfaces.msg import (
 )
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from checkweigher_dsp.nodes.topics import DIAGNOSTICS, Topic
@@ -27,6 +29,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 _LARGEST_INTEGER = 2**63 - 1
 _POLL_PERIOD = 0.01  # s
 _DIAGNOSTICS_PERIOD = 1.0  # s
+_STOP_PERIOD = 0.2  # s, in which a signal ends the node
 # More than this is not kept for a consumer that has not appeared yet.
 _MAX_HELD = 10_000
 
@@ -131,13 +134,16 @@ class StageNode(Node, Generic[P]):
         read_only: bool = False,
         overrides: dict[str, object] | None = None,
     ) -> None:
-        super().__init__(
-            parameters.node,
-            parameter_overrides=[
-                Parameter(name, value=list(value) if isinstance(value, tuple) else value)
-                for name, value in (overrides or {}).items()
-            ],
-        )
+        try:
+            super().__init__(
+                parameters.node,
+                parameter_overrides=[
+                    Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+                    for name, value in (overrides or {}).items()
+                ],
+            )
+        except InvalidParameterTypeException as error:  # of use_sim_time
+            raise ParameterError(f'{parameters.node}: {error}') from None
         self._counters: dict[str, int] = {}
         self._warning = ''
         try:
@@ -213,18 +219,52 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
 def run_all(
     make_nodes: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None
 ) -> None:
-    """Run several nodes in one process until they are interrupted."""
-    rclpy.init(args=arguments)
-    executor = SingleThreadedExecutor()
+    """Run several nodes in one process until SIGINT or SIGTERM; see `run`.
+
+    Signals stay with Python and only end the loop. Those of rclpy take the context away from
+    whatever is under way, and KeyboardInterrupt comes up in the middle of a message.
+    """
+    stopping = running = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        stopping = True
+        if not running:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    nodes: Sequence[Node] = ()
     try:
-        for node in make_nodes():
+        _initialise(arguments)
+        executor = SingleThreadedExecutor()
+        nodes = make_nodes()
+        for node in nodes:
             executor.add_node(node)
-        executor.spin()
+        running = True
+        while not stopping:
+            executor.spin_once(timeout_sec=_STOP_PERIOD)
     except ParameterError as error:
-        print(f'checkweigher: {error}', file=sys.stderr)
+        print(f'checkweigher: {" ".join(str(error).split())}', file=sys.stderr)
         raise SystemExit(2) from None
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    except (Exception, KeyboardInterrupt):
+        # C++ on the way up may have made another exception of the KeyboardInterrupt.
+        if not stopping:
+            raise
     finally:
-        executor.shutdown()
+        # Ctrl-C comes twice to a node of ros2 launch, from the terminal and from launch: the
+        # second one must find nothing that it could break.
+        running = True
+        for node in reversed(nodes):
+            node.destroy_node()
         rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _initialise(arguments: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        # A parameter file that is not there or no YAML, a namespace that is none; rcl appends
+        # places in its own source.
+        raise ParameterError(str(error).split(', at /')[0]) from None
