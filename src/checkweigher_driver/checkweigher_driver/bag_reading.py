@@ -11,6 +11,7 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from tqdm import tqdm
 
 from checkweigher_driver.bag_messages import (
     INPUT_TOPICS,
@@ -34,7 +35,7 @@ from checkweigher_dsp.records import (
 )
 
 
-def read_bag(path: Path, namespace: str | None = None) -> Recording:
+def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False) -> Recording:
     """Read one lane of a bag.
 
     Parameters
@@ -43,6 +44,8 @@ def read_bag(path: Path, namespace: str | None = None) -> Recording:
         Folder with ``metadata.yaml``, or a single ``.mcap`` or ``.db3`` file.
     namespace : str or None
         Of the lane; None if the bag has only one.
+    progress : bool
+        Whether to show a bar on a terminal if it takes more than two seconds.
 
     Returns
     -------
@@ -65,7 +68,7 @@ def read_bag(path: Path, namespace: str | None = None) -> Recording:
             lane = _choose_lane(path, reader.connections, namespace)
             for connection, topic in lane:
                 _check_type(path, connection, topic)
-            return _read_lane(path, reader, lane)
+            return _read_lane(path, reader, lane, progress)
 
 
 @contextmanager
@@ -160,14 +163,24 @@ def _type_hash(definition: MessageDefinition, topic: Topic) -> str:
     return store.hash_rihs01(topic.message_type)
 
 
-def _read_lane(path: Path, reader: Reader, lane: _Lane) -> Recording:
+def _read_lane(path: Path, reader: Reader, lane: _Lane, progress: bool) -> Recording:
     # Looked up by name, message for message: the hash of a Topic is that of all its fields.
     makers = {connection.topic: _EVENTS.get(topic) for connection, topic in lane}
     read = dict.fromkeys(makers, 0)
     cells: list[LoadCell] = []
     events: list[Event] = []
     deserialize = typestore().deserialize_cdr
-    for connection, _, data in reader.messages([connection for connection, _ in lane]):
+    connections = [connection for connection, _ in lane]
+    messages = tqdm(
+        reader.messages(connections),
+        total=sum(connection.msgcount for connection in connections),
+        desc='reading',
+        unit=' messages',
+        delay=2,
+        leave=False,
+        disable=None if progress else True,
+    )
+    for connection, _, data in messages:
         name = connection.topic
         read[name] += 1
         message: Any = deserialize(data, connection.msgtype)

@@ -14,6 +14,9 @@ from checkweigher_dsp.wavelet_shrinkage import LEVELS, denoise_periodic
 
 _PERIOD = 2**LEVELS
 
+# What a window can be surrounded with, see `surround`.
+SURROUNDS = ('level', 'mirror', 'signal')
+
 
 @dataclass(frozen=True)
 class DenoiseParameters(Parameters):
@@ -46,6 +49,9 @@ class DenoiseParameters(Parameters):
         1e-7, 'what one unit of the thresholds is on this load cell', unit='kg',
         minimum=0, maximum=1e3,
     )  # fmt: skip
+    surround: str = parameter(
+        'level', 'what stands around the window in the stretch', choices=SURROUNDS
+    )
     stretch: int = parameter(
         1024, 'length of the stretch that is denoised, at least', unit='samples',
         minimum=_PERIOD, maximum=2**20,
@@ -75,9 +81,7 @@ class Denoiser:
     """Denoise weigh windows with the shrinkage of their belt speed.
 
     The wavelet of level 7 is far longer than any window, so what stands around the window decides
-    the result. After t3 nothing has been measured yet, and before t2 the load is rising: both
-    sides are filled with the level of the window, its Hann-weighted mean. docs/method.md compares
-    this with the real signal and with a mirrored window.
+    the result: docs/method.md compares the ways to `surround` it.
     """
 
     def __init__(self, parameters: DenoiseParameters) -> None:
@@ -93,14 +97,24 @@ class Denoiser:
         begin, end = window.window_begin, window.window_end
         denoised = np.full(len(window.counts), math.nan)
         details = self._table.at(window.belt_speed, self._parameters.threshold_unit)
-        stretch, offset = surround(window.force[begin:end], self._parameters.stretch)
+        force = window.force
+        stretch, offset = surround(
+            force[begin:end], self._parameters.stretch, self._parameters.surround, force[:begin]
+        )
         result = denoise_periodic(stretch, details)
         denoised[begin:end] = result[offset : offset + end - begin]
         return replace(window, denoised=denoised)
 
 
-def surround(samples: NDArray[np.float64], min_length: int) -> tuple[NDArray[np.float64], int]:
-    """Fill both sides of a window with its level, up to a length that the transform can take.
+def surround(
+    samples: NDArray[np.float64],
+    min_length: int,
+    method: str = 'level',
+    before: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.float64], int]:
+    """Fill both sides of a window, up to a length that the transform can take.
+
+    At t3 nothing later has been measured, so that what follows the window is made up in any case.
 
     Parameters
     ----------
@@ -108,18 +122,30 @@ def surround(samples: NDArray[np.float64], min_length: int) -> tuple[NDArray[np.
         The window.
     min_length : int
         The stretch is the next multiple of 128 from this and from ``2 n``.
+    method : str
+        ``level``: both sides are the Hann-weighted mean of the window. ``mirror``: the window is
+        reflected at its ends, again and again. ``signal``: the signal itself before the window
+        and its level after it.
+    before : ndarray, (k,) float64
+        Signal before the window, for ``signal``; where it is too short it begins at its level.
 
     Returns
     -------
     stretch : ndarray, (m,) float64
-        The window in the middle of its level.
+        The window in the middle of what surrounds it.
     offset : int
         Position of the window in it.
     """
     count = len(samples)
     length = _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
     offset = (length - count) // 2
+    if method == 'mirror':
+        return np.pad(samples, (offset, length - count - offset), 'symmetric'), offset
     stretch = np.full(length, hann_mean(samples))
+    if method == 'signal' and before is not None and len(before):
+        known = before[-offset:]
+        stretch[:offset] = known[0]
+        stretch[offset - len(known) : offset] = known
     stretch[offset : offset + count] = samples
     return stretch, offset
 

@@ -177,3 +177,19 @@ def test_no_garbage_raises(rate, per_kg, zero_counts, zero, std_dev, speed, begi
 def test_a_table_that_does_not_fit_together_is_refused(values, message):
     with pytest.raises(ParameterError, match=message):
         DenoiseParameters(**values)
+
+
+def test_a_mirrored_window_is_reflected_at_its_ends():
+    stretch, offset = surround(np.arange(100.0), 256, 'mirror')
+    assert (len(stretch), offset) == (256, 78)
+    assert stretch[offset - 3 : offset + 2].tolist() == [2, 1, 0, 0, 1]
+    assert stretch[offset + 98 : offset + 103].tolist() == [98, 99, 99, 98, 97]
+
+
+def test_the_signal_stands_before_the_window_and_its_first_value_before_that():
+    before = np.array([5.0, 6.0, 7.0])
+    stretch, offset = surround(np.full(100, 2.0), 256, 'signal', before)
+    assert stretch[offset - 5 : offset + 1].tolist() == [5, 5, 5, 6, 7, 2]
+    assert stretch[offset:] == pytest.approx(np.full(256 - offset, 2.0))
+    longer, offset = surround(np.full(100, 2.0), 256, 'signal', np.arange(500.0))
+    assert longer[: offset + 1].tolist() == [*range(500 - offset, 500), 2]

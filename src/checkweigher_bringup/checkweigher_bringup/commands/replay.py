@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = line_parameters(arguments.params, arguments.estimator)
     output = CsvOutput(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
-    recording = read_bag(arguments.bag, arguments.lane)
+    recording = read_bag(arguments.bag, arguments.lane, progress=True)
     joiner = ResultJoiner(recording.edges, recording.references)
     table = Table(recording.blocks[0].stamp)
     results: list[ItemResult] = []

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     parameters = line_parameters(arguments.params, arguments.estimator)
     output = CsvOutput(arguments.csv, arguments.overwrite)
-    recording = read_bag(arguments.bag, arguments.lane)
+    recording = read_bag(arguments.bag, arguments.lane, progress=True)
     results = weigh(recording, parameters, progress=True)
     output.write(results)
     table = Table(recording.blocks[0].stamp)
