@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from importlib import import_module
 import os
+import signal
 import sys
 from typing import NoReturn
 
@@ -63,6 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     0 if it did what was asked, 1 if the line let an item go without a verdict, 2 on bad input,
     130 if it was interrupted.
     """
+    # A script that starts a command in the background has SIGINT ignored in it; asking a recording
+    # to end has to work there, too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parsed = build_parser().parse_args(arguments)
     module_name = next(module for name, module, *_ in COMMANDS if name == parsed.command)
     run = import_module(f'checkweigher_bringup.commands.{module_name}').run

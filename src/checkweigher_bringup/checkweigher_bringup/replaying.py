@@ -25,7 +25,7 @@ from checkweigher_dsp.nodes import topics
 
 _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
-_DISCOVERY_TIME = 0.4  # s, in which a driver that is there already shows up
+_DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
 _MODULES = {
     'segmenter': 'checkweigher_dsp.nodes.segmenter',
     'denoise': 'checkweigher_dsp.nodes.denoise',

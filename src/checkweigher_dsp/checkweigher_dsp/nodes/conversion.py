@@ -49,9 +49,10 @@ def known_stamp_from(time: Any) -> int | None:
 
 
 def time_to(stamp: int | None) -> Time:
-    """Return a stamp in ns as a time message, 0 if it is not known."""
+    """Return a stamp in ns as a time message, 0 if it is not known or fits into none."""
     sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
-    return Time(sec=sec, nanosec=nanosec)
+    # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
+    return Time(sec=sec, nanosec=nanosec) if -(2**31) <= sec < 2**31 else Time()
 
 
 def header_to(stamp: int | None, frame_id: str = '') -> Header:
