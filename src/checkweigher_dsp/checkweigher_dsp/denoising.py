@@ -7,6 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.averaging import hann_mean
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import Reason, WeighWindow
 from checkweigher_dsp.shrinkage_table import TABLE_1, ShrinkageTable
@@ -148,12 +149,6 @@ def surround(
         stretch[offset - len(known) : offset] = known
     stretch[offset : offset + count] = samples
     return stretch, offset
-
-
-def hann_mean(samples: NDArray[np.float64]) -> float:
-    """Return the mean of samples weighted by a Hann window without its two zeros."""
-    weights = np.hanning(len(samples) + 2)[1:-1]
-    return float(weights @ samples / weights.sum())
 
 
 def is_consistent(window: WeighWindow) -> bool:

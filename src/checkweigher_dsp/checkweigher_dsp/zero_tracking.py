@@ -6,9 +6,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-# Vibration of the belt is correlated over some tens of milliseconds: samples closer than this
-# do not count as independent readings of the zero.
-_CORRELATION_TIME = 1 / 30  # s
+from checkweigher_dsp.averaging import hann_mean
+
+# An average over less than this is not free of the vibration of the belt.
+_SHORTEST_AVERAGE = 0.1  # s
 # Least variance of a reading, as a share of the initial one: a signal without noise must not stop
 # the filter. Not in counts, so that the gain of the load cell does not matter.
 _LEAST_NOISE = 1e-8
@@ -27,10 +28,10 @@ class Zero:
 class ZeroTracker:
     """Follow the zero of a load cell as a random walk, by a scalar Kalman filter.
 
-    Each empty stretch of belt is one measurement. Its variance follows from the scatter of the
-    means of short batches of samples, pooled over the stretches seen so far, so that a long quiet
-    stretch weighs more than the moments between dense products, and averaging goes on from
-    product to product.
+    Each empty stretch of belt is one measurement, its Hann-weighted mean. Its variance follows
+    from how far the means of the two halves of a stretch are apart, pooled over the stretches seen
+    so far: that holds whatever mixture of lines and noise shakes the belt. Averaging goes on from
+    product to product, so that the moments between dense products are enough.
 
     Parameters
     ----------
@@ -56,8 +57,8 @@ class ZeroTracker:
         self._walk_variance = random_walk**2
         self._sample_rate = sample_rate
         self._stamp: float | None = None
-        self._scatter = 0.0  # of batch means about their own mean, sum of squares
-        self._degrees = 0.0  # of freedom in it
+        self._scatter = 0.0  # sum of the variances that the halves of the stretches give
+        self._degrees = 0.0  # number of these
 
     def update(self, time: float, counts: NDArray[np.int32]) -> Zero:
         """Take the samples of one empty stretch and return the zero after them.
@@ -74,8 +75,8 @@ class ZeroTracker:
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
         if len(counts) >= 2:
-            noise = self._noise_of_mean(counts)
-            innovation = float(np.mean(counts)) - self._value
+            reading, noise = self._measure(counts.astype(np.float64))
+            innovation = reading - self._value
             if innovation**2 > _JUMP**2 * (self._variance + noise):
                 # Something has settled on the belt, or was wiped off it: start afresh.
                 self._variance = self._initial_variance
@@ -84,17 +85,17 @@ class ZeroTracker:
             self._variance *= 1 - gain
         return self.zero
 
-    def _noise_of_mean(self, counts: NDArray[np.int32]) -> float:
-        """Return the variance of the mean of a stretch, counts^2."""
-        size = max(1, round(_CORRELATION_TIME * self._sample_rate))
-        batches = len(counts) // size
-        if batches >= 2:
-            means = counts[: batches * size].reshape(batches, size).mean(axis=1)
-            self._scatter = _MEMORY * self._scatter + float(np.var(means)) * batches
-            self._degrees = _MEMORY * self._degrees + batches - 1
-        if batches < 1 or self._degrees == 0:
-            return float(np.var(counts)) + _LEAST_NOISE * self._initial_variance
-        return self._scatter / self._degrees / batches + _LEAST_NOISE * self._initial_variance
+    def _measure(self, counts: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the reading of a stretch and its variance, counts and counts^2."""
+        least = _LEAST_NOISE * self._initial_variance
+        if len(counts) < _SHORTEST_AVERAGE * self._sample_rate:
+            return float(np.mean(counts)), float(np.var(counts)) + least
+        half = len(counts) // 2
+        difference = hann_mean(counts[:half]) - hann_mean(counts[-half:])
+        # The mean of two halves, each of variance difference^2 / 2.
+        self._scatter = _MEMORY * self._scatter + difference**2 / 4
+        self._degrees = _MEMORY * self._degrees + 1
+        return hann_mean(counts), self._scatter / self._degrees + least
 
     @property
     def zero(self) -> Zero:

@@ -10,7 +10,7 @@ from checkweigher_dsp.zero_tracking import Zero, ZeroTracker
 # Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
 # examples is up to 3e-6 of its own.
 LEAST_NOISE = 1e-5
-RATE = 30.0  # at which each sample is an independent reading
+RATE = 40.0  # at which four samples are the shortest stretch that is averaged
 
 
 def _counts(*values):
@@ -24,32 +24,31 @@ def test_before_any_reading_the_zero_is_that_of_calibration():
 def test_two_steps_of_the_filter():
     tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
 
-    first = tracker.update(10.0, _counts(10, 12, 14))
+    first = tracker.update(10.0, _counts(10, 12, 14, 16))
 
-    # Scatter of the mean: (4 + 0 + 4) / 2 / 3 = 4/3; gain 4 / (4 + 4/3) = 3/4.
-    assert first.counts == pytest.approx(9 + 0.75 * 3, rel=LEAST_NOISE)
-    assert first.std_dev == pytest.approx(math.sqrt(4 * 0.25), rel=LEAST_NOISE)
+    # Halves 11 and 15, so a variance of 4^2 / 4; symmetrical weights, mean 13; gain 4 / (4 + 4).
+    assert first.counts == pytest.approx(9 + 0.5 * 4, rel=LEAST_NOISE)
+    assert first.std_dev == pytest.approx(math.sqrt(4 * 0.5), rel=LEAST_NOISE)
 
-    second = tracker.update(12.0, _counts(11, 13))
+    second = tracker.update(12.0, _counts(11, 13, 11, 13))
 
-    # Two seconds of random walk: 1 + 2 * 0.25. The scatter is pooled, the older one with 0.95.
-    noise = (0.95 * 8 + 2) / (0.95 * 2 + 1) / 2
-    gain = 1.5 / (1.5 + noise)
-    assert second.counts == pytest.approx(11.25 + gain * 0.75, rel=LEAST_NOISE)
-    assert second.std_dev == pytest.approx(math.sqrt(1.5 * (1 - gain)), rel=LEAST_NOISE)
-
-
-def test_samples_of_the_same_thirtieth_of_a_second_are_one_reading():
-    tracker = ZeroTracker(0.0, 2.0, 0.0, 60.0)
-
-    zero = tracker.update(0.0, _counts(0, 2, 4, 6))
-
-    # Batches (0, 2) and (4, 6): means 1 and 5, scatter 8 / 1 / 2 = 4; gain 4 / (4 + 4).
-    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
-    assert zero.std_dev == pytest.approx(math.sqrt(2), rel=LEAST_NOISE)
+    # Two seconds of random walk: 2 + 2 * 0.25. Halves alike; the older scatter counts 0.95.
+    noise = 0.95 * 4 / (0.95 + 1)
+    gain = 2.5 / (2.5 + noise)
+    assert second.counts == pytest.approx(11 + gain * 1, rel=LEAST_NOISE)
+    assert second.std_dev == pytest.approx(math.sqrt(2.5 * (1 - gain)), rel=LEAST_NOISE)
 
 
-def test_a_stretch_shorter_than_one_reading_counts_with_its_whole_variance():
+def test_the_ends_of_a_stretch_count_less():
+    tracker = ZeroTracker(0.0, 1e6, 0.0, RATE)
+
+    zero = tracker.update(0.0, _counts(10, 0, 0, 0))
+
+    # Weights sin^2(k pi / 5), k = 1 to 4, which add up to 5 / 2.
+    assert zero.counts == pytest.approx(10 * math.sin(math.pi / 5) ** 2 / 2.5, rel=1e-6)
+
+
+def test_a_stretch_too_short_to_average_counts_with_its_whole_variance():
     tracker = ZeroTracker(0.0, 2.0, 0.0, 300.0)
 
     zero = tracker.update(0.0, _counts(1, 5, 1, 5))
@@ -58,10 +57,21 @@ def test_a_stretch_shorter_than_one_reading_counts_with_its_whole_variance():
     assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
 
 
+def test_a_line_that_goes_through_whole_periods_in_each_half_does_not_blur_the_zero():
+    tracker = ZeroTracker(0.0, 1e4, 0.0, 1000.0)
+    line = np.rint(1e6 * np.sin(2 * np.pi * 50 * np.arange(200) / 1000)).astype(np.int32)
+
+    zero = tracker.update(0.0, line + 7)
+
+    # The side lobe of a Hann window five periods long is below 1e-3 of the line.
+    assert zero.counts == pytest.approx(7, abs=1e3)
+    assert zero.std_dev < 1e3
+
+
 @pytest.mark.parametrize('counts', [_counts(), _counts(1000)])
 def test_without_samples_the_zero_is_carried_on_and_grows_uncertain(counts):
     tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
-    known = tracker.update(0.0, _counts(10, 12, 14))
+    known = tracker.update(0.0, _counts(10, 12, 14, 16))
 
     carried = tracker.update(4.0, counts)
 
@@ -71,14 +81,14 @@ def test_without_samples_the_zero_is_carried_on_and_grows_uncertain(counts):
 
 def test_the_zero_never_gets_less_certain_than_at_calibration():
     tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
-    tracker.update(0.0, _counts(10, 12, 14))
+    tracker.update(0.0, _counts(10, 12, 14, 16))
 
     assert tracker.update(1e6, _counts()).std_dev == pytest.approx(2.0)
 
 
 def test_a_clock_that_goes_back_takes_no_uncertainty_away():
     tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
-    known = tracker.update(10.0, _counts(10, 12, 14))
+    known = tracker.update(10.0, _counts(10, 12, 14, 16))
 
     assert tracker.update(5.0, _counts()).std_dev == known.std_dev
 
@@ -86,23 +96,22 @@ def test_a_clock_that_goes_back_takes_no_uncertainty_away():
 def test_a_jump_starts_the_filter_afresh():
     tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
     for second in range(100):
-        tracker.update(float(second), _counts(-1, 1, -1, 1))
+        tracker.update(float(second), _counts(-1, -1, 1, 1))
 
-    zero = tracker.update(100.0, _counts(49, 51, 49, 51))
+    zero = tracker.update(100.0, _counts(49, 49, 51, 51))
 
-    # Noise of the mean 1 / 3; afresh the gain is 100 / (100 + 1/3), without it about 1 / 100.
-    gain = 100 / (100 + 1 / 3)
-    assert zero.counts == pytest.approx(50 * gain, rel=LEAST_NOISE)
-    assert zero.std_dev == pytest.approx(10 * math.sqrt(1 - gain), rel=LEAST_NOISE)
+    # Halves 2 apart, a variance of 1; afresh the gain is 100 / 101, without it about 1 / 100.
+    assert zero.counts == pytest.approx(50 * 100 / 101, rel=LEAST_NOISE)
+    assert zero.std_dev == pytest.approx(10 * math.sqrt(1 / 101), rel=LEAST_NOISE)
 
 
-def test_the_noise_of_the_mean_averages_out_from_product_to_product():
+def test_the_noise_averages_out_from_product_to_product():
     tracker = ZeroTracker(0.0, 1000.0, 0.0, RATE)
     for second in range(64):
-        zero = tracker.update(float(second), _counts(-3, 3, -3, 3))
+        zero = tracker.update(float(second), _counts(-3, -3, 3, 3))
 
-    # 64 readings of variance 9 * 4 / 3 / 4 = 3; the prior of 1e6 does not matter.
-    assert zero.std_dev == pytest.approx(math.sqrt(3 / 64), rel=1e-2)
+    # 64 readings of variance 6^2 / 4 = 9; the prior of 1e6 does not matter.
+    assert zero.std_dev == pytest.approx(math.sqrt(9 / 64), rel=1e-2)
 
 
 def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
@@ -110,11 +119,12 @@ def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
     tracker = ZeroTracker(0.0, 1e3, walk, RATE)
     for step in range(300):
         level = drift * step
-        zero = tracker.update(interval * step, _counts(*[level - swing, level + swing] * 8))
+        halves = [level - swing] * 8 + [level + swing] * 8
+        zero = tracker.update(interval * step, _counts(*halves))
 
     # Local-level filter: p = (q + sqrt(q^2 + 4 q r)) / 2, gain p / (p + r); it lags a ramp by
     # its step times (1 - gain) / gain.
-    q, r = walk**2 * interval, swing**2 / 15 + 1e-8 * 1e6
+    q, r = walk**2 * interval, swing**2 + 1e-8 * 1e6
     p = (q + math.sqrt(q * q + 4 * q * r)) / 2
     gain = p / (p + r)
     assert level - zero.counts == pytest.approx(drift * (1 - gain) / gain, rel=1e-6)
