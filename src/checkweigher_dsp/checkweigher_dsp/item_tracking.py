@@ -182,7 +182,7 @@ class ItemTracker:
         previous, self._leaving, self._left_last = self._left_last, item, item
         if item.t2 is not None and previous is not None and _departure(previous) > item.t2:
             item.fault(Reason.DISTANCE_FAULT)
-        if item.t1 is not None and not item.faults:
+        if item.t1 is not None and item.t1 < stamp and not item.faults:
             self._transit = stamp - item.t1
         self._finished.append(item)
 

@@ -153,3 +153,17 @@ def test_any_stream_gives_each_item_one_window(run_segmenter, load_cell, events)
     assert sorted(map(_item_id, windows)) == list(range(1, segmenter.item_count + 1))
     known = {reason.value for reason in Reason}
     assert all(set(window.reasons) <= known for window in windows)
+
+
+def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
+    at_once = [
+        EyeEdge(5, eye, blocked)
+        for eye, blocked in ((0, False), (0, True), (0, False), (1, True), (1, False))
+    ]
+    unseen = EyeEdge(NANOSECONDS, 1, True)
+
+    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [*at_once, unseen])
+
+    assert [window.item_id for window in windows] == [1, 2]
+    assert all(window.reasons for window in windows)
+    assert np.isnan(windows[1].line_speed)

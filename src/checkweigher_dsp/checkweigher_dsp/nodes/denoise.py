@@ -14,7 +14,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DenoiseParameters, overrides=overrides)
-        self._windows = HeldPublisher(self, topics.DENOISED_WINDOW)
+        self._windows = HeldPublisher(self, topics.DENOISED_WINDOW, topics.MASS_ESTIMATE)
         self.on_parameters()
         self.subscribe(topics.WEIGH_WINDOW, self._on_window)
 

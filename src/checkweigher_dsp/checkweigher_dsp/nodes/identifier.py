@@ -15,7 +15,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(IdentifierParameters, overrides=overrides)
-        self._estimates = HeldPublisher(self, topics.MASS_ESTIMATE)
+        self._estimates = HeldPublisher(self, topics.MASS_ESTIMATE, topics.VERDICT)
         self.on_parameters()
         self.subscribe(topics.DENOISED_WINDOW, self._on_window)
 

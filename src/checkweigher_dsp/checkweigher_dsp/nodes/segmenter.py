@@ -42,7 +42,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._stream = 0
         self._announced = False
         self._end: tuple[int, int] | None = None
-        self._windows = HeldPublisher(self, topics.WEIGH_WINDOW)
+        self._windows = HeldPublisher(self, topics.WEIGH_WINDOW, topics.DENOISED_WINDOW)
         self._status = self.create_publisher(
             topics.SEGMENTER_STATUS.type, topics.SEGMENTER_STATUS.name, topics.SEGMENTER_STATUS.qos
         )

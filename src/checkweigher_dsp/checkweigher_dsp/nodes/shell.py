@@ -6,6 +6,7 @@ from dataclasses import Field, fields
 import math
 import signal
 import sys
+import time
 from typing import Any, Generic, TypeVar, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -28,7 +29,9 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
 _LARGEST_INTEGER = 2**63 - 1
 _POLL_PERIOD = 0.01  # s
+_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
 _DIAGNOSTICS_PERIOD = 1.0  # s
+_LOG_PERIOD = 1.0  # s
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
 # More than this is not kept for a consumer that has not appeared yet.
 _MAX_HELD = 10_000
@@ -84,19 +87,31 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
 
 
 class HeldPublisher:
-    """Publish to a topic, keeping what comes before its first subscriber is there.
+    """Publish to a topic, keeping what comes before its consumer is there.
 
     At start-up the nodes of a line find each other in any order: without this, what the first one
     publishes before it has found the second would be lost, and an item without its verdict. Once
-    there has been a subscriber nothing is held any more: a stale window helps nobody.
+    there has been a consumer nothing is held any more: a stale window helps nobody.
+
+    Parameters
+    ----------
+    node : Node
+        Publishes.
+    topic : Topic
+        Where to.
+    answer : Topic, optional
+        What the consumer makes of it and publishes, under whatever name: a recorder that was there
+        first does not pass for it, unless nobody else comes. Without, any subscriber is one.
     """
 
-    def __init__(self, node: Node, topic: Topic) -> None:
+    def __init__(self, node: Node, topic: Topic, answer: Topic | None = None) -> None:
         self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+        self._answer = answer
         self._held: deque[Any] = deque(maxlen=_MAX_HELD)
         self._node = node
         self._timer = node.create_timer(_POLL_PERIOD, self._poll)
         self._open = False
+        self._first_seen: float | None = None
 
     def publish(self, message: Any) -> None:
         """Publish a message now, or as soon as somebody listens."""
@@ -106,12 +121,35 @@ class HeldPublisher:
             self._held.append(message)
 
     def _poll(self) -> None:
-        if self._publisher.get_subscription_count() == 0:
+        matched = self._publisher.get_subscription_count()
+        if matched == 0:
+            return
+        self._first_seen = self._first_seen or time.monotonic()
+        waited = time.monotonic() - self._first_seen
+        if not self._has_consumer(matched) and waited < _CONSUMER_PATIENCE:
             return
         self._open = True
         self._node.destroy_timer(self._timer)
         while self._held:
             self._publisher.publish(self._held.popleft())
+
+    def _has_consumer(self, matched: int) -> bool:
+        if self._answer is None:
+            return True
+        kind = f'{self._answer.type.__module__.split(".")[0]}/msg/{self._answer.type.__name__}'
+        readers = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
+        # The graph may know of a reader that the publisher has yet to match.
+        return matched >= len(readers) and any(
+            kind in self._types_published_by(reader.node_name, reader.node_namespace)
+            for reader in readers
+        )
+
+    def _types_published_by(self, name: str, namespace: str) -> set[str]:
+        try:
+            published = self._node.get_publisher_names_and_types_by_node(name, namespace)
+        except RuntimeError:  # the graph knows its endpoints, but not yet the node
+            return set()
+        return {kind for _, kinds in published for kind in kinds}
 
 
 class StageNode(Node, Generic[P]):
@@ -146,6 +184,7 @@ class StageNode(Node, Generic[P]):
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._counters: dict[str, int] = {}
         self._warning = ''
+        self._last_logged = ('', 0.0)
         try:
             self.parameters = declare(self, parameters, read_only=read_only)
         except ParameterError:
@@ -178,9 +217,12 @@ class StageNode(Node, Generic[P]):
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
-        """Log a warning, at most once a second, and show it in the next diagnostics."""
+        """Log a warning, the same one at most once a second, and show it in the diagnostics."""
         self._warning = text
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
+        now = time.monotonic()
+        if text != self._last_logged[0] or now - self._last_logged[1] > _LOG_PERIOD:
+            self._last_logged = (text, now)
+            self.get_logger().warning(text)
 
     def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
         known = {entry.name for entry in fields(self.parameters)}
