@@ -21,7 +21,7 @@ COMMANDS = (
     ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
     ('import', 'import_csv', 'turn a CSV log of a scale into a bag',
-     'import log.csv --signal 0 --edges log.edges.json --sample-rate 1612.9 --output /tmp/log'),
+     'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
 )  # fmt: skip
 
 _PROGRAM = 'checkweigher'

@@ -1,0 +1,47 @@
+"""The command line: its help, its examples, and what it takes from the parameters."""
+
+from dataclasses import fields
+import subprocess
+import sys
+
+import pytest
+from running import run_command
+
+from checkweigher_bringup.cli import COMMANDS, build_parser
+from checkweigher_driver.csv_import import ImportParameters
+
+EXAMPLES = {name: example for name, _, _, example in COMMANDS}
+
+
+def test_help_lists_every_command_with_its_example():
+    done = run_command('--help')
+    assert done.returncode == 0
+    for example in EXAMPLES.values():
+        assert example in done.stdout
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_every_command_has_help_with_its_example(name: str):
+    done = run_command(name, '--help')
+    assert done.returncode == 0
+    assert EXAMPLES[name] in done.stdout
+
+
+@pytest.mark.parametrize('name', EXAMPLES)
+def test_every_example_is_one_that_the_parser_takes(name: str):
+    assert build_parser().parse_args(EXAMPLES[name].split()).command == name
+
+
+def test_help_needs_none_of_the_heavy_imports():
+    script = (
+        'import sys; from checkweigher_bringup.cli import build_parser; build_parser(); '
+        "print(sorted({'numpy', 'rclpy', 'rosbags', 'scipy', 'yaml'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
+    assert done.stdout.strip() == '[]', done.stderr
+
+
+def test_import_has_an_option_for_every_one_of_its_parameters():
+    parsed = build_parser().parse_args(['import', 'log.csv', '--output', 'bag'])
+    missing = {entry.name for entry in fields(ImportParameters)} - set(vars(parsed))
+    assert not missing
