@@ -108,6 +108,8 @@ class Identifier:
         estimate = replace(unknown, zero=(window.zero - window.zero_counts) / window.counts_per_kg)
         if not self._has_converged(plateau, variance):
             return replace(estimate, reasons=(Reason.NO_CONVERGENCE.value,))
+        if plateau.mass <= 0:
+            return replace(estimate, reasons=(Reason.NO_LOAD.value,))
         natural_frequency, damping_ratio = platform_poles(
             plateau.a1, plateau.a2, window.sample_rate
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 NANOSECONDS = 1_000_000_000
-STANDARD_GRAVITY = 9.80665  # m/s^2, CGPM 1901
+MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 
 
 class Eye(IntEnum):
@@ -46,6 +46,7 @@ class Reason(StrEnum):
     SOURCE_RESTARTED = 'SourceRestarted'
     STREAM_ENDED = 'StreamEnded'
     NO_CONVERGENCE = 'NoConvergence'
+    NO_LOAD = 'NoLoad'
     BAD_WINDOW = 'BadWindow'
 
     @property
@@ -67,6 +68,7 @@ _HINTS = {
     Reason.SOURCE_RESTARTED: 'the sample source started again while the product was on the line',
     Reason.STREAM_ENDED: 'the stream ended before the product had left the belt',
     Reason.NO_CONVERGENCE: 'the identification found no stable platform in this signal',
+    Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
 }
 
@@ -116,6 +118,11 @@ class LoadCell:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f'load cell: {name} is {value:g}, must be positive')
+        if self.sample_rate > MAX_SAMPLE_RATE:
+            raise ValueError(
+                f'load cell: sample_rate is {self.sample_rate:g} Hz, must not exceed '
+                f'{MAX_SAMPLE_RATE:g} Hz'
+            )
         if not math.isfinite(self.counts_per_kg) or self.counts_per_kg == 0:
             raise ValueError(f'load cell: counts_per_kg is {self.counts_per_kg:g}, must not be 0')
         if not math.isfinite(self.zero_counts):

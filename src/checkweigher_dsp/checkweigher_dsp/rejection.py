@@ -83,7 +83,7 @@ def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> De
     lower_limit, upper_limit : float
         kg.
     """
-    if not estimate.weighed or math.isnan(estimate.mass):
+    if not estimate.weighed or not math.isfinite(estimate.mass):
         return Decision.FAULT
     if estimate.mass < lower_limit:
         return Decision.UNDER

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.item_tracking import Item, ItemTracker
-from checkweigher_dsp.parameters import Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import (
     NANOSECONDS,
     EyeEdge,
@@ -71,6 +71,14 @@ class SegmenterParameters(Parameters):
         16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
         minimum=8, maximum=1_000_000,
     )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_belt_speed >= self.max_belt_speed:
+            raise ParameterError(
+                f'segmenter.min_belt_speed: {self.min_belt_speed:g} is not below max_belt_speed '
+                f'{self.max_belt_speed:g} m/s'
+            )
 
 
 class Segmenter:

@@ -86,3 +86,8 @@ def test_an_estimate_is_weighed_unless_it_has_a_reason():
 
 def test_each_reason_has_a_hint_of_its_own():
     assert len({reason.hint for reason in Reason}) == len(Reason)
+
+
+def test_a_sample_rate_that_no_load_cell_has_is_refused(load_cell):
+    with pytest.raises(ValueError, match='sample_rate is 1e'):
+        replace(load_cell, sample_rate=1e12)

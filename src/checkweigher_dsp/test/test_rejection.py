@@ -6,7 +6,7 @@ import pytest
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Decision, MassEstimate
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.rejection import RejectParameters, RejectStage, decide
 
 LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 
@@ -118,3 +118,8 @@ def test_equal_limits_are_allowed():
 def test_limits_that_cannot_be_are_refused_by_name(values, name):
     with pytest.raises(ParameterError, match=rf'^reject\.{name}: '):
         RejectParameters(**values)
+
+
+@pytest.mark.parametrize('mass', [math.inf, -math.inf, math.nan])
+def test_a_mass_that_is_no_number_is_a_fault_even_without_limits(mass):
+    assert decide(MassEstimate(1, 1, 2, 3, mass=mass), -math.inf, math.inf) == Decision.FAULT

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 
@@ -274,3 +275,8 @@ def test_a_long_run_keeps_the_same_windows_as_a_short_one(make_line, cut, load_c
     for window, mass in zip(windows, masses, strict=True):
         plateau = window.counts[window.window_begin : window.window_end]
         np.testing.assert_array_equal(plateau, round(5000 + 1e6 * mass))
+
+
+def test_a_slowest_belt_faster_than_the_fastest_is_refused():
+    with pytest.raises(ParameterError, match=r'segmenter\.min_belt_speed: 3 is not below'):
+        SegmenterParameters(min_belt_speed=3.0, max_belt_speed=2.0)

@@ -24,9 +24,11 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._identifier = Identifier(self.parameters)
 
     def _on_window(self, message: Any) -> None:
-        estimate = self._identifier.estimate(window_from(message))
-        if Reason.NO_CONVERGENCE.value in estimate.reasons:
-            self.warn(f'item {estimate.item_id}: {Reason.NO_CONVERGENCE.hint}')
+        window = window_from(message)
+        estimate = self._identifier.estimate(window)
+        if not window.reasons:  # those the segmenter has told already
+            for reason in estimate.reasons:
+                self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
         self.count('weighed' if estimate.weighed else 'faults')
         self._estimates.publish(estimate_to(estimate))
 
