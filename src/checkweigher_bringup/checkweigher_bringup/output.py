@@ -7,6 +7,7 @@ import tempfile
 from typing import TextIO, cast
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_driver.bag_file import check_folder_of
 from checkweigher_validation.results import (
     TABLE_HEADER,
     ItemResult,
@@ -28,7 +29,7 @@ class CsvOutput:
 
     Raises
     ------
-    UserError
+    UserError, OutputError
         If the file is there already or cannot be made: before the work, not after it.
     """
 
@@ -40,10 +41,7 @@ class CsvOutput:
             raise UserError(f'{path}: is a folder, not a file to write to')
         if path.exists() and not overwrite:
             raise UserError(f'{path}: exists already; choose another name or add --overwrite')
-        if not path.parent.is_dir():
-            raise UserError(f'{path}: there is no folder {path.parent}')
-        if not os.access(path.parent, os.W_OK | os.X_OK):
-            raise UserError(f'{path}: the folder {path.parent} cannot be written to')
+        check_folder_of(path)
 
     def write(self, results: Iterable[ItemResult]) -> None:
         """Write all results, or raise UserError and leave no file behind."""

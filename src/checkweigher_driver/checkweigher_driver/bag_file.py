@@ -21,7 +21,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
-from checkweigher_driver.bag_messages import Topic, typestore
+from checkweigher_driver.bag_messages import Topic, lane_prefix, typestore
 
 # Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
 _FILE = 'line_0.mcap'
@@ -68,7 +68,7 @@ class BagFile:
         self._path = path
         self._partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
         self._topics = topics
-        self._prefix = ''.join(f'/{part}' for part in namespace.split('/') if part)
+        self._prefix = lane_prefix(namespace)
         self._counts: Counter[Topic] = Counter()
         self._begin = self._end = 0
 
@@ -211,6 +211,22 @@ def check_output(path: Path) -> None:
     """
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
+    check_folder_of(path)
+
+
+def check_folder_of(path: Path) -> None:
+    """Check that something can be made or replaced beside what `path` names.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder that is to be written.
+
+    Raises
+    ------
+    OutputError
+        If its parent is not a folder that can be written to.
+    """
     if not path.parent.is_dir():
         raise OutputError(f'{path}: there is no folder {path.parent}; make it first')
     if not os.access(path.parent, os.W_OK | os.X_OK):

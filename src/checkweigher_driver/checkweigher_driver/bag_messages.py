@@ -77,3 +77,8 @@ def typestore() -> Typestore:
             ) from None
         store.register(get_types_from_msg(text, message_type))
     return store
+
+
+def lane_prefix(namespace: str) -> str:
+    """Return what stands before the names of a lane's topics, however its slashes were written."""
+    return ''.join(f'/{part}' for part in namespace.split('/') if part)

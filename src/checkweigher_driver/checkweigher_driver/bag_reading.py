@@ -11,7 +11,6 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from tqdm import tqdm
 
 from checkweigher_driver.bag_messages import (
     INPUT_TOPICS,
@@ -21,9 +20,11 @@ from checkweigher_driver.bag_messages import (
     SAMPLES,
     BagError,
     Topic,
+    lane_prefix,
     typestore,
 )
 from checkweigher_driver.mcap_integrity import check_mcap
+from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Event, Recording
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -127,7 +128,7 @@ def _choose_lane(path: Path, connections: Sequence[Connection], namespace: str |
     listed = ', '.join(prefix or '/' for prefix in sorted(lanes))
     if namespace is None:
         raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
-    prefix = ''.join(f'/{part}' for part in namespace.split('/') if part)
+    prefix = lane_prefix(namespace)
     if prefix not in lanes:
         raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
     return lanes[prefix]
@@ -171,15 +172,8 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane, progress: bool) -> Recor
     events: list[Event] = []
     deserialize = typestore().deserialize_cdr
     connections = [connection for connection, _ in lane]
-    messages = tqdm(
-        reader.messages(connections),
-        total=sum(connection.msgcount for connection in connections),
-        desc='reading',
-        unit=' messages',
-        delay=2,
-        leave=False,
-        disable=None if progress else True,
-    )
+    total = sum(connection.msgcount for connection in connections)
+    messages = with_progress(reader.messages(connections), 'reading', total, shown=progress)
     for connection, _, data in messages:
         name = connection.topic
         read[name] += 1

@@ -2,8 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +22,8 @@ from checkweigher_driver.recording import Event
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock
 
 
-class BagWriter:
-    """Writes the events of one lane into a new bag, all or nothing.
-
-    A context manager as `BagFile`, which tells what it raises. The log time of a message is the
-    stamp of its event.
+class BagWriter(BagFile):
+    """A new bag of the events of one lane; the log time of a message is the stamp of its event.
 
     Parameters
     ----------
@@ -40,28 +36,14 @@ class BagWriter:
     """
 
     def __init__(self, path: Path, load_cell: LoadCell, namespace: str = '') -> None:
-        self._file = BagFile(path, INPUT_TOPICS, namespace)
+        super().__init__(path, INPUT_TOPICS, namespace)
         self._encoder = _Encoder(load_cell)
-
-    def __enter__(self) -> Self:
-        """Begin the bag."""
-        self._file.__enter__()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Complete the bag, or remove what has been written of it."""
-        self._file.__exit__(kind, error, traceback)
 
     def write(self, event: Event) -> None:
         """Append an event; the stamp of the first one is also that of the load cell's message."""
-        if self._file.message_count == 0:
-            self._file.put(LOAD_CELL_INFO, event.stamp, self._encoder.describe(event.stamp))
-        self._file.put(*self._encoder.encode(event))
+        if self.message_count == 0:
+            self.put(LOAD_CELL_INFO, event.stamp, self._encoder.describe(event.stamp))
+        self.put(*self._encoder.encode(event))
 
 
 def write_bag(

@@ -1,7 +1,6 @@
 """Weighing recordings without the graph."""
 
-from tqdm import tqdm
-
+from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording
 from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.records import Reference
@@ -29,15 +28,8 @@ def weigh(
     """
     line = WeighingLine(recording.load_cell, parameters)
     weighings: list[Weighing] = []
-    events = tqdm(
-        recording,
-        total=len(recording.blocks) + len(recording.edges) + len(recording.references),
-        desc='weighing',
-        unit=' messages',
-        delay=2,
-        leave=False,
-        disable=None if progress else True,
-    )
+    total = len(recording.blocks) + len(recording.edges) + len(recording.references)
+    events = with_progress(recording, 'weighing', total, shown=progress)
     for event in events:
         if not isinstance(event, Reference):
             weighings += line.add(event)

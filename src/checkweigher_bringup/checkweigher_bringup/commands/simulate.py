@@ -41,10 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate the line and write the bag."""
-    from tqdm import tqdm
-
     from checkweigher_bringup.errors import UserError
     from checkweigher_driver.bag_writing import write_bag
+    from checkweigher_driver.progress import with_progress
     from checkweigher_driver.simulation import Simulation, SimulationParameters
 
     given: dict[str, object] = {
@@ -63,10 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
         given['zero_drift'] = _to_si('zero-drift', arguments.zero_drift)
     parameters = SimulationParameters.from_mapping(given)
     simulation = Simulation(parameters)
-    with tqdm(
-        simulation, desc='simulating', unit=' messages', delay=2, leave=False, disable=None
-    ) as events:
-        write_bag(arguments.output, simulation.load_cell, events)
+    events = with_progress(simulation, 'simulating')
+    write_bag(arguments.output, simulation.load_cell, events)
     print(
         f'{arguments.output}: {parameters.count} products at {arguments.speed:g} m/min, '
         f'profile {parameters.profile}, seed {parameters.seed}'
