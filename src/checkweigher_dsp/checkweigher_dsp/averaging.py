@@ -1,19 +1,54 @@
-"""Averages of a signal that vibrates."""
+"""Averages of a signal that vibrates, over windows of which many can be given at once."""
+
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-def hann_mean(samples: NDArray[np.float64]) -> float:
-    """Return the mean of samples weighted by a Hann window without its two zeros.
+def window_mean(samples: NDArray[np.float64]) -> Any:
+    """Return the plain mean of each window.
 
-    Of a line that goes through two or more periods it leaves little, wherever in a period the
-    samples begin and end; a plain mean does so only for whole periods.
+    Unbiased for a constant load. Of a line it leaves nothing over whole periods, up to its
+    amplitude over less than one.
 
     Parameters
     ----------
-    samples : ndarray, (n,) float64
-        At least one.
+    samples : ndarray, (..., n) float64
+        Windows, time on the last axis; at least one sample.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
     """
-    weights = np.hanning(len(samples) + 2)[1:-1]
-    return float(weights @ samples / weights.sum())
+    return np.mean(samples, axis=-1)
+
+
+def hann_mean(samples: NDArray[np.float64]) -> Any:
+    """Return the mean of each window weighted by a Hann window without its two zeros.
+
+    Unbiased for a constant load. Of a line that goes through two or more periods it leaves
+    little, wherever in a period the samples begin and end; a plain mean does so only for whole
+    periods.
+
+    Parameters
+    ----------
+    samples : ndarray, (..., n) float64
+        Windows, time on the last axis; at least one sample.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
+    """
+    weights, total = _hann(np.shape(samples)[-1])
+    return samples @ weights / total
+
+
+@lru_cache(maxsize=256)
+def _hann(count: int) -> tuple[NDArray[np.float64], float]:
+    weights = np.asarray(np.hanning(count + 2)[1:-1], np.float64)
+    weights.flags.writeable = False
+    return weights, float(weights.sum())

@@ -1,4 +1,4 @@
-"""Denoising of a weigh window: shrinkage on a stretch that is made from the window alone."""
+"""Denoising of a weigh window: shrinkage on a stretch that goes far beyond it to both sides."""
 
 from dataclasses import dataclass, replace
 import math
@@ -8,54 +8,93 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.averaging import hann_mean
+from checkweigher_dsp.continuation import extend
+from checkweigher_dsp.load_rise import load_response, load_share
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.pass_stack import (
+    PassStack,
+    rise_time,
+    stack_passes,
+    stretch_length,
+    time_since_entry,
+)
 from checkweigher_dsp.records import Reason, WeighWindow
-from checkweigher_dsp.shrinkage_table import TABLE_1, ShrinkageTable
-from checkweigher_dsp.wavelet_shrinkage import LEVELS, denoise_periodic
+from checkweigher_dsp.shrinkage_table import UNTRAINED, ShrinkageTable
+from checkweigher_dsp.wavelet_shrinkage import LEVELS, denoise_periodic, threshold_universally
 
 _PERIOD = 2**LEVELS
 
-# What a window can be surrounded with, see `surround`.
-SURROUNDS = ('level', 'mirror', 'signal')
+# What a window can be surrounded with, see `Denoiser` and `surround`.
+SURROUNDS = ('continuation', 'level', 'mirror', 'signal')
+METHODS = ('shrinkage', 'soft', 'hard')
 
 
 @dataclass(frozen=True)
 class DenoiseParameters(Parameters):
-    """The shrinkage table of the machine; the default is Table 1 of the paper."""
+    """The shrinkage table of the machine and what stands around a window."""
 
     node: ClassVar[str] = 'denoise'
 
-    speeds: tuple[float, ...] = parameter(
-        TABLE_1.speeds, 'belt speeds of the table, ascending', unit='m/s', minimum=1e-3, maximum=100
+    method: str = parameter(
+        'shrinkage', 'shrinkage by the table, or soft or hard universal threshold', choices=METHODS
     )
+    each_level: bool = parameter(
+        False, 'noise of soft and hard from each level itself, not from the finest one'
+    )
+    speeds: tuple[float, ...] = parameter(
+        UNTRAINED.speeds, 'belt speeds of the table, ascending', unit='m/s', minimum=1e-3,
+        maximum=100,
+    )  # fmt: skip
     gamma5: tuple[float, ...] = parameter(
-        TABLE_1.gains[0], 'gain of band 5 at each speed', minimum=0, maximum=10
+        UNTRAINED.gains[0], 'gain of band 5 at each speed', minimum=0, maximum=10
     )
     gamma6: tuple[float, ...] = parameter(
-        TABLE_1.gains[1], 'gain of band 6 at each speed', minimum=0, maximum=10
+        UNTRAINED.gains[1], 'gain of band 6 at each speed', minimum=0, maximum=10
     )
     gamma7: tuple[float, ...] = parameter(
-        TABLE_1.gains[2], 'gain of band 7 at each speed', minimum=0, maximum=10
+        UNTRAINED.gains[2], 'gain of band 7 at each speed', minimum=0, maximum=10
     )
     lambda5: tuple[float, ...] = parameter(
-        TABLE_1.thresholds[0], 'threshold of band 5 at each speed', unit='threshold_unit', minimum=0
-    )
+        UNTRAINED.thresholds[0], 'threshold of band 5 at each speed', unit='threshold_unit',
+        minimum=0,
+    )  # fmt: skip
     lambda6: tuple[float, ...] = parameter(
-        TABLE_1.thresholds[1], 'threshold of band 6 at each speed', unit='threshold_unit', minimum=0
-    )
+        UNTRAINED.thresholds[1], 'threshold of band 6 at each speed', unit='threshold_unit',
+        minimum=0,
+    )  # fmt: skip
     lambda7: tuple[float, ...] = parameter(
-        TABLE_1.thresholds[2], 'threshold of band 7 at each speed', unit='threshold_unit', minimum=0
-    )
+        UNTRAINED.thresholds[2], 'threshold of band 7 at each speed', unit='threshold_unit',
+        minimum=0,
+    )  # fmt: skip
     threshold_unit: float = parameter(
         1e-7, 'what one unit of the thresholds is on this load cell', unit='kg',
         minimum=0, maximum=1e3,
     )  # fmt: skip
     surround: str = parameter(
-        'level', 'what stands around the window in the stretch', choices=SURROUNDS
+        'continuation', 'what stands around the window in the stretch', choices=SURROUNDS
     )
     stretch: int = parameter(
         1024, 'length of the stretch that is denoised, at least', unit='samples',
         minimum=_PERIOD, maximum=2**20,
+    )  # fmt: skip
+    natural_frequency: tuple[float, ...] = parameter(
+        (38.0,), 'of the empty platform, for continuation: one value or one at each speed',
+        unit='Hz', minimum=0.1, maximum=1e4,
+    )  # fmt: skip
+    damping_ratio: tuple[float, ...] = parameter(
+        (0.06,), 'of the empty platform, for continuation: one value or one at each speed',
+        minimum=0, maximum=0.99,
+    )  # fmt: skip
+    moving_mass: float = parameter(
+        2.5, 'of the empty platform, for continuation: what a product is added to', unit='kg',
+        minimum=1e-3, maximum=1e4,
+    )  # fmt: skip
+    prediction_order: int = parameter(
+        25, 'order of the model that continues the disturbance', minimum=0, maximum=1000
+    )
+    iterations: int = parameter(
+        1, 'how often the level that is taken out for continuation is found anew', minimum=0,
+        maximum=100,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -67,6 +106,12 @@ class DenoiseParameters(Parameters):
             _ = self.table
         except ValueError as error:
             raise ParameterError(f'denoise.speeds: {error}') from None
+        for name in ('natural_frequency', 'damping_ratio'):
+            if len(getattr(self, name)) not in (1, len(self.speeds)):
+                raise ParameterError(
+                    f'denoise.{name}: {len(getattr(self, name))} values, must be 1 or '
+                    f'{len(self.speeds)}, one for each of speeds'
+                )
 
     @property
     def table(self) -> ShrinkageTable:
@@ -77,34 +122,114 @@ class DenoiseParameters(Parameters):
             (self.lambda5, self.lambda6, self.lambda7),
         )
 
+    def platform(
+        self, speed: NDArray[np.float64], load: NDArray[np.float64]
+    ) -> list[NDArray[np.float64]]:
+        """Return natural frequency and damping ratio of the loaded platform: (passes, 1) each.
+
+        Parameters
+        ----------
+        speed : ndarray, (passes,)
+            m/s.
+        load : ndarray, (passes, 1)
+            kg; both fall with the square root of the moving mass.
+        """
+        ease = np.sqrt(self.moving_mass / (self.moving_mass + np.maximum(load, 0.0)))
+        columns = (self.natural_frequency, self.damping_ratio)
+        return [
+            np.interp(speed, self.speeds[: len(column)], column)[:, None] * ease
+            for column in columns
+        ]
+
 
 class Denoiser:
     """Denoise weigh windows with the shrinkage of their belt speed.
 
     The wavelet of level 7 is far longer than any window, so what stands around the window decides
-    the result: docs/method.md compares the ways to `surround` it.
+    the result: docs/method.md compares the ways to do it; the paper leaves it open. With
+    ``continuation``, an own derivation, the level of the window as the platform shows it from t1
+    on is taken out of the signal, so that the disturbance alone is left: before t1, while the load
+    rises, and in the window. It is continued to both sides by linear prediction, put on the level
+    and denoised. A level that is wrong leaves a step, so the level is then found anew in what has
+    been denoised. In the end the rise is put back as the bare share of the product on the belt.
     """
 
     def __init__(self, parameters: DenoiseParameters) -> None:
         self._parameters = parameters
-        self._table = parameters.table
 
     def denoise(self, window: WeighWindow) -> WeighWindow:
-        """Return the window with `denoised` filled in, NaN before t2; a fault passes unchanged."""
+        """Return the window with `denoised` filled in; a fault passes unchanged.
+
+        Filled in is t1..t3 with ``continuation``, t2..t3 with the other ways; elsewhere is NaN.
+        """
         if window.reasons:
             return window
         if not is_consistent(window):
             return replace(window, reasons=(Reason.BAD_WINDOW.value,))
-        begin, end = window.window_begin, window.window_end
+        (stack,) = stack_passes([window], self._parameters.stretch)
         denoised = np.full(len(window.counts), math.nan)
-        details = self._table.at(window.belt_speed, self._parameters.threshold_unit)
-        force = window.force
-        stretch, offset = surround(
-            force[begin:end], self._parameters.stretch, self._parameters.surround, force[:begin]
-        )
-        result = denoise_periodic(stretch, details)
-        denoised[begin:end] = result[offset : offset + end - begin]
+        first = window.window_end - stack.force.shape[-1]
+        denoised[first : window.window_end] = denoise_stack(stack, self._parameters)[0]
         return replace(window, denoised=denoised)
+
+
+def denoise_stack(stack: PassStack, parameters: DenoiseParameters) -> NDArray[np.float64]:
+    """Denoise passes of equal shape.
+
+    Returns
+    -------
+    ndarray, (passes, n) float64
+        kg, at the same columns as ``stack.force``; NaN before t1 or t2, see `Denoiser`.
+    """
+    force, begin = stack.force, stack.begin
+    result = np.full(force.shape, math.nan)
+    if parameters.surround == 'continuation':
+        result[:, stack.entry :] = _denoise_continued(stack, parameters)[:, stack.entry :]
+        return result
+    stretch, offset = surround(
+        force[:, begin:], parameters.stretch, parameters.surround, force[:, :begin]
+    )
+    count = force.shape[-1] - begin
+    measured = slice(offset, offset + count)
+    result[:, begin:] = _remove_noise(stretch, measured, stack, parameters)[:, measured]
+    return result
+
+
+def _denoise_continued(stack: PassStack, parameters: DenoiseParameters) -> NDArray[np.float64]:
+    """Denoise passes on their continued disturbance."""
+    force, begin = stack.force, stack.begin
+    count = force.shape[-1] - begin
+    length = stretch_length(parameters.stretch, count)
+    before = (length - count) // 2 - begin
+    measured = slice(before, before + force.shape[-1])
+    time, rise_time = stack.time[:, stack.entry :], stack.rise_time
+    response = np.zeros(force.shape)
+    level = np.mean(force[:, begin:], axis=-1, keepdims=True)
+    iteration = 0
+    while True:
+        platform = parameters.platform(stack.belt_speed, level)
+        response[:, stack.entry :] = load_response(time, rise_time, *platform)
+        disturbance = extend(
+            force - level * response, before, length - measured.stop, parameters.prediction_order,
+            stack.block,
+        )  # fmt: skip
+        clean = _remove_noise(level + disturbance, measured, stack, parameters)[:, measured]
+        if iteration == parameters.iterations:
+            return clean - level * (1 - stack.share)
+        level = np.mean(clean[:, begin:], axis=-1, keepdims=True)
+        iteration += 1
+
+
+def _remove_noise(
+    stretch: NDArray[np.float64], measured: slice, stack: PassStack, parameters: DenoiseParameters
+) -> NDArray[np.float64]:
+    if parameters.method == 'shrinkage':
+        details = parameters.table.at(stack.belt_speed, parameters.threshold_unit)
+        return denoise_periodic(stretch, details)
+    hard = parameters.method == 'hard'
+    return threshold_universally(
+        stretch, hard=hard, measured=measured, each_level=parameters.each_level
+    )
 
 
 def surround(
@@ -119,7 +244,7 @@ def surround(
 
     Parameters
     ----------
-    samples : ndarray, (n,) float64
+    samples : ndarray, (..., n) float64
         The window.
     min_length : int
         The stretch is the next multiple of 128 from this and from ``2 n``.
@@ -127,28 +252,47 @@ def surround(
         ``level``: both sides are the Hann-weighted mean of the window. ``mirror``: the window is
         reflected at its ends, again and again. ``signal``: the signal itself before the window
         and its level after it.
-    before : ndarray, (k,) float64
+    before : ndarray, (..., k) float64
         Signal before the window, for ``signal``; where it is too short it begins at its level.
 
     Returns
     -------
-    stretch : ndarray, (m,) float64
+    stretch : ndarray, (..., m) float64
         The window in the middle of what surrounds it.
     offset : int
         Position of the window in it.
     """
-    count = len(samples)
-    length = _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
+    count = samples.shape[-1]
+    length = stretch_length(min_length, count)
     offset = (length - count) // 2
     if method == 'mirror':
-        return np.pad(samples, (offset, length - count - offset), 'symmetric'), offset
-    stretch = np.full(length, hann_mean(samples))
-    if method == 'signal' and before is not None and len(before):
-        known = before[-offset:]
-        stretch[:offset] = known[0]
-        stretch[offset - len(known) : offset] = known
-    stretch[offset : offset + count] = samples
+        sides = [(0, 0)] * (samples.ndim - 1) + [(offset, length - count - offset)]
+        return np.pad(samples, sides, 'symmetric'), offset
+    stretch = np.empty((*samples.shape[:-1], length))
+    stretch[...] = np.asarray(hann_mean(samples))[..., None]
+    if method == 'signal' and before is not None and before.shape[-1]:
+        known = before[..., -offset:]
+        stretch[..., :offset] = known[..., :1]
+        stretch[..., offset - known.shape[-1] : offset] = known
+    stretch[..., offset : offset + count] = samples
     return stretch, offset
+
+
+def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what has been denoised of a window and the load that was on the belt.
+
+    Returns
+    -------
+    denoised : ndarray, (n,) float64
+        kg, from t1 or t2 on up to t3.
+    share : ndarray, (n,) float64
+        Share of the product on the belt at each of these samples, 1 from t2 on.
+    """
+    end = window.window_end
+    missing = int(np.sum(np.isnan(window.denoised[: window.window_begin])))
+    share = load_share(time_since_entry(window)[missing:end], rise_time(window))
+    share[window.window_begin - missing :] = 1.0
+    return window.denoised[missing:end], share
 
 
 def is_consistent(window: WeighWindow) -> bool:

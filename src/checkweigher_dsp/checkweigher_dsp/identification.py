@@ -7,12 +7,19 @@ coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import repeat
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Variances that the filter works with; the signal is normalised to about 1.
+
+    Each is a float or, where many signals are identified at once, an array (passes,).
 
     Attributes
     ----------
@@ -21,17 +28,34 @@ class Noise:
     measurement : float
         Of a sample, R.
     initial : float
-        Of each state at the start, P0 = initial * I.
+        Of x(k), x(k-1) and b1 at the start, their entries of the diagonal P0.
+    coefficients : float, optional
+        Of a1 and a2 at the start; by default as the others, P0 = initial * I.
+    states : float, optional
+        Of x(k) and x(k-1) at the start, if not `initial`.
     """
 
-    process: float
-    measurement: float
-    initial: float = 1.0
+    process: Any
+    measurement: Any
+    initial: Any = 1.0
+    coefficients: Any = None
+    states: Any = None
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """The state before the first sample, X0: floats or arrays (passes,)."""
+
+    x: Any = 0.0
+    x_before: Any = 0.0
+    a1: Any = 0.0
+    a2: Any = 0.0
+    b1: Any = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """Coefficients after the last sample and what follows from them.
+    """Coefficients after the last sample and what follows from them; floats or arrays (passes,).
 
     Attributes
     ----------
@@ -43,15 +67,25 @@ class Identification:
         Of `gain`, from the covariance of the coefficients to first order.
     """
 
-    a1: float
-    a2: float
-    b1: float
-    gain: float
-    variance: float
+    a1: Any
+    a2: Any
+    b1: Any
+    gain: Any
+    variance: Any
 
 
-def identify(samples: Iterable[float], noise: Noise) -> Identification:
-    r"""Identify the platform from its response to a constant load.
+_AT_REST = Start()
+
+
+def identify(
+    samples: Iterable[Any],
+    noise: Noise,
+    inputs: Iterable[Any] | None = None,
+    *,
+    start: Start = _AT_REST,
+    measurement: Iterable[Any] | None = None,
+) -> Identification:
+    r"""Identify the platform from its response to a load.
 
     Predict and update are the EKF with transition :math:`X' = f(X)` and its Jacobian
 
@@ -59,15 +93,22 @@ def identify(samples: Iterable[float], noise: Noise) -> Identification:
        0 & 0 & 1 & 0 & 0 \\ 0 & 0 & 0 & 1 & 0 \\ 0 & 0 & 0 & 0 & 1 \end{pmatrix}
 
     and C = [1 0 0 0 0], written out in scalars for the upper triangle of the symmetric covariance:
-    a matrix library spends more on calls of 5 x 5 than on arithmetic.
+    a matrix library spends more on calls of 5 x 5 than on arithmetic. The same lines identify many
+    signals at once if each sample is an array.
 
     Parameters
     ----------
-    samples : iterable of float
-        Response to u = 1, normalised so that the steady state is about 1: start and covariance
+    samples : iterable of float or of ndarray, (passes,)
+        Response, normalised so that the steady state for u = 1 is about 1: start and covariance
         have no unit, so without that the result would depend on the unit of the samples.
     noise : Noise
         Variances.
+    inputs : iterable of float or of ndarray, optional
+        u of the step that leads to each sample; by default 1.
+    start : Start
+        X0; by default 0.
+    measurement : iterable of float or of ndarray, optional
+        R of each sample; by default that of `noise`.
 
     Returns
     -------
@@ -79,49 +120,145 @@ def identify(samples: Iterable[float], noise: Noise) -> Identification:
     Long et al., A novel dynamic weighing method integrating improved stationary wavelet denoising
     and extended Kalman system identification, eq. 5-16, with the errata in docs/method.md.
     """
-    q, r = noise.process, noise.measurement
-    x = y = a1 = a2 = b = 0.0
-    p11 = p22 = p33 = p44 = p55 = noise.initial
+    x, y, a1, a2, b = start.x, start.x_before, start.a1, start.a2, start.b1
+    q = noise.process
+    p55 = noise.initial
+    p11 = p22 = noise.initial if noise.states is None else noise.states
+    p33 = p44 = noise.initial if noise.coefficients is None else noise.coefficients
     p12 = p13 = p14 = p15 = p23 = p24 = p25 = p34 = p35 = p45 = 0.0
-    for z in samples:
+    inputs = repeat(1.0) if inputs is None else inputs
+    measurement = repeat(noise.measurement) if measurement is None else measurement
+    # No assignment is in place: arrays would change under their other names.
+    for z, u, r in zip(samples, inputs, measurement, strict=False):
         # Row 1 of F P, then F P F' + Q.
-        g1 = -a1 * p11 - a2 * p12 - x * p13 - y * p14 + p15
-        g2 = -a1 * p12 - a2 * p22 - x * p23 - y * p24 + p25
-        g3 = -a1 * p13 - a2 * p23 - x * p33 - y * p34 + p35
-        g4 = -a1 * p14 - a2 * p24 - x * p34 - y * p44 + p45
-        g5 = -a1 * p15 - a2 * p25 - x * p35 - y * p45 + p55
+        g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14
+        g2 = u * p25 - a1 * p12 - a2 * p22 - x * p23 - y * p24
+        g3 = u * p35 - a1 * p13 - a2 * p23 - x * p33 - y * p34
+        g4 = u * p45 - a1 * p14 - a2 * p24 - x * p34 - y * p44
+        g5 = u * p55 - a1 * p15 - a2 * p25 - x * p35 - y * p45
         p22, p23, p24, p25 = p11, p13, p14, p15
-        p11 = -a1 * g1 - a2 * g2 - x * g3 - y * g4 + g5 + q
+        p11 = u * g5 - a1 * g1 - a2 * g2 - x * g3 - y * g4 + q
         p12, p13, p14, p15 = g1, g3, g4, g5
-        x, y = -a1 * x - a2 * y + b, x
+        x, y = u * b - a1 * x - a2 * y, x
         # Gain K = P C' / (C P C' + R), X + K (Z - C X), P - K C P.
         s = p11 + r
         k1, k2, k3, k4, k5 = p11 / s, p12 / s, p13 / s, p14 / s, p15 / s
         e = z - x
-        x += k1 * e
-        y += k2 * e
-        a1 += k3 * e
-        a2 += k4 * e
-        b += k5 * e
-        p22 -= k2 * p12
-        p23 -= k2 * p13
-        p24 -= k2 * p14
-        p25 -= k2 * p15
-        p33 -= k3 * p13
-        p34 -= k3 * p14
-        p35 -= k3 * p15
-        p44 -= k4 * p14
-        p45 -= k4 * p15
-        p55 -= k5 * p15
+        x = x + k1 * e
+        y = y + k2 * e
+        a1 = a1 + k3 * e
+        a2 = a2 + k4 * e
+        b = b + k5 * e
+        p22 = p22 - k2 * p12
+        p23 = p23 - k2 * p13
+        p24 = p24 - k2 * p14
+        p25 = p25 - k2 * p15
+        p33 = p33 - k3 * p13
+        p34 = p34 - k3 * p14
+        p35 = p35 - k3 * p15
+        p44 = p44 - k4 * p14
+        p45 = p45 - k4 * p15
+        p55 = p55 - k5 * p15
         h = r / s  # 1 - k1, without the cancellation
         p11, p12, p13, p14, p15 = h * p11, h * p12, h * p13, h * p14, h * p15
-    total = 1.0 + a1 + a2
-    if total == 0 or not math.isfinite(total):
-        return Identification(a1, a2, b, math.nan, math.nan)
+    # d gain / d (a1, a2, b) = (-gain, -gain, 1) / total, once divided by total
+    total = _usable(1.0 + a1 + a2)
     gain = b / total
-    # d gain / d (a1, a2, b) = (-gain, -gain, 1) / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
     return Identification(a1, a2, b, gain, spread / total / total)
+
+
+def _usable(total: Any) -> Any:
+    """Return 1 + a1 + a2, NaN where nothing can be divided by it."""
+    if isinstance(total, float):
+        return total if total != 0 and math.isfinite(total) else math.nan
+    return np.where((total != 0) & np.isfinite(total), total, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class WindowNoise:
+    """Variances of a window without a unit: shares of what denoising has removed from it.
+
+    Attributes
+    ----------
+    measurement : float
+        R as a share of the variance that denoising removed.
+    process : float
+        Q as a multiple of R.
+    initial, coefficients : float
+        P0, see `Noise`; the signal is normalised to 1.
+    rise : float
+        R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
+    """
+
+    measurement: float = 0.05
+    process: float = 0.01
+    initial: float = 1.0
+    coefficients: float = 1e-6
+    rise: float = 10.0
+
+
+def identify_window(
+    denoised: NDArray[np.float64],
+    removed_variance: Any,
+    inputs: NDArray[np.float64] | None,
+    noise: WindowNoise,
+) -> Identification:
+    """Identify the platform from denoised windows, in the unit of the signal.
+
+    The signal is normalised by its mean under full load, and the noise that the filter works with
+    is a share of what denoising took out of this very window: both without a unit.
+
+    Parameters
+    ----------
+    denoised : ndarray, (n,) or (passes, n) float64
+        From t1 or from t2 on, up to t3.
+    removed_variance : float or ndarray, (passes,)
+        Variance that denoising took out between t2 and t3, in the unit of `denoised` squared.
+    inputs : ndarray of the shape of `denoised`, or None
+        Share of the load at each sample, 1 from t2 on; None for 1 throughout.
+    noise : WindowNoise
+        Its shares.
+
+    Returns
+    -------
+    Identification
+        ``gain`` and ``b1`` in the unit of `denoised`, ``variance`` in its square: floats for one
+        window, arrays (passes,) for several. NaN where there is nothing to identify.
+    """
+    full = np.ones(denoised.shape, bool) if inputs is None else inputs >= 1.0
+    with np.errstate(all='ignore'):
+        scale: Any = np.sum(denoised * full, axis=-1) / np.sum(full, axis=-1)
+        usable = np.isfinite(scale) & (scale != 0)
+        scale = np.where(usable, scale, np.nan)
+        relative: Any = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
+        samples: Any = np.moveaxis(denoised / scale[..., None], -1, 0)
+        rising: Any = None if inputs is None else np.moveaxis(inputs, -1, 0)
+        rise: Any = None
+        if rising is not None and noise.rise != 1.0:
+            rise = np.where(rising < 1.0, noise.rise * relative, relative)
+        if denoised.ndim == 1:
+            if not usable:
+                return Identification(*(math.nan,) * 5)
+            scale, relative = float(scale), float(relative)
+            # Plain floats: arithmetic on numpy's is several times slower.
+            samples, rising, rise = (
+                None if values is None else values.tolist() for values in (samples, rising, rise)
+            )
+        found = identify(
+            samples,
+            Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
+            rising,
+            measurement=rise,
+        )
+        return Identification(
+            found.a1, found.a2, scale * found.b1, scale * found.gain,
+            scale * scale * found.variance,
+        )  # fmt: skip
+
+
+# Relative variance that even a noise-free signal is credited with: the filter stays regular.
+_LEAST = 1e-12
 
 
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:

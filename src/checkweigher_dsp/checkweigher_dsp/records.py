@@ -45,6 +45,7 @@ class Reason(StrEnum):
     SATURATION = 'Saturation'
     SOURCE_RESTARTED = 'SourceRestarted'
     STREAM_ENDED = 'StreamEnded'
+    SPEED_NOT_TRAINED = 'SpeedNotTrained'
     NO_CONVERGENCE = 'NoConvergence'
     NO_LOAD = 'NoLoad'
     BAD_WINDOW = 'BadWindow'
@@ -67,6 +68,7 @@ _HINTS = {
     Reason.SATURATION: 'the converter was at its limit; check overload and load-cell wiring',
     Reason.SOURCE_RESTARTED: 'the sample source started again while the product was on the line',
     Reason.STREAM_ENDED: 'the stream ended before the product had left the belt',
+    Reason.SPEED_NOT_TRAINED: 'no training passes near this belt speed; run tune at this speed',
     Reason.NO_CONVERGENCE: 'the identification found no stable platform in this signal',
     Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
@@ -184,11 +186,16 @@ class WeighWindow:
         Empty belt as last seen before t1 and its standard deviation, counts.
     first_index : int
         Index of ``counts[0]`` since the source started.
+    stamp : int
+        ns, time of ``counts[0]``.
+    empty_begin : int
+        Position in ``counts`` of the first sample at which the item before had left the belt.
     window_begin, window_end : int
         Positions in ``counts`` of the first sample at or after t2 and one past the last
         sample before t3.
     counts : ndarray, (n,) int32
-        Raw readings: signal before t2, then t2..t3. Empty in a fault.
+        Raw readings: signal before t2, then t2..t3, then what was waited for after t3. Empty in
+        a fault.
     denoised : ndarray, (n,) or (0,) float64
         kg, at the same positions; empty until denoise has run.
     reasons : tuple of str
@@ -208,6 +215,8 @@ class WeighWindow:
     zero: float = math.nan
     zero_std_dev: float = math.nan
     first_index: int = 0
+    stamp: int = 0
+    empty_begin: int = 0
     window_begin: int = 0
     window_end: int = 0
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))

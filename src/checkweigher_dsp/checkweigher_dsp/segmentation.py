@@ -32,8 +32,12 @@ class SegmenterParameters(Parameters):
     node: ClassVar[str] = 'segmenter'
 
     lead_time: float = parameter(
-        0.5, 'signal before t2 that goes with each window', unit='s', minimum=0, maximum=60
+        0.5, 'signal before t1 that goes with each window', unit='s', minimum=0, maximum=60
     )
+    trail_time: float = parameter(
+        0.0, 'signal after t3 that is waited for, at most until the item has left', unit='s',
+        minimum=0, maximum=60,
+    )  # fmt: skip
     zero_time: float = parameter(
         1.0, 'empty belt before t1 that is read for the zero, at most', unit='s',
         minimum=0, maximum=60,
@@ -177,15 +181,16 @@ class Segmenter:
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
         """Return what is still on the belt, as faults with `reason`."""
+        windows = self._cut_waiting(wait=False)
         for item in self._waiting:
             item.fault(reason)
         self._waiting += _copies(self._tracker.give_up(reason))
-        return self._cut_waiting()
+        return windows + self._cut_waiting()
 
-    def _cut_waiting(self) -> list[WeighWindow]:
+    def _cut_waiting(self, *, wait: bool = True) -> list[WeighWindow]:
         windows, still_waiting = [], []
         for item in self._waiting:
-            window = self._cut(item)
+            window = self._cut(item, wait=wait)
             if window is None:
                 still_waiting.append(item)
             else:
@@ -194,8 +199,11 @@ class Segmenter:
         self.items += len(windows)
         return windows
 
-    def _cut(self, item: Item) -> WeighWindow | None:
-        """Return the window of an item, None while its samples are yet to come."""
+    def _cut(self, item: Item, *, wait: bool) -> WeighWindow | None:
+        """Return the window of an item, None while its samples are yet to come.
+
+        Without `wait` only those up to t3 must be there.
+        """
         speed, length = self._motion(item)
         self._check_motion(item, speed, length)
         fault = WeighWindow(
@@ -207,13 +215,16 @@ class Segmenter:
         if self._buffer.empty:
             return None
         entry, begin, end = (self._buffer.index_at(t) for t in (item.t1, item.t2, item.t3))
-        if self._buffer.end < end:
+        trail_end = self._trail_end(item, end)
+        if self._buffer.end < (trail_end if wait else end):
             return None
-        reason = self._check_samples(entry, begin, end)
+        if end - begin < self._parameters.min_window:
+            return replace(fault, reasons=(Reason.WINDOW_TOO_SHORT.value,))
+        reason = self._check_samples(entry, end)
         if reason is not None:
             return replace(fault, reasons=(reason.value,))
         lead = round(self._parameters.lead_time * self.load_cell.sample_rate)
-        first = self._buffer.whole_from(begin - lead, begin)
+        first = self._buffer.whole_from(entry - lead, entry)
         zero = self._zero_tracker.update(seconds(item.t1), self._empty_belt(item, entry))
         return replace(
             fault,
@@ -223,10 +234,28 @@ class Segmenter:
             zero=zero.counts,
             zero_std_dev=zero.std_dev,
             first_index=first,
+            stamp=self._buffer.stamp_at(first),
+            empty_begin=min(max(self._empty_from(item, first) - first, 0), entry - first),
             window_begin=begin - first,
             window_end=end - first,
-            counts=self._buffer.read(first, end),
+            counts=self._buffer.read(first, self._sound_end(end, trail_end)),
         )
+
+    def _trail_end(self, item: Item, end: int) -> int:
+        """Return the end of the samples to wait for: no later than the item has left."""
+        trail = round(self._parameters.trail_time * self.load_cell.sample_rate)
+        if not trail or item.t1 is None or item.t2 is None or item.t3 is None:
+            return end
+        return max(min(end + trail, self._buffer.index_at(item.t3 + item.t2 - item.t1)), end)
+
+    def _sound_end(self, end: int, trail_end: int) -> int:
+        """Return the end of what can be used after t3: nothing if any of it is lost or saturated."""
+        trail_end = min(trail_end, self._buffer.end)
+        return end if self._check_samples(end, trail_end) else trail_end
+
+    def _empty_from(self, item: Item, first: int) -> int:
+        """Return the index from which on the item before had left, `first` if none is known."""
+        return first if item.left_before is None else self._buffer.index_at(item.left_before)
 
     def _motion(self, item: Item) -> tuple[float, float]:
         """Return belt speed in m/s and product length in m, NaN where an edge is missing."""
@@ -254,14 +283,12 @@ class Segmenter:
         if length >= self.load_cell.weigh_length:
             item.fault(Reason.PRODUCT_TOO_LONG)
 
-    def _check_samples(self, entry: int, begin: int, end: int) -> Reason | None:
-        if end - begin < self._parameters.min_window:
-            return Reason.WINDOW_TOO_SHORT
-        if not self._buffer.is_whole(entry, end):
+    def _check_samples(self, begin: int, end: int) -> Reason | None:
+        if not self._buffer.is_whole(begin, end):
             return Reason.SAMPLES_LOST
-        counts = self._buffer.read(entry, end)
+        counts = self._buffer.read(begin, end)
         limits = self.load_cell
-        if counts.min() <= limits.min_counts or counts.max() >= limits.max_counts:
+        if np.any((counts <= limits.min_counts) | (counts >= limits.max_counts)):
             return Reason.SATURATION
         return None
 

@@ -2,13 +2,16 @@ r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic stretch each band of the stationary wavelet transform (SWT) is a circular
 convolution, and only four bands of the method survive: the approximation and three details. So
-analysis and synthesis are one FFT per band instead of the full transform; they agree with
-``pywt.swt`` and ``pywt.iswt`` (``norm=False``) to rounding.
+analysis and synthesis are one FFT per band instead of the full transform, and not even that for
+a band without a threshold; they agree with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) to
+rounding. Many stretches can be denoised at once: time is the last axis.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +27,14 @@ class Shrinkage:
 
     Attributes
     ----------
-    gain : float
-        gamma, 1; 0 removes the band.
-    threshold : float
+    gain : float or ndarray, (..., 1)
+        gamma, 1; 0 removes the band. An array holds one value for each stretch.
+    threshold : float or ndarray, (..., 1)
         lambda, in the unit of the signal as the coefficients of ``pywt.swt(norm=False)`` scale it.
     """
 
-    gain: float
-    threshold: float
+    gain: Any
+    threshold: Any
 
 
 def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[np.float64]:
@@ -122,7 +125,7 @@ def denoise_periodic(
 
     Parameters
     ----------
-    stretch : ndarray, (n,) float64
+    stretch : ndarray, (..., n) float64
         n a multiple of ``2**len(details)``; the end continues at the beginning.
     details : sequence of Shrinkage or None
         For each level from 1 on; None sets the whole band to 0.
@@ -131,19 +134,91 @@ def denoise_periodic(
 
     Returns
     -------
-    ndarray, (n,) float64
+    ndarray, (..., n) float64
         In the unit of `stretch`.
     """
-    length, levels = len(stretch), len(details)
+    length, levels = stretch.shape[-1], len(details)
     responses = band_responses(length, wavelet, levels)
     spectrum = np.fft.rfft(stretch)
     # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
-    approximation = responses[levels]
-    result = spectrum * (approximation * approximation.conj()) / 2**levels
+    through = _power(responses[levels]) / 2**levels
+    shrunk: Any = 0.0
     for level, shrinkage in enumerate(details, start=1):
-        if shrinkage is None or shrinkage.gain == 0:
+        if shrinkage is None or not np.any(shrinkage.gain):
             continue
         response = responses[level - 1]
+        if not np.any(shrinkage.threshold):
+            through = through + shrinkage.gain * _power(response) / 2**level
+            continue
         coefficients = shrink(np.fft.irfft(spectrum * response, length), shrinkage)
-        result += np.fft.rfft(coefficients) * response.conj() / 2**level
+        shrunk = shrunk + np.fft.rfft(coefficients) * response.conj() / 2**level
+    return np.fft.irfft(spectrum * through + shrunk, length)
+
+
+def _power(response: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return response.real**2 + response.imag**2
+
+
+def threshold_universally(
+    stretch: NDArray[np.float64],
+    *,
+    hard: bool,
+    measured: slice = slice(None),
+    each_level: bool = False,
+    wavelet: str = WAVELET,
+    levels: int = LEVELS,
+) -> NDArray[np.float64]:
+    r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
+
+    The threshold is the universal one, :math:`\lambda = \sigma \sqrt{2 \ln n}` with
+    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. A soft threshold takes lambda off what
+    exceeds it, a hard one leaves it as it is.
+
+    Parameters
+    ----------
+    stretch : ndarray, (..., n) float64
+        As for `denoise_periodic`.
+    hard : bool
+        Hard or soft.
+    measured : slice
+        Part of the stretch whose coefficients give sigma and whose length is n: what is made up
+        around it holds no noise.
+    each_level : bool
+        sigma from each level itself, for noise that is not white; else from level 1.
+    wavelet : str
+        An orthogonal wavelet of PyWavelets.
+    levels : int
+        Number of levels.
+
+    Returns
+    -------
+    ndarray, (..., n) float64
+
+    References
+    ----------
+    D. L. Donoho, I. M. Johnstone, Ideal spatial adaptation by wavelet shrinkage, 1994.
+    """
+    length = stretch.shape[-1]
+    responses = band_responses(length, wavelet, levels)
+    spectrum = np.fft.rfft(stretch)
+    result = spectrum * _power(responses[levels]) / 2**levels
+    taps = pywt.Wavelet(wavelet).dec_len
+    factor = math.sqrt(2 * math.log(max(len(range(length)[measured]), 1))) / _NORMAL_MEDIAN
+    threshold: Any = 0.0
+    for level, response in enumerate(responses[:levels], start=1):
+        coefficients = np.fft.irfft(spectrum * response, length)
+        if each_level or level == 1:
+            # The filters of a level are causal here; their middle is half their length later.
+            centre = taps // 2 * (2**level - 1)
+            centred = np.roll(coefficients, -centre, axis=-1)
+            noise = np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)
+            threshold = factor * noise
+        if hard:
+            kept = np.where(np.abs(coefficients) >= threshold, coefficients, 0.0)
+        else:
+            kept = shrink(coefficients, Shrinkage(1.0, threshold))
+        result = result + np.fft.rfft(kept) * response.conj() / 2**level
     return np.fft.irfft(result, length)
+
+
+_NORMAL_MEDIAN = 0.6745  # of |x| for a normal x with standard deviation 1

@@ -9,16 +9,48 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.denoising import (
+    SURROUNDS,
     DenoiseParameters,
     Denoiser,
+    denoise_stack,
+    denoised_pass,
     is_consistent,
     surround,
 )
+from checkweigher_dsp.load_rise import load_response
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.wavelet_shrinkage import Shrinkage, denoise_periodic
+from checkweigher_dsp.pass_stack import stack_passes
+from checkweigher_dsp.records import NANOSECONDS, WeighWindow
+from checkweigher_dsp.shrinkage_table import TABLE_1
+from checkweigher_dsp.wavelet_shrinkage import (
+    Shrinkage,
+    denoise_periodic,
+    threshold_universally,
+)
 
 ROUNDING = 1e-12
+RATE = 960.0
+
+
+def _table_1(**values):
+    """Parameters with Table 1 on a stretch that is filled with the level."""
+    names = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+    table = dict(zip(names, (*TABLE_1.gains, *TABLE_1.thresholds), strict=True))
+    return DenoiseParameters(**{'surround': 'level', **table, **values})
+
+
+def _make_pass(make_window, mass=0.2, disturbance=None, stamp_of_t1=0.3004, rise=0.1, stay=0.1):
+    """Return the window of a product on a platform of 38 Hz, damping ratio 0.06 and 2.5 kg."""
+    times = np.arange(math.ceil((stamp_of_t1 + rise + stay) * RATE)) / RATE
+    ease = math.sqrt(2.5 / (2.5 + mass))
+    force = mass * load_response(times - stamp_of_t1, rise, 38.0 * ease, 0.06 * ease)
+    if disturbance is not None:
+        force = force + disturbance(times)
+    t1, t2, t3 = (round(NANOSECONDS * (stamp_of_t1 + t)) for t in (0, rise, rise + stay))
+    begin = math.ceil((stamp_of_t1 + rise) * RATE)
+    return make_window(
+        force, counts_per_kg=1e9, zero=0.0, t1=t1, t2=t2, t3=t3, stamp=0, window_begin=begin,
+    )  # fmt: skip
 
 
 def _noisy(count, seed=1):
@@ -51,7 +83,7 @@ def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
     ]  # fmt: skip
     stretch, offset = surround((window.counts[50:] - 5000.0) / 1e6, 512)
 
-    denoised = Denoiser(DenoiseParameters(threshold_unit=unit, stretch=512)).denoise(window)
+    denoised = Denoiser(_table_1(threshold_unit=unit, stretch=512)).denoise(window)
 
     assert np.isnan(denoised.denoised[:50]).all()
     np.testing.assert_allclose(
@@ -62,8 +94,9 @@ def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
     assert replace(denoised, denoised=np.zeros(0)) == window
 
 
+@pytest.mark.parametrize('way', SURROUNDS)
 @pytest.mark.parametrize('gain', [-3, 7, 1000])
-def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain):
+def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way):
     window = make_window(_noisy(96), lead=10)
     scaled = replace(
         window,
@@ -72,27 +105,140 @@ def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain):
         zero_counts=gain * window.zero_counts,
         counts_per_kg=gain * window.counts_per_kg,
     )
-    denoiser = Denoiser(DenoiseParameters(threshold_unit=1e-6))
+    denoiser = Denoiser(_table_1(threshold_unit=1e-6, surround=way))
 
     np.testing.assert_allclose(
         denoiser.denoise(scaled).denoised, denoiser.denoise(window).denoised, rtol=1e-9
     )
 
 
-@given(st.floats(0.01, 100.0))
-def test_with_thresholds_of_0_denoising_is_linear(make_window, factor):
+# With continuation the platform that is reckoned with depends on the mass.
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+@given(factor=st.floats(0.01, 100.0))
+def test_with_thresholds_of_0_denoising_scales_with_the_signal(make_window, way, factor):
     force = _noisy(96)
-    denoiser = Denoiser(DenoiseParameters(threshold_unit=0.0))
+    denoiser = Denoiser(_table_1(threshold_unit=0.0, surround=way))
     plain = denoiser.denoise(make_window(force, counts_per_kg=1e7, zero=0.0))
     scaled = denoiser.denoise(replace(plain, counts_per_kg=1e7 / factor))
 
     np.testing.assert_allclose(scaled.denoised, factor * plain.denoised, rtol=1e-9)
 
 
-def test_a_constant_window_stays_as_it_is(make_window):
-    denoised = Denoiser(DenoiseParameters()).denoise(make_window([0.25] * 64))
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+def test_a_constant_window_stays_as_it_is(make_window, way):
+    parameters = DenoiseParameters(surround=way)
+    denoised = Denoiser(parameters).denoise(make_window([0.25] * 64))
 
     np.testing.assert_allclose(denoised.denoised, 0.25, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize(('rise', 'stay'), [(0.1, 0.1), (0.067, 0.067), (0.2, 0.2), (0.05, 0.3)])
+def test_a_pass_without_disturbance_becomes_its_load(make_window, rise, stay):
+    # What is left is the rounding of the counts, 1e-9 kg, and a level that is found from the
+    # ringing window: each time anew a small share of its error remains.
+    window = _make_pass(make_window, rise=rise, stay=stay)
+
+    denoised, share = denoised_pass(Denoiser(DenoiseParameters(iterations=20)).denoise(window))
+
+    np.testing.assert_allclose(denoised, 0.2 * share, atol=1e-6)
+    assert share[-1] == 1.0
+    assert 0 <= share[0] < 1 / (rise * RATE)
+    assert len(share) == math.ceil((0.3004 + rise + stay) * RATE) - math.ceil(0.3004 * RATE)
+
+
+def test_a_line_that_goes_on_through_the_pass_is_removed(make_window):
+    # 20 Hz lies in bands 5 and 6, which are removed; 3 g are 15 times the bound.
+    line = 0.003
+    window = _make_pass(
+        make_window, disturbance=lambda time: line * np.sin(2 * np.pi * 20 * time + 1)
+    )
+
+    denoised, share = denoised_pass(Denoiser(DenoiseParameters(iterations=5)).denoise(window))
+
+    assert np.abs(denoised - 0.2 * share).max() < line / 15
+
+
+def test_before_t1_nothing_is_denoised(make_window):
+    denoised = Denoiser(DenoiseParameters()).denoise(_make_pass(make_window)).denoised
+
+    entry = math.ceil(0.3004 * RATE)
+    assert np.isnan(denoised[:entry]).all()
+    assert np.isfinite(denoised[entry:]).all()
+
+
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+def test_without_continuation_nothing_is_denoised_before_t2(make_window, way):
+    window = Denoiser(DenoiseParameters(surround=way)).denoise(_make_pass(make_window))
+
+    denoised, share = denoised_pass(window)
+
+    assert np.isnan(window.denoised[: window.window_begin]).all()
+    assert len(denoised) == len(share) == window.window_end - window.window_begin
+    np.testing.assert_array_equal(share, 1.0)
+
+
+def test_what_the_item_before_left_does_not_matter(make_window):
+    window = _make_pass(make_window)
+    shaken = window.counts.copy()
+    shaken[:100] += 10**7
+    denoiser = Denoiser(DenoiseParameters())
+
+    plain = denoiser.denoise(replace(window, empty_begin=100))
+    result = denoiser.denoise(replace(window, counts=shaken, empty_begin=100))
+
+    np.testing.assert_array_equal(result.denoised, plain.denoised)
+
+
+def test_what_follows_t3_does_not_matter(make_window):
+    window = _make_pass(make_window)
+    longer = replace(window, counts=np.append(window.counts, np.int32([7, 8, 9])))
+    denoiser = Denoiser(DenoiseParameters())
+
+    result = denoiser.denoise(longer).denoised
+
+    np.testing.assert_array_equal(result[:-3], denoiser.denoise(window).denoised)
+    assert np.isnan(result[-3:]).all()
+
+
+@pytest.mark.parametrize('way', SURROUNDS)
+@pytest.mark.parametrize('method', ['shrinkage', 'soft', 'hard'])
+def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method):
+    random = np.random.default_rng(3)
+    windows = [
+        _make_pass(
+            make_window, mass, lambda time: 1e-3 * random.standard_normal(len(time)), at, 0.1, stay
+        )
+        for mass, at, stay in ((0.1, 0.3, 0.1), (0.2, 0.3003, 0.1), (0.3, 0.32, 0.12))
+    ]
+    parameters = DenoiseParameters(surround=way, method=method)
+
+    stacks = stack_passes(windows, parameters.stretch)
+
+    assert sorted(p for stack in stacks for p in stack.positions) == [0, 1, 2]
+    assert len(stacks) < 3
+    for stack in stacks:
+        for row, position in zip(denoise_stack(stack, parameters), stack.positions, strict=True):
+            window = windows[position]
+            alone = Denoiser(parameters).denoise(window).denoised
+            first = window.window_end - len(row)
+            known = ~np.isnan(alone)
+            np.testing.assert_allclose(row[known[first:]], alone[known], rtol=1e-9)
+
+
+def test_soft_and_hard_thresholds_take_their_noise_from_the_window(make_window):
+    window = make_window(_noisy(96))
+    stretch, offset = surround(window.force, 1024)
+    measured = slice(offset, offset + 96)
+    for method in ('soft', 'hard'):
+        for each_level in (False, True):
+            parameters = DenoiseParameters(method=method, each_level=each_level, surround='level')
+            np.testing.assert_allclose(
+                Denoiser(parameters).denoise(window).denoised,
+                threshold_universally(
+                    stretch, hard=method == 'hard', measured=measured, each_level=each_level
+                )[measured],
+                rtol=ROUNDING,
+            )
 
 
 def test_a_fault_passes_unchanged():
@@ -138,19 +284,24 @@ _NUMBERS = st.floats() | st.sampled_from([0.0, math.nan, math.inf, 1e-300, 1.0, 
 @given(
     _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS,
     st.integers(-5, 300), st.integers(-5, 300), st.integers(0, 300),
+    st.integers(-5, 300), *(st.none() | st.integers(-(2**62), 2**62),) * 3,
 )  # fmt: skip
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
-def test_no_garbage_raises(rate, per_kg, zero_counts, zero, std_dev, speed, begin, end, count):
+def test_no_garbage_raises(
+    rate, per_kg, zero_counts, zero, std_dev, speed, begin, end, count, empty, t1, t2, stamp
+):
     counts = np.random.default_rng(count).integers(-(2**31), 2**31, count).astype(np.int32)
     window = WeighWindow(
-        1, 0, 1, 2, speed, 0.1, speed, rate, per_kg, zero_counts, zero, std_dev, 0, begin, end,
-        counts,
+        1, t1, t2, 2, speed, 0.1, speed, rate, per_kg, zero_counts, zero, std_dev, 0,
+        stamp or 0, empty, begin, end, counts,
     )  # fmt: skip
 
     result = Denoiser(DenoiseParameters(stretch=128)).denoise(window)
 
     if is_consistent(window):
         assert len(result.denoised) == count
+        denoised, share = denoised_pass(result)
+        assert len(denoised) == len(share)
     else:
         assert result.reasons == ('BadWindow',)
 
@@ -162,6 +313,8 @@ def test_no_garbage_raises(rate, per_kg, zero_counts, zero, std_dev, speed, begi
         ({'speeds': (1.5, 1.25, 1.0, 0.75, 0.5)}, r'denoise\.speeds: speeds must ascend'),
         ({'lambda7': (1.0, 2.0, math.inf, 4.0, 5.0)}, r'denoise\.lambda7: .*finite'),
         ({'gamma5': (0.1, -0.2, 0.1, 0.1, 0.1)}, r'denoise\.gamma5: -0\.2 is not in 0\.\.10'),
+        ({'natural_frequency': (38.0, 39.0)}, r'denoise\.natural_frequency: 2 values, must be 1'),
+        ({'damping_ratio': ()}, r'denoise\.damping_ratio: 0 values, must be 1 or 5'),
     ],
 )
 def test_a_table_that_does_not_fit_together_is_refused(values, message):

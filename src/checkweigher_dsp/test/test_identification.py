@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.identification import Noise, identify, is_stable, platform_poles
+from checkweigher_dsp.identification import (
+    Noise,
+    Start,
+    WindowNoise,
+    identify,
+    identify_window,
+    is_stable,
+    platform_poles,
+)
 
 RATE = 960.0
 ROUNDING = 1e-10
@@ -16,25 +24,31 @@ PLATFORMS = [(20.0, 0.03), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio
 
 
 class _MatrixFilter(ExtendedKalmanFilter):
-    """The EKF of the method on X = [x(k), x(k-1), a1, a2, b1] with u = 1."""
+    """The EKF of the method on X = [x(k), x(k-1), a1, a2, b1]."""
 
-    def __init__(self, noise):
+    def __init__(self, noise, start=Start()):  # noqa: B008
         super().__init__(dim_x=5, dim_z=1)
-        self.x = np.zeros((5, 1))
+        self.x = np.array([[start.x, start.x_before, start.a1, start.a2, start.b1]]).T
+        of_coefficients = noise.initial if noise.coefficients is None else noise.coefficients
         self.P = noise.initial * np.eye(5)
+        self.P[2, 2] = self.P[3, 3] = of_coefficients
         self.Q = np.diag([noise.process, 0.0, 0.0, 0.0, 0.0])
         self.R = np.array([[noise.measurement]])
         self.H = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
+        self.load = 1.0
 
     def predict_x(self, u=0):
         x, y, a1, a2, b1 = self.x[:, 0]
-        self.x = np.array([[-a1 * x - a2 * y + b1 * 1.0], [x], [a1], [a2], [b1]])
+        self.x = np.array([[-a1 * x - a2 * y + b1 * self.load], [x], [a1], [a2], [b1]])
 
-    def step(self, sample):
+    def step(self, sample, load=1.0, measurement=None):
         x, y, a1, a2, _ = self.x[:, 0]
+        self.load = load
         self.F = np.eye(5)
-        self.F[0] = [-a1, -a2, -x, -y, 1.0]
+        self.F[0] = [-a1, -a2, -x, -y, load]
         self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
+        if measurement is not None:
+            self.R = np.array([[measurement]])
         self.predict()
         self.update(np.array([[sample]]), lambda _: self.H, lambda state: self.H @ state)
 
@@ -78,6 +92,128 @@ def test_the_filter_agrees_with_the_matrix_form(seed, count, measurement, proces
     assert (result.a1, result.a2, result.b1) == pytest.approx((a1, a2, b1), rel=ROUNDING)
     assert result.gain == pytest.approx(b1 / total, rel=ROUNDING)
     assert result.variance == pytest.approx(slope @ reference.P[2:, 2:] @ slope, rel=ROUNDING)
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(8, 200),
+    st.floats(1e-8, 1.0),
+    st.builds(Start, *(st.floats(-1.0, 1.0),) * 2, st.floats(-1.9, 0.0), st.floats(0.0, 0.9)),
+)
+def test_loads_starts_and_noises_of_each_sample_agree_with_the_matrix_form(
+    seed, count, of_coefficients, start
+):
+    random = np.random.default_rng(seed)
+    noise = Noise(1e-5, 1e-3, 0.5, of_coefficients)
+    loads = np.minimum(np.arange(count) / (count / 2), 1.0)
+    samples = loads + 0.1 * random.standard_normal(count)
+    measurement = 1e-3 * random.uniform(0.5, 20.0, count)
+    reference = _MatrixFilter(noise, start)
+    for values in zip(samples, loads, measurement, strict=True):
+        reference.step(*values)
+    a1, a2, b1 = reference.x[2:, 0]
+
+    result = identify(
+        samples.tolist(), noise, loads.tolist(), start=start, measurement=measurement.tolist()
+    )
+
+    assert (result.a1, result.a2, result.b1) == pytest.approx(
+        (a1, a2, b1), rel=ROUNDING, abs=ROUNDING
+    )
+
+
+def test_many_signals_at_once_are_identified_as_each_alone():
+    random = np.random.default_rng(5)
+    samples = 1 + 0.2 * random.standard_normal((7, 60))
+    loads = np.minimum(np.arange(60) / random.uniform(5, 40, (7, 1)), 1.0)
+    noises = [Noise(1e-4 * k, 1e-3 * k, 1.0, 0.1) for k in range(1, 8)]
+    together = Noise(
+        np.array([n.process for n in noises]), np.array([n.measurement for n in noises]), 1.0, 0.1
+    )
+
+    result = identify(samples.T, together, loads.T)
+
+    for k, noise in enumerate(noises):
+        alone = identify(samples[k].tolist(), noise, loads[k].tolist())
+        assert (result.gain[k], result.variance[k]) == pytest.approx(
+            (alone.gain, alone.variance), rel=ROUNDING
+        )
+        assert (result.a1[k], result.a2[k], result.b1[k]) == pytest.approx(
+            (alone.a1, alone.a2, alone.b1), rel=ROUNDING
+        )
+
+
+def test_a_load_that_rises_is_identified_from_its_rise():
+    # Platform at rest, load known at every step: nothing is modelled wrongly.
+    a1, a2 = _coefficients(38.0, 0.06)
+    loads = np.minimum(np.arange(1, 129) / 64, 1.0)
+    x = [0.0, 0.0]
+    for load in loads:
+        x.append(-a1 * x[-1] - a2 * x[-2] + 0.7 * (1 + a1 + a2) * load)
+
+    result = identify(x[2:], Noise(0.0, 1e-12), loads.tolist())
+
+    assert result.gain == pytest.approx(0.7, rel=1e-6)
+    assert platform_poles(result.a1, result.a2, RATE) == pytest.approx((38.0, 0.06), rel=1e-4)
+
+
+def test_coefficients_of_no_variance_stay_where_they_start():
+    start = Start(a1=-0.5, a2=0.1)
+
+    result = identify([0.3, 0.9, 1.1, 1.0], Noise(1e-4, 1e-3, 1.0, 0.0), start=start)
+
+    assert (result.a1, result.a2) == (-0.5, 0.1)
+
+
+def test_a_window_without_platform_is_weighed_by_least_squares():
+    # With a1 = a2 = 0 known the model is z = b1 u + noise; x, which is predicted anew at each
+    # step, adds its Q to R, and 1 / P0 is the weight of the prior.
+    loads = np.minimum(np.arange(1, 91) / 45, 1.0)
+    samples = 0.2 * loads + 0.01 * np.random.default_rng(6).standard_normal(90)
+    noise = WindowNoise(0.5, 0.2, 1.0, 0.0, rise=4.0)
+    scale = np.mean(samples[44:])
+    total = 0.5 * 1e-4 / scale**2 * np.where(loads < 1, 4.0 + 0.2, 1.0 + 0.2)
+    normal = np.sum(loads**2 / total) + 1 / noise.initial
+
+    result = identify_window(samples, 1e-4, loads, noise)
+
+    expected = np.sum(loads * samples / total) / normal
+    assert result.gain == pytest.approx(expected, rel=ROUNDING)
+    assert result.b1 == pytest.approx(expected, rel=ROUNDING)
+    assert result.variance == pytest.approx(scale**2 / normal, rel=ROUNDING)
+
+
+@pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])
+def test_the_unit_of_a_window_does_not_matter(gain):
+    samples = 0.2 + 0.01 * np.random.default_rng(7).standard_normal(64)
+
+    plain = identify_window(samples, 1e-4, None, WindowNoise())
+    scaled = identify_window(gain * samples, gain**2 * 1e-4, None, WindowNoise())
+
+    assert scaled.gain == pytest.approx(gain * plain.gain, rel=1e-9)
+    assert scaled.variance == pytest.approx(gain**2 * plain.variance, rel=1e-9)
+
+
+def test_windows_at_once_are_identified_as_each_alone():
+    samples = 0.2 + 0.01 * np.random.default_rng(8).standard_normal((4, 64))
+    samples[3] = np.nan
+    loads = np.minimum(np.arange(1, 65) / np.array([[10], [20], [30], [40]]), 1.0)
+    removed = np.array([1e-4, 2e-4, 0.0, 1e-4])
+
+    together = identify_window(samples, removed, loads, WindowNoise())
+
+    for k in range(3):
+        alone = identify_window(samples[k], float(removed[k]), loads[k], WindowNoise())
+        assert isinstance(alone.gain, float)
+        assert together.gain[k] == pytest.approx(alone.gain, rel=ROUNDING)
+        assert together.variance[k] == pytest.approx(alone.variance, rel=ROUNDING)
+    assert math.isnan(together.gain[3])
+
+
+@pytest.mark.parametrize('samples', [np.zeros(20), np.full(20, math.nan), np.full(20, math.inf)])
+def test_a_window_without_a_level_has_no_gain(samples):
+    assert math.isnan(identify_window(samples, 0.0, None, WindowNoise()).gain)
 
 
 @pytest.mark.parametrize('level', [0.5, 1.0, 2.0])

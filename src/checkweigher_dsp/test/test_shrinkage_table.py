@@ -1,5 +1,6 @@
 """Table 1 as it is printed, and what stands between its columns."""
 
+import numpy as np
 import pytest
 
 from checkweigher_dsp.shrinkage_table import TABLE_1, ShrinkageTable, interpolate
@@ -69,3 +70,14 @@ def test_speeds_that_do_not_ascend_are_refused(speeds):
 def test_columns_of_different_length_are_refused():
     with pytest.raises(ValueError, match='3 values for 2 speeds'):
         ShrinkageTable((1.0, 2.0), SMALL.gains, SMALL.thresholds)
+
+
+def test_several_speeds_give_a_column_for_each_pass():
+    speeds = np.array([0.5, 1.25, 3.5, 9.0])
+
+    band = SMALL.at(speeds, unit=2.0)[5]
+
+    each = [SMALL.at(float(speed), unit=2.0)[5] for speed in speeds]
+    assert band.gain.shape == (4, 1)
+    np.testing.assert_allclose(band.gain[:, 0], [one.gain for one in each], rtol=ROUNDING)
+    np.testing.assert_allclose(band.threshold[:, 0], [one.threshold for one in each], rtol=ROUNDING)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import pywt
 
-from checkweigher_dsp.wavelet_shrinkage import Shrinkage, band_responses, denoise_periodic, shrink
+from checkweigher_dsp.wavelet_shrinkage import (
+    Shrinkage,
+    band_responses,
+    denoise_periodic,
+    shrink,
+    threshold_universally,
+)
 
 ROUNDING = 1e-10  # of the largest sample
 
@@ -114,3 +120,63 @@ def test_a_length_that_is_no_multiple_of_128_is_refused(length):
 def test_the_responses_that_are_shared_cannot_be_changed():
     with pytest.raises(ValueError, match='read-only'):
         band_responses(128)[0, 0] = 1.0
+
+
+def _threshold_by_pywt(stretch, mode, measured, each_level):
+    approximation, *bands = pywt.swt(stretch, 'db16', level=7, trim_approx=True, norm=False)
+    factor = np.sqrt(2 * np.log(len(stretch[measured]))) / 0.6745
+    finest = np.median(np.abs(bands[-1][measured]))
+    kept = [
+        pywt.threshold(
+            band, factor * (np.median(np.abs(band[measured])) if each_level else finest), mode
+        )
+        for band in bands
+    ]
+    return pywt.iswt([approximation, *kept], 'db16', norm=False)
+
+
+@pytest.mark.parametrize('mode', ['hard', 'soft'])
+@pytest.mark.parametrize('each_level', [False, True])
+@pytest.mark.parametrize('measured', [slice(None), slice(100, 300)])
+def test_universal_thresholds_agree_with_pywavelets(mode, each_level, measured):
+    random = np.random.default_rng(4)
+    stretch = 5 + np.cumsum(random.standard_normal(512)) + random.standard_normal(512)
+
+    result = threshold_universally(
+        stretch, hard=mode == 'hard', measured=measured, each_level=each_level
+    )
+
+    np.testing.assert_allclose(
+        result,
+        _threshold_by_pywt(stretch, mode, measured, each_level),
+        rtol=0,
+        atol=ROUNDING * np.abs(stretch).max(),
+    )
+
+
+def test_universal_thresholds_leave_a_constant():
+    np.testing.assert_allclose(threshold_universally(np.full(256, 0.3), hard=False), 0.3)
+
+
+def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
+    stretches = np.random.default_rng(2).standard_normal((3, 256))
+    gains, thresholds = np.array([0.1, 0.5, 0.9]), np.array([0.3, 0.0, 1.2])
+
+    together = denoise_periodic(
+        stretches, [None] * 6 + [Shrinkage(gains[:, None], thresholds[:, None])]
+    )
+
+    for row, stretch, gain, threshold in zip(together, stretches, gains, thresholds, strict=True):
+        np.testing.assert_allclose(
+            row, denoise_periodic(stretch, [None] * 6 + [Shrinkage(gain, threshold)]),
+            atol=ROUNDING,
+        )  # fmt: skip
+
+
+def test_several_stretches_are_thresholded_each_by_its_own_noise():
+    stretches = np.random.default_rng(3).standard_normal((2, 256)) * [[1.0], [20.0]]
+
+    together = threshold_universally(stretches, hard=True)
+
+    for row, stretch in zip(together, stretches, strict=True):
+        np.testing.assert_allclose(row, threshold_universally(stretch, hard=True), atol=ROUNDING)

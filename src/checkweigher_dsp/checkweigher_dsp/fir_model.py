@@ -1,0 +1,138 @@
+r"""FIR model: the mass is a weighted sum of the samples, the weights learned from known masses.
+
+Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
+approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016), and its
+siblings. What is learned is one smooth curve over the relative position in the window, its values
+at a fixed number of knots, so that it serves windows of other lengths and speeds as well.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the weights of a window: the curve through the knots, at unity gain.
+
+    Parameters
+    ----------
+    knots : ndarray, (k,) float64
+        Values at equal distances from the first sample to the last, straight lines between them.
+    count : int
+        Length n of the window.
+
+    Returns
+    -------
+    ndarray, (n,) float64
+        Their sum is 1.
+
+    Raises
+    ------
+    ValueError
+        If the weights have no sum that could be made 1.
+    """
+    weights = _basis(count, len(knots)) @ knots
+    total = float(weights.sum())
+    if not (np.isfinite(total) and abs(total) > _LEAST_SUM * float(np.abs(weights).sum())):
+        raise ValueError(f'the weights at {len(knots)} knots have no sum')
+    return weights / total
+
+
+_LEAST_SUM = 1e-9
+
+
+def fir_estimate(samples: NDArray[np.float64], knots: NDArray[np.float64]) -> Any:
+    """Return the weighted sum of each window; unbiased for a constant load.
+
+    Parameters
+    ----------
+    samples : ndarray, (..., n) float64
+        Windows t2..t3, time on the last axis.
+    knots : ndarray, (k,) float64
+        As `fit_fir` learned them.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
+    """
+    return samples @ fir_weights(knots, np.shape(samples)[-1])
+
+
+def fit_fir(
+    samples: Sequence[NDArray[np.float64]] | NDArray[np.float64],
+    masses: NDArray[np.float64],
+    count: int,
+    ridge: float,
+) -> NDArray[np.float64]:
+    r"""Learn the weights of the smallest error on training passes, at unity gain.
+
+    The error at each knot, :math:`e_j = z_j - M c_j` with z_j what the knot sees of the window and
+    c_j what it sees of a load of 1, is freed of its regression on the mass: offset and gain take
+    that out. What is left has the covariance R, and the knots minimise
+
+    .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
+
+    the mean of the diagonal of R being :math:`\bar R`. Unity gain is a constraint and not fitted,
+    so passes of a single mass will do; with several, offset and gain are to be fitted on the
+    estimates afterwards.
+
+    Parameters
+    ----------
+    samples : sequence of ndarray, (n,) float64, or ndarray, (passes, n) float64
+        Windows t2..t3, zero removed; their lengths may differ. At least two.
+    masses : ndarray, (passes,) float64
+        True masses in the unit of `samples`.
+    count : int
+        Number of knots k, at least 2. A line at f Hz can be seen by k of 2 f times the window's
+        duration and more.
+    ridge : float
+        lambda, not negative: the larger, the smoother are the weights, and straight in the end.
+
+    Returns
+    -------
+    ndarray, (k,) float64
+        Values at the knots, for `fir_weights`.
+
+    Raises
+    ------
+    ValueError
+        If the passes are too few, do not fit the masses, or a setting is out of its range.
+    """
+    masses = np.asarray(masses, np.float64)
+    if len(samples) < 2 or len(samples) != len(masses):
+        raise ValueError(f'{len(samples)} passes with {len(masses)} masses cannot be fitted')
+    if count < 2 or not 0 <= ridge < np.inf:
+        raise ValueError(f'{count} knots with ridge {ridge:g} cannot be fitted')
+    bases = [_basis(len(window), count) for window in samples]
+    features = np.stack(
+        [window @ basis / len(basis) for window, basis in zip(samples, bases, strict=True)]
+    )
+    loads = np.stack([basis.mean(axis=0) for basis in bases])
+    unit = loads.mean(axis=0)
+    error = features - masses[:, None] * loads
+    # About the mean mass, so that passes of a single mass have but an offset.
+    regressors = np.stack([np.ones(len(masses)), masses - masses.mean()], axis=1)
+    error -= regressors @ np.linalg.lstsq(regressors, error, rcond=None)[0]
+    covariance = error.T @ error / len(error)
+    scale = float(np.trace(covariance)) / count or 1.0
+    curvature = np.diff(np.eye(count), 2, axis=0)
+    penalty = ridge * curvature.T @ curvature + _LEAST_RIDGE * np.eye(count)
+    knots = np.linalg.solve(covariance + scale * penalty, unit)
+    return np.asarray(knots / (unit @ knots))
+
+
+# Keeps the fit regular where passes are fewer than knots.
+_LEAST_RIDGE = 1e-9
+
+
+@lru_cache(maxsize=256)
+def _basis(count: int, knots: int) -> NDArray[np.float64]:
+    """Return the share of each knot in each sample, (count, knots)."""
+    position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)
+    basis = np.maximum(0, 1 - abs(position[:, None] - np.arange(knots)))
+    basis.flags.writeable = False
+    return basis

@@ -1,0 +1,76 @@
+r"""The load on the belt while a product enters: its share, and what the platform makes of it.
+
+Between t1 and t2 a product moves onto the belt at constant speed, so the share of it that rests
+there rises linearly from 0 to 1. The platform of the method answers to that rise with its ringing.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
+    """Return the share of a product that rests on the belt.
+
+    Parameters
+    ----------
+    time : ndarray, (..., n) float64
+        Since t1, s.
+    rise_time : float or ndarray, (..., 1)
+        t2 - t1, s; where it is not positive the load is there at once.
+
+    Returns
+    -------
+    ndarray, (..., n) float64
+        0 up to t1, 1 from t2 on.
+    """
+    rise_time = np.maximum(rise_time, _AT_ONCE)
+    return np.clip(time / rise_time, 0.0, 1.0)
+
+
+_AT_ONCE = 1e-9  # s
+
+
+def load_response(
+    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
+) -> NDArray[np.float64]:
+    r"""Return what a platform at rest reads of a product that enters, relative to its mass.
+
+    The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`; to a load that rises
+    by 1 each second from time 0 on it answers with
+
+    .. math:: r(t) = t - \frac{2 \xi}{\omega} + e^{-\xi \omega t} \left(\frac{2 \xi}{\omega}
+       \cos \omega_d t + \frac{2 \xi^2 - 1}{\omega_d} \sin \omega_d t\right),\quad
+       \omega_d = \omega \sqrt{1 - \xi^2}
+
+    and to a rise that ends after D with (r(t) - r(t - D)) / D.
+
+    Parameters
+    ----------
+    time : ndarray, (..., n) float64
+        Since t1, s.
+    rise_time : float or ndarray, (..., 1)
+        D = t2 - t1, s.
+    natural_frequency : float or ndarray, (..., 1)
+        Hz.
+    damping_ratio : float or ndarray, (..., 1)
+        xi, below 1.
+
+    Returns
+    -------
+    ndarray, (..., n) float64
+        0 up to t1, about 1 from t2 on.
+    """
+    rise_time = np.maximum(rise_time, _AT_ONCE)
+    omega = 2 * np.pi * np.asarray(natural_frequency)
+    damped = omega * np.sqrt(1 - np.square(damping_ratio))
+    lag = 2 * np.asarray(damping_ratio) / omega
+    sine = (2 * np.square(damping_ratio) - 1) / damped
+
+    def climb(since: NDArray[np.float64]) -> NDArray[np.float64]:
+        since = np.maximum(since, 0.0)
+        free = lag * np.cos(damped * since) + sine * np.sin(damped * since)
+        return since - lag + np.exp(-damping_ratio * omega * since) * free
+
+    return (climb(time) - climb(time - rise_time)) / rise_time

@@ -1,0 +1,111 @@
+r"""Time-varying low-pass filter (TVLPF): a cascade whose cut-off falls during the window.
+
+Reconstruction from abstracts of Pietrzak, Meller, Niedzwiecki, Dynamic mass measurement in
+checkweighers using a discrete time-variant low-pass filter, Mechanical Systems and Signal
+Processing 48 (2014), and its conference version of 2010. A wide filter follows the load at once, a
+narrow one is still; the cut-off goes from the one to the other,
+
+.. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
+"""
+
+from functools import lru_cache
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def time_varying_lowpass(
+    samples: NDArray[np.float64],
+    sections: int,
+    initial_cutoff: float,
+    final_cutoff: float,
+    decay: float,
+    sample_rate: float,
+) -> Any:
+    r"""Return the last output of the filter, which is started anew with each window.
+
+    Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has its pole where the analogue section
+    has it and unity gain at any cut-off. All sections start at the first sample: from any other
+    value a constant load would be approached and not shown, and the output would be biased.
+    So the gain is one whatever the schedule is: unbiased for a constant load.
+
+    Parameters
+    ----------
+    samples : ndarray, (..., n) float64
+        Windows t2..t3, time on the last axis; at least one sample.
+    sections : int
+        Number of first-order sections, at least 1; 2 to 4 are used.
+    initial_cutoff, final_cutoff : float
+        f_0 and f_inf in Hz, not negative.
+    decay : float
+        r, 0 to 1, per sample.
+    sample_rate : float
+        Hz.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
+
+    Raises
+    ------
+    ValueError
+        If there is no sample or a setting is out of its range.
+    """
+    count = np.shape(samples)[-1]
+    return samples @ lowpass_weights(
+        count, sections, initial_cutoff, final_cutoff, decay, sample_rate
+    )
+
+
+@lru_cache(maxsize=256)
+def lowpass_weights(
+    count: int,
+    sections: int,
+    initial_cutoff: float,
+    final_cutoff: float,
+    decay: float,
+    sample_rate: float,
+) -> NDArray[np.float64]:
+    """Return the weight of each sample in the last output of `time_varying_lowpass`.
+
+    The filter is linear in the samples for a given schedule, so its last output is one dot product.
+    The weights follow from running the transposed cascade backwards in time.
+
+    Parameters
+    ----------
+    count : int
+        Length n of the window.
+    sections, initial_cutoff, final_cutoff, decay, sample_rate
+        As in `time_varying_lowpass`.
+
+    Returns
+    -------
+    ndarray, (n,) float64
+        Read-only; not negative, their sum is 1.
+    """
+    if count < 1 or sections < 1:
+        raise ValueError(f'{count} samples and {sections} sections, must be at least 1 each')
+    if not (initial_cutoff >= 0 and final_cutoff >= 0 and sample_rate > 0 and 0 <= decay <= 1):
+        raise ValueError(
+            f'cut-off {initial_cutoff:g} to {final_cutoff:g} Hz with decay {decay:g} at '
+            f'{sample_rate:g} Hz is no schedule'
+        )
+    cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
+    steps = (-np.expm1(-2 * math.pi / sample_rate * cutoff)).tolist()
+    weights = np.zeros(count)
+    # adjoint[j]: what the state of section j is worth in the last output.
+    adjoint = [0.0] * (sections - 1) + [1.0]
+    for index in range(count - 1, -1, -1):
+        step = steps[index]
+        for section in range(sections - 1, 0, -1):
+            adjoint[section - 1] += step * adjoint[section]
+            adjoint[section] *= 1 - step
+        weights[index] = step * adjoint[0]
+        adjoint[0] *= 1 - step
+    weights[0] += sum(adjoint)
+    weights.flags.writeable = False
+    return weights
