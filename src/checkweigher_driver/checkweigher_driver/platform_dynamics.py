@@ -73,7 +73,7 @@ class Platform:
         return reading
 
     def _stretch(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
-        a11, a12, a21, a22 = self._transition(load)
+        a11, a12, a21, a22 = self.transition(load)
         b1, b2 = 1 - a11, -a12 * a21 - a22 * (1 - a11)
         state = np.array((self._reading, a12 * self._rate - a22 * self._reading))
         reading, (last, other) = lfilter(
@@ -83,8 +83,8 @@ class Platform:
         self._rate = (float(other) + a22 * self._reading) / a12
         return np.asarray(reading)
 
-    def _transition(self, load: float) -> tuple[float, float, float, float]:
-        """Return the matrix exponential of one step at a load in kg, row by row."""
+    def transition(self, load: float) -> tuple[float, float, float, float]:
+        """Return a11, a12, a21 and a22 of one step, the matrix exponential, at a load in kg."""
         # Stiffness and damper stay, the mass grows.
         share = self._moving_mass / (self._moving_mass + load)
         squared = self._omega**2 * share

@@ -1,0 +1,332 @@
+"""Accuracy of estimators: errors of passes whose mass is known, and their statistics.
+
+The figures of merit are those of Long et al.: the mean error mu against the true mass, the standard
+deviation sigma with n - 1, and the overall index A = |mu| + 3 sigma. (The paper's equation 20
+subtracts the mean of the readings, which would make every mu zero; its table does not.)
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import math
+from statistics import NormalDist
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+Part = Literal['train', 'test']
+PARTS: tuple[str, ...] = get_args(Part)
+
+# Speeds and masses of a table are typed in or counted in steps; what differs less is the same.
+_SAME = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConditionResult:
+    """All passes of one estimator at one mass and one speed.
+
+    Attributes
+    ----------
+    estimator : str
+        Its name.
+    speed : float
+        m/s, nominal.
+    mass : float
+        kg, true.
+    part : str
+        'train' if the estimator was tuned on these passes, else 'test'.
+    errors : ndarray, (n,) float64
+        kg, mass less true mass of the passes that were weighed.
+    std_devs : ndarray, (n,) float64
+        kg, standard deviation that the estimator states for each; NaN where it states none.
+    faults : int
+        Passes that got no mass.
+    bound : float
+        kg, the Gauss-Markov bound of sigma, NaN where it is not known.
+
+    Raises
+    ------
+    ValueError
+        If errors and standard deviations do not belong together, an error is not a number, or the
+        part is neither of the two.
+    """
+
+    estimator: str
+    speed: float
+    mass: float
+    part: str
+    errors: NDArray[np.float64]
+    std_devs: NDArray[np.float64]
+    faults: int = 0
+    bound: float = math.nan
+
+    def __post_init__(self) -> None:
+        if self.errors.ndim != 1 or self.errors.shape != self.std_devs.shape:
+            raise ValueError(
+                f'errors {self.errors.shape} and std_devs {self.std_devs.shape} are not of one '
+                'length'
+            )
+        if not np.isfinite(self.errors).all():
+            raise ValueError('an error is not finite; a pass without a mass is a fault')
+        if self.part not in PARTS:
+            raise ValueError(f'part {self.part!r} is neither train nor test')
+
+    @property
+    def count(self) -> int:
+        """Passes that were weighed."""
+        return len(self.errors)
+
+    @property
+    def mean_error(self) -> float:
+        """Mean error mu in kg, NaN without a weighed pass."""
+        return float(np.mean(self.errors)) if self.count else math.nan
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation sigma in kg, with n - 1; NaN for fewer than two weighed passes."""
+        return float(np.std(self.errors, ddof=1)) if self.count > 1 else math.nan
+
+    @property
+    def index(self) -> float:
+        """Overall index A = |mu| + 3 sigma in kg."""
+        return abs(self.mean_error) + 3 * self.std_dev
+
+    @property
+    def ratio(self) -> float:
+        """Standard deviation over its Gauss-Markov bound, NaN where that is not known."""
+        return self.std_dev / self.bound if self.bound else math.nan
+
+    def coverage(self, level: float) -> float:
+        """Return the share of passes whose error lies in the interval that was stated for it.
+
+        Parameters
+        ----------
+        level : float
+            Probability of the interval for a normal distribution, in 0..1 without its ends.
+
+        Returns
+        -------
+        float
+            In 0..1; NaN if no pass states a standard deviation. Close to `level` if the stated
+            standard deviations are right and there is no bias.
+        """
+        stated = np.isfinite(self.std_devs)
+        if not stated.any():
+            return math.nan
+        width = interval_factor(level) * self.std_devs[stated]
+        return float(np.mean(np.abs(self.errors[stated]) <= width))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Example:
+    """One pass as it was recorded and as it was denoised, for figures.
+
+    Attributes
+    ----------
+    speed : float
+        m/s, nominal.
+    mass : float
+        kg, true.
+    sample_rate : float
+        Hz.
+    t1, t2, t3, t4 : float
+        s from the first sample: begins to enter, is fully on, begins to leave, is gone.
+    signal : ndarray, (n,) float64
+        kg, zero removed.
+    ideal : ndarray, (n,) float64
+        kg, the response of the platform without any noise; empty if it is not known.
+    denoised : tuple of (str, ndarray)
+        The window t2..t3 by name of the thresholding: hard, soft, shrinkage; kg.
+    bands : tuple of (str, ndarray)
+        Bands of the stationary wavelet transform by name: a7, d7 .. d1; kg.
+    """
+
+    speed: float
+    mass: float
+    sample_rate: float
+    t1: float
+    t2: float
+    t3: float
+    t4: float
+    signal: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+    bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+
+    @property
+    def window(self) -> slice:
+        """Samples from the first one at or after t2 up to the last one before t3."""
+        # A sample that lies on an edge must not fall to the wrong side by a rounding error.
+        begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
+        return slice(max(begin, 0), min(end, len(self.signal)))
+
+
+@dataclass(frozen=True, slots=True)
+class Average:
+    """Means over conditions, each with the same weight.
+
+    Where one condition has no value the mean has none, so that a condition that could not be
+    weighed does not make an estimator look better.
+
+    Attributes
+    ----------
+    mean_error : float
+        kg, of the magnitudes of mu.
+    std_dev, index, bound : float
+        kg.
+    ratio : float
+        Of the ratios sigma / bound.
+    count, faults : int
+        Sums: passes that were weighed, and those that got no mass.
+    """
+
+    mean_error: float
+    std_dev: float
+    index: float
+    bound: float
+    ratio: float
+    count: int
+    faults: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """What a protocol gave: all conditions, where they come from, signals to show.
+
+    Attributes
+    ----------
+    title : str
+        One line.
+    conditions : tuple of ConditionResult
+        At most one for each estimator, speed, mass and part.
+    provenance : tuple of (str, str)
+        Name and value of whatever is needed to repeat it: profile, seed, bags, versions.
+    examples : tuple of Example
+        Signals for the figures.
+
+    Raises
+    ------
+    ValueError
+        If two conditions are the same.
+    """
+
+    title: str
+    conditions: tuple[ConditionResult, ...]
+    provenance: tuple[tuple[str, str], ...]
+    examples: tuple[Example, ...] = ()
+
+    def __post_init__(self) -> None:
+        seen = set()
+        for one in self.conditions:
+            key = one.estimator, round(one.speed / _SAME), round(one.mass / _SAME), one.part
+            if key in seen:
+                raise ValueError(
+                    f'{one.estimator} at {one.speed:g} m/s and {one.mass:g} kg, {one.part}: '
+                    'there twice'
+                )
+            seen.add(key)
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """Names in the order in which they first appear."""
+        return tuple(dict.fromkeys(one.estimator for one in self.conditions))
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Parts that there are passes of, 'test' first: it is what counts."""
+        there = {one.part for one in self.conditions}
+        return tuple(part for part in reversed(PARTS) if part in there)
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """Nominal speeds in m/s, ascending."""
+        return distinct(one.speed for one in self.conditions)
+
+    @property
+    def masses(self) -> tuple[float, ...]:
+        """True masses in kg, ascending."""
+        return distinct(one.mass for one in self.conditions)
+
+    def select(
+        self,
+        *,
+        estimator: str | None = None,
+        speed: float | None = None,
+        mass: float | None = None,
+        part: str | None = None,
+    ) -> tuple[ConditionResult, ...]:
+        """Return the conditions that agree with all that is given, in their order.
+
+        Parameters
+        ----------
+        estimator, part : str, optional
+            By name.
+        speed : float, optional
+            m/s.
+        mass : float, optional
+            kg.
+        """
+        return tuple(
+            one
+            for one in self.conditions
+            if (estimator is None or one.estimator == estimator)
+            and (speed is None or same(one.speed, speed))
+            and (mass is None or same(one.mass, mass))
+            and (part is None or one.part == part)
+        )
+
+
+def average(conditions: Iterable[ConditionResult]) -> Average:
+    """Return the means over conditions; all NaN and 0 if there are none."""
+    there = tuple(conditions)
+    return Average(
+        mean_error=_mean([abs(one.mean_error) for one in there]),
+        std_dev=_mean([one.std_dev for one in there]),
+        index=_mean([one.index for one in there]),
+        bound=_mean([one.bound for one in there]),
+        ratio=_mean([one.ratio for one in there]),
+        count=sum(one.count for one in there),
+        faults=sum(one.faults for one in there),
+    )
+
+
+def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
+    """Return the share of the stated intervals that hold the error, over all passes.
+
+    Parameters
+    ----------
+    conditions : iterable of ConditionResult
+        Whose passes are put together.
+    level : float
+        As in `ConditionResult.coverage`.
+    """
+    shares, counts = [], []
+    for one in conditions:
+        stated = int(np.isfinite(one.std_devs).sum())
+        if stated:
+            shares.append(one.coverage(level))
+            counts.append(stated)
+    return float(np.average(shares, weights=counts)) if counts else math.nan
+
+
+def interval_factor(level: float) -> float:
+    """Return k such that +-k standard deviations of a normal distribution hold `level` of it."""
+    return NormalDist().inv_cdf((1 + level) / 2)
+
+
+def same(one: float, other: float) -> bool:
+    """Whether two nominal speeds in m/s, or two true masses in kg, are meant to be the same."""
+    return abs(one - other) < _SAME
+
+
+def distinct(values: Iterable[float]) -> tuple[float, ...]:
+    """Return values in ascending order, of those that are the same only the first."""
+    kept: list[float] = []
+    for value in sorted(values):
+        if not kept or not same(kept[-1], value):
+            kept.append(value)
+    return tuple(kept)
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else math.nan

@@ -1,0 +1,148 @@
+"""Prepackages of one nominal quantity: EU Directive 76/211/EEC, Annex I.
+
+The tolerable negative error (TNE) depends on the nominal quantity. A batch is right if its mean is
+not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE and none is below
+TU2 = nominal - 2 TNE. Percentages are taken as they stand; the directive rounds them up to the next
+0.1 g (quoted from memory), so what is computed here is never the looser one.
+
+Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is
+not part of this module.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+MAX_SHARE_BELOW_TU1 = 0.025
+SMALLEST, LARGEST = 0.005, 10.0  # kg, what the table goes from and up to
+
+# Nominal quantity in kg up to which a row holds, and its TNE: a share of it or kg.
+_SHARE, _CONSTANT = True, False
+_ROWS = (
+    (0.05, _SHARE, 9e-2),
+    (0.1, _CONSTANT, 4.5e-3),
+    (0.2, _SHARE, 4.5e-2),
+    (0.3, _CONSTANT, 9e-3),
+    (0.5, _SHARE, 3e-2),
+    (1.0, _CONSTANT, 15e-3),
+    (10.0, _SHARE, 1.5e-2),
+)
+
+# A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits for one nominal quantity, all in kg."""
+
+    nominal: float
+    tolerable_negative_error: float
+    tu1: float
+    tu2: float
+
+
+@dataclass(frozen=True, slots=True)
+class BatchJudgement:
+    """A batch against the directive.
+
+    Attributes
+    ----------
+    limits : Limits
+        For its nominal quantity.
+    count : int
+        Prepackages in the batch.
+    mean : float
+        kg.
+    below_tu1, below_tu2 : int
+        How many are below each; those below TU2 are below TU1 as well.
+    mean_passed, tu1_passed, tu2_passed : bool
+        Whether each requirement is met.
+    """
+
+    limits: Limits
+    count: int
+    mean: float
+    below_tu1: int
+    below_tu2: int
+    mean_passed: bool
+    tu1_passed: bool
+    tu2_passed: bool
+
+    @property
+    def share_below_tu1(self) -> float:
+        """Share of the batch below TU1, in 0..1."""
+        return self.below_tu1 / self.count
+
+    @property
+    def passed(self) -> bool:
+        """Whether all three requirements are met."""
+        return self.mean_passed and self.tu1_passed and self.tu2_passed
+
+
+def tolerable_negative_error(nominal: float) -> float:
+    """Return the tolerable negative error in kg.
+
+    Parameters
+    ----------
+    nominal : float
+        Nominal quantity, kg, in 0.005..10.
+
+    Raises
+    ------
+    ValueError
+        If the directive has no row for it.
+    """
+    if not SMALLEST * (1 - _ROUNDING) <= nominal <= LARGEST * (1 + _ROUNDING):
+        raise ValueError(
+            f'nominal {nominal:g} kg is not in {SMALLEST:g}..{LARGEST:g} kg, for which the '
+            'directive has limits'
+        )
+    _, kind, value = next(row for row in _ROWS if nominal <= row[0] * (1 + _ROUNDING))
+    return value * (nominal if kind is _SHARE else 1.0)
+
+
+def limits(nominal: float) -> Limits:
+    """Return TNE, TU1 and TU2 for a nominal quantity in kg; `ValueError` as above."""
+    error = tolerable_negative_error(nominal)
+    return Limits(nominal, error, nominal - error, nominal - 2 * error)
+
+
+def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
+    """Hold a batch to the three requirements.
+
+    Parameters
+    ----------
+    masses : iterable of float
+        Contents of each prepackage, without its tare, kg.
+    nominal : float
+        Nominal quantity, kg.
+
+    Raises
+    ------
+    ValueError
+        If the batch is empty, a mass is not finite or the directive has no limits for `nominal`.
+    """
+    batch = np.array(list(masses), dtype=np.float64)
+    if not len(batch):
+        raise ValueError('a batch of no prepackages cannot be judged')
+    if not np.isfinite(batch).all():
+        raise ValueError(
+            'a mass is not finite; a prepackage that was not weighed has no place here'
+        )
+    its = limits(nominal)
+    slack = _ROUNDING * nominal
+    mean = float(batch.mean())
+    below_tu1 = int(np.sum(batch < its.tu1 - slack))
+    below_tu2 = int(np.sum(batch < its.tu2 - slack))
+    return BatchJudgement(
+        limits=its,
+        count=len(batch),
+        mean=mean,
+        below_tu1=below_tu1,
+        below_tu2=below_tu2,
+        mean_passed=mean >= nominal - slack,
+        tu1_passed=below_tu1 <= MAX_SHARE_BELOW_TU1 * len(batch) * (1 + _ROUNDING),
+        tu2_passed=below_tu2 == 0,
+    )

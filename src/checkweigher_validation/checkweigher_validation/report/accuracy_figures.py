@@ -1,0 +1,162 @@
+"""Figures of accuracy: A by algorithm, mass and speed, and its averages."""
+
+from itertools import starmap
+import math
+from typing import Any, cast
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_validation.accuracy import Evaluation, average
+from checkweigher_validation.accuracy_tables import (
+    GRAMS,
+    METRES_PER_MINUTE,
+    has_paper_masses,
+    has_paper_speeds,
+)
+from checkweigher_validation.paper_table import paper_index
+from checkweigher_validation.report.inline_svg import INK, MUTED, SURFACE, new_figure, stand_in
+from checkweigher_validation.report.palette import Look, looks_of
+
+_BOUND: dict[str, Any] = {'color': INK, 'lw': 1.2, 'ls': (0, (4, 2)), 'label': '3 × bound'}
+_COLUMNS = 3
+
+
+def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
+    """Draw A over the mass for each estimator, one panel a speed (figure 11 of the paper)."""
+    speeds = evaluation.speeds
+    # One place is left for the legend.
+    rows = math.ceil((len(speeds) + 1) / _COLUMNS)
+    figure = new_figure(9.6, 2.5 * rows)
+    panels = cast(NDArray[np.object_], figure.subplots(rows, _COLUMNS, squeeze=False)).ravel()
+    for number, (axes, speed) in enumerate(zip(panels, speeds, strict=False)):
+        _draw_speed(axes, evaluation, speed, part)
+        axes.set_title(f'{METRES_PER_MINUTE * speed:.4g} m/min')
+        if number % _COLUMNS == 0:
+            axes.set_ylabel('A, g')
+        if number + _COLUMNS >= len(speeds):
+            axes.set_xlabel('mass, g')
+    for axes in panels[len(speeds) :]:
+        axes.axis('off')
+    panels[len(speeds)].legend(handles=_handles(evaluation), loc='center', handlelength=2.6)
+    return figure
+
+
+def averages_figure(evaluation: Evaluation, part: str) -> Figure:
+    """Draw A on average over the masses and over everything (figure 12)."""
+    figure = new_figure(9.6, 3.9)
+    left, right = cast(NDArray[np.object_], figure.subplots(1, 2, width_ratios=(1, 1.1)))
+    _draw_by_speed(left, evaluation, part)
+    _draw_overall(right, evaluation, part)
+    return figure
+
+
+def _draw_speed(axes: Axes, evaluation: Evaluation, speed: float, part: str) -> None:
+    for number, (name, look) in enumerate(looks_of(evaluation.estimators).items()):
+        there = sorted(
+            evaluation.select(estimator=name, speed=speed, part=part), key=lambda one: one.mass
+        )
+        masses = [GRAMS * one.mass for one in there]
+        _line(axes, masses, [GRAMS * one.index for one in there], number, look)
+    bounds = {one.mass: one.bound for one in evaluation.select(speed=speed, part=part)}
+    masses = sorted(bounds)
+    axes.plot(
+        [GRAMS * mass for mass in masses], [3 * GRAMS * bounds[mass] for mass in masses], **_BOUND
+    )
+    _logarithmic(axes)
+
+
+def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
+    speeds = evaluation.speeds
+    shown = [METRES_PER_MINUTE * speed for speed in speeds]
+    for number, (name, look) in enumerate(looks_of(evaluation.estimators).items()):
+        means = [
+            GRAMS * average(evaluation.select(estimator=name, speed=speed, part=part)).index
+            for speed in speeds
+        ]
+        _line(axes, shown, means, number, look)
+    bounds = [
+        3 * GRAMS * average(evaluation.select(speed=speed, part=part)).bound for speed in speeds
+    ]
+    axes.plot(shown, bounds, **_BOUND)
+    _logarithmic(axes)
+    axes.set(xlabel='belt speed, m/min', ylabel='A, g', xticks=shown)
+    axes.set_title('Average over the masses')
+
+
+def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
+    """Draw one row for each estimator, the best one on top."""
+    looks = looks_of(evaluation.estimators)
+    comparable = has_paper_masses(evaluation) and has_paper_speeds(evaluation)
+    means = {
+        name: GRAMS * average(evaluation.select(estimator=name, part=part)).index for name in looks
+    }
+    order = sorted(looks, key=lambda name: (math.isnan(means[name]), means[name]))
+    numbers = {name: number for number, name in enumerate(looks)}
+    paper_shown = False
+    for row, name in enumerate(order):
+        paper = GRAMS * paper_index(name) if comparable else math.nan
+        if not math.isnan(paper):
+            axes.plot(
+                paper, row, marker=looks[name].marker, ms=8, mfc=SURFACE, ls='',
+                mec=stand_in(numbers[name]), mew=1.4, zorder=2,
+            )  # fmt: skip
+            paper_shown = True
+        axes.plot(
+            means[name], row, marker=looks[name].marker, ms=8, ls='', mec=SURFACE, mew=0.8,
+            color=stand_in(numbers[name]), zorder=3,
+        )  # fmt: skip
+        if not math.isnan(means[name]):
+            axes.annotate(
+                f'{means[name]:.3f}', (1.01, row), xycoords=('axes fraction', 'data'),
+                va='center', fontsize=8.5,
+            )  # fmt: skip
+    bound = 3 * GRAMS * average(evaluation.select(part=part)).bound
+    if not math.isnan(bound):
+        axes.axvline(bound, color=INK, lw=1.2, ls=(0, (4, 2)))
+    axes.set_yticks(range(len(order)), [looks[name].label for name in order])
+    axes.tick_params(axis='y', length=0, labelcolor=INK)
+    axes.invert_yaxis()
+    axes.set_xlim(left=0)
+    axes.set_xlabel('A, g')
+    axes.set_title('Average over everything' + (', hollow: the paper' if paper_shown else ''))
+
+
+def _line(axes: Axes, x: list[float], y: list[float], number: int, look: Look) -> None:
+    axes.plot(
+        x, y, color=stand_in(number), marker=look.marker, ms=5.5, mec=SURFACE, mew=0.6, lw=1.2,
+        label=look.label,
+    )  # fmt: skip
+
+
+def _handles(evaluation: Evaluation) -> list[Line2D]:
+    looks = looks_of(evaluation.estimators).values()
+    return [*starmap(_handle, enumerate(looks)), Line2D([], [], **_BOUND)]
+
+
+def _handle(number: int, look: Look) -> Line2D:
+    return Line2D(
+        [], [], color=stand_in(number), marker=look.marker, ms=5.5, mec=SURFACE, mew=0.6, lw=1.2,
+        label=look.label,
+    )  # fmt: skip
+
+
+def _logarithmic(axes: Axes) -> None:
+    """Make the vertical axis logarithmic, with plain numbers that suit what it spans."""
+    low, high = axes.dataLim.intervaly
+    axes.set_yscale('log')
+    if 0 < low < high < math.inf:
+        steps = (1.0, 2.0, 5.0) if high > 6 * low else (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
+        decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+        ticks = [step * 10.0**decade for decade in decades for step in steps]
+        axes.set_ylim(low / 1.08, high * 1.08)
+        axes.set_yticks([tick for tick in ticks if low / 1.08 <= tick <= high * 1.08])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(which='minor', length=0)
+    axes.grid(which='minor', visible=False)
+    axes.spines['bottom'].set_color(MUTED)

@@ -1,0 +1,108 @@
+"""Figures as SVG that stands inside an HTML page and takes its colours.
+
+A figure is drawn in stand-in colours. In the finished SVG these become CSS variables, so one figure
+serves a light and a dark page and paper. Text stays text, in the font of the page.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import io
+import re
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+# Stand-ins and the CSS variables they become.
+INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
+_VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
+
+# Any: matplotlib's own type of it is a list of all names that there are.
+_STYLE: Any = {
+    'axes.axisbelow': True,
+    'axes.edgecolor': GRID,
+    'axes.facecolor': 'none',
+    'axes.grid': True,
+    'axes.labelcolor': MUTED,
+    'axes.labelsize': 9,
+    'axes.spines.right': False,
+    'axes.spines.top': False,
+    'axes.titlecolor': INK,
+    'axes.titlelocation': 'left',
+    'axes.titlesize': 10,
+    'figure.facecolor': 'none',
+    'font.size': 9,
+    'grid.color': GRID,
+    'grid.linewidth': 0.8,
+    'legend.frameon': False,
+    'legend.labelcolor': INK,
+    'lines.linewidth': 1.4,
+    'lines.solid_capstyle': 'round',
+    'mathtext.default': 'regular',
+    # Text as text; equal figures are equal files.
+    'svg.fonttype': 'none',
+    'svg.hashsalt': 'checkweigher',
+    'text.color': INK,
+    'xtick.color': GRID,
+    'xtick.labelcolor': MUTED,
+    'xtick.labelsize': 8.5,
+    'ytick.color': GRID,
+    'ytick.labelcolor': MUTED,
+    'ytick.labelsize': 8.5,
+}
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Give all figures that are made within the look of the report."""
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return a figure without anything; width and height in inches of 1/10 of a full row."""
+    return Figure(figsize=(width, height), layout='constrained')
+
+
+def stand_in(number: int) -> str:
+    """Return the stand-in colour of a series; it becomes the CSS variable ``--series-N``."""
+    return f'#f1e2{number:02x}'
+
+
+def to_inline_svg(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as an SVG element for an HTML page.
+
+    Parameters
+    ----------
+    figure : Figure
+        Drawn within `house_style`.
+    name : str
+        Of its own on the page: all ids within the figure begin with it.
+    description : str
+        What it shows, for those who cannot see it.
+    """
+    FigureCanvasSVG(figure)
+    file = io.StringIO()
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(file, format='svg', transparent=True, metadata={'Date': None})
+    text = file.getvalue()
+    text = text[text.index('<svg') :]
+    text = re.sub(r'<metadata>.*?</metadata>', '', text, count=1, flags=re.S)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r'(xlink:href="#|url\(#)', rf'\g<1>{name}-', text)
+    text = re.sub(r'\n\s*', '\n', text)
+    # The size is up to the page; its font, too.
+    head, rest = text.split('>', 1)
+    head = re.sub(r' (width|height)="[^"]*"', '', head)
+    rest = re.sub(r'(font: [^;\"]*?[\d.]+px) [^;\"]*', r'\g<1> var(--font)', rest)
+    label = description.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
+    return _with_variables(f'{head} role="img" aria-label="{label}">{rest}').strip()
+
+
+def _with_variables(text: str) -> str:
+    for color, variable in _VARIABLES.items():
+        text = text.replace(color, f'var(--{variable})')
+    return re.sub(
+        r'#f1e2([0-9a-f]{2})', lambda found: f'var(--series-{int(found.group(1), 16)})', text
+    )

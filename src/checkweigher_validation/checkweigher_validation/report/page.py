@@ -1,0 +1,178 @@
+"""The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from checkweigher_validation import prepackages
+from checkweigher_validation.accuracy import Evaluation, Example
+from checkweigher_validation.accuracy_classes import AccuracyClass
+from checkweigher_validation.report import accuracy_figures, content, signal_figures
+from checkweigher_validation.report.inline_svg import house_style, to_inline_svg
+from checkweigher_validation.report.palette import looks_of
+from checkweigher_validation.whole_file import write_whole
+
+_TEMPLATE = 'report.html.j2'
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure as it stands on the page."""
+
+    svg: Markup
+    caption: str
+
+
+def write_report(
+    path: Path,
+    evaluation: Evaluation,
+    accuracy_class: AccuracyClass = AccuracyClass(),
+    nominal: float | None = None,
+) -> None:
+    """Write the report, in place of one that is there.
+
+    Parameters
+    ----------
+    path : Path
+        Of the HTML file.
+    evaluation, accuracy_class, nominal
+        As in `render`.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; what was there before then stays.
+    ValueError
+        As in `render`.
+    """
+    write_whole(path, render(evaluation, accuracy_class, nominal))
+
+
+def render(
+    evaluation: Evaluation,
+    accuracy_class: AccuracyClass = AccuracyClass(),
+    nominal: float | None = None,
+) -> str:
+    """Return the report of an evaluation as one HTML page that needs no other file.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        At least one condition. What counts is part 'test' if there is one.
+    accuracy_class : AccuracyClass
+        Whose limits the conditions are held to.
+    nominal : float, optional
+        kg, nominal quantity of prepackages whose limits are to be shown.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to report, or the prepackages have no limits.
+    """
+    if not evaluation.conditions:
+        raise ValueError('an evaluation without conditions has nothing to report')
+    environment = Environment(
+        loader=PackageLoader('checkweigher_validation.report', ''),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    part = evaluation.parts[0]
+    return environment.get_template(_TEMPLATE).render(
+        evaluation=evaluation,
+        part=part,
+        accuracy_class=accuracy_class,
+        looks=list(looks_of(evaluation.estimators).values()),
+        findings=content.findings(evaluation, accuracy_class),
+        summary=content.summary(evaluation, accuracy_class),
+        by_speed=content.by_speed(evaluation, part),
+        tables={one: content.table_3(evaluation, one) for one in evaluation.parts},
+        limits=content.class_limits(evaluation, accuracy_class),
+        verdicts=content.verdicts(evaluation, accuracy_class, part),
+        coverages=content.coverages(evaluation),
+        levels=[f'{100 * level:.0f} %' for level in content.LEVELS],
+        prepackage=None if nominal is None else prepackages.limits(nominal),
+        has_paper=content.has_paper(evaluation),
+        paper_average=content.has_paper_masses(evaluation) and content.has_paper_speeds(evaluation),
+        accuracy_pictures=list(_accuracy_pictures(evaluation, part)),
+        signal_pictures=list(_signal_pictures(evaluation.examples)),
+        speed_label=content.speed_label,
+        mass_label=content.mass_label,
+        grams=content.grams,
+    )
+
+
+def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
+    yield _picture(
+        'index-by-mass',
+        lambda: accuracy_figures.index_by_mass_figure(evaluation, part),
+        'A of each estimator over the mass, one panel for each belt speed; lower is better. An '
+        'unbiased linear estimate gets below the dashed line, three times the Gauss-Markov bound, '
+        'by chance only. (As figure 11 of the paper; logarithmic, each panel on a scale of its '
+        'own.)',
+    )
+    yield _picture(
+        'averages',
+        lambda: accuracy_figures.averages_figure(evaluation, part),
+        'Left: A on average over the masses, by belt speed; the distance to the dashed line is '
+        'what an estimator leaves to be gained. Right: A on average over everything, the best on '
+        'top. (As figure 12.)',
+    )
+
+
+def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
+    if not examples:
+        return
+    slow = min(examples, key=lambda one: (one.speed, -one.mass))
+    fast = max(examples, key=lambda one: (one.speed, one.mass))
+    of_slow, of_fast = (
+        f'{content.mass_label(one.mass)} at {content.speed_label(one.speed)}'
+        for one in (slow, fast)
+    )
+    yield _picture(
+        'pass',
+        lambda: signal_figures.pass_figure(slow),
+        f'A pass, {of_slow}. From t1 to t2 the product rides on, from t3 to t4 it leaves; all '
+        'there is to weigh it lies in the shaded window. (As figure 2 of the paper.)',
+    )
+    if len(fast.ideal):
+        yield _picture(
+            'ideal',
+            lambda: signal_figures.ideal_figure(fast),
+            f'A pass, {of_fast}, and what the platform would show without any noise: the load '
+            'and the ringing from its entry. Below, the difference of the two. (As figure 5.)',
+        )
+    yield _picture(
+        'spectrum',
+        lambda: signal_figures.spectrum_figure(fast),
+        f'The spectrum of a pass, {of_fast}. The load lies at the lowest frequencies, the '
+        'ringing about the natural frequency of the platform; where the signal stands above the '
+        'line without noise, it is disturbed. (As figure 6.)',
+    )
+    if fast.bands:
+        yield _picture(
+            'bands',
+            lambda: signal_figures.bands_figure(fast),
+            'The same pass in the bands of the stationary wavelet transform, each on a scale of '
+            'its own. The lower the band, the longer its wavelet, and the more of what surrounds '
+            'the shaded window gets into it. (As figure 7.)',
+        )
+    if fast.denoised:
+        yield _picture(
+            'denoised',
+            lambda: signal_figures.denoised_figure(fast),
+            'The window after hard and soft thresholding of all details and after shrinkage, '
+            'against the response without noise and the mass that is to be found. (As figures 8 '
+            'and 9.)',
+        )
+
+
+def _picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
+    with house_style():
+        figure = draw()
+    return Picture(Markup(to_inline_svg(figure, name, caption)), caption)

@@ -1,0 +1,56 @@
+"""Names and colours of estimators: the same ones in every table and figure.
+
+Colours are told apart with any kind of colour vision (after Okabe and Ito), each in a light and a
+dark variant; every estimator has a marker of its own as well.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How an estimator is shown.
+
+    Attributes
+    ----------
+    label : str
+        Name for readers.
+    marker : str
+        As matplotlib names it.
+    light, dark : str
+        Colour on a light and on a dark ground.
+    """
+
+    label: str
+    marker: str
+    light: str
+    dark: str
+
+
+_LOOKS = {
+    'mean': Look('Window mean', 's', '#8b929c', '#8b929c'),
+    'hann': Look('Hann mean', 'D', '#4d5560', '#c4cad2'),
+    'tvlpf': Look('TVLPF', '^', '#c98500', '#e8ac2f'),
+    'aid': Look('AID', 'v', '#3aa0dc', '#6cc1f0'),
+    'aeksi': Look('AEKSI', 'P', '#009e73', '#2fc79a'),
+    'iswd_eksi': Look('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d'),
+    'fir_model': Look('FIR model', 'h', '#b4569a', '#db8cc4'),
+    'gauss_markov': Look('Gauss-Markov', 'X', '#0058a3', '#7d9bff'),
+}
+
+# For estimators that have no look of their own.
+_OTHERS = (('<', '#7a5230', '#c79a6f'), ('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
+
+BOUND_LABEL = 'Gauss-Markov bound'
+
+
+def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
+    """Return the looks of estimators by name; one that is not known here is called as it is."""
+    unknown = [name for name in estimators if name not in _LOOKS]
+    looks = {}
+    for name in estimators:
+        if name in _LOOKS:
+            looks[name] = _LOOKS[name]
+        else:
+            looks[name] = Look(name, *_OTHERS[unknown.index(name) % len(_OTHERS)])
+    return looks

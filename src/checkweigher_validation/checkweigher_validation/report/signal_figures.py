@@ -1,0 +1,191 @@
+"""Figures of signals: a pass, its spectrum, its wavelet bands, what denoising makes of it."""
+
+from typing import cast
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_validation.accuracy import Example
+from checkweigher_validation.report.inline_svg import (
+    INK,
+    MUTED,
+    SHADE,
+    new_figure,
+    stand_in,
+)
+
+GRAMS = 1000.0  # in a kilogram
+MILLISECONDS = 1000.0  # in a second
+
+# Series of the colours that the page gives to what is not an estimator.
+SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
+_THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
+
+_SPECTRUM_LIMIT = 120.0  # Hz
+_SPECTRUM_POINTS = 8192
+_ENERGY_SHARE = 0.99
+
+
+def pass_figure(example: Example) -> Figure:
+    """Draw a pass with its four times (figure 2 of the paper)."""
+    figure = new_figure(9.6, 3.0)
+    axes = figure.add_subplot()
+    _draw_pass(axes, example)
+    axes.plot(_time(example), GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0)
+    return figure
+
+
+def ideal_figure(example: Example) -> Figure:
+    """Draw a pass over the response of the platform without noise (figure 5)."""
+    figure = new_figure(9.6, 4.0)
+    top, bottom = cast(
+        NDArray[np.object_], figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    )
+    time = _time(example)
+    _draw_pass(top, example)
+    top.plot(time, GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0, label='signal')
+    top.plot(time, GRAMS * example.ideal, color=INK, lw=1.2, label='without noise')
+    top.legend(loc='upper left')
+    top.set_xlabel('')
+    _draw_window(bottom, example)
+    bottom.plot(time, GRAMS * (example.signal - example.ideal), color=stand_in(SIGNAL), lw=1.0)
+    bottom.set(xlabel='time from t1, ms', ylabel='difference, g')
+    bottom.margins(x=0)
+    figure.align_ylabels()
+    return figure
+
+
+def spectrum_figure(example: Example) -> Figure:
+    """Draw the amplitude spectra of a pass and of its ideal (figure 6)."""
+    figure = new_figure(9.6, 3.0)
+    axes = figure.add_subplot()
+    frequency, of_signal = amplitude_spectrum(example.signal, example.sample_rate)
+    axes.semilogy(frequency, GRAMS * of_signal, color=stand_in(SIGNAL), lw=1.0, label='signal')
+    top = of_signal.max()
+    if len(example.ideal):
+        _, of_ideal = amplitude_spectrum(example.ideal, example.sample_rate)
+        axes.semilogy(frequency, GRAMS * of_ideal, color=INK, lw=1.2, label='without noise')
+        limit = energy_limit(example)
+        axes.axvline(limit, color=MUTED, lw=0.9, ls=(0, (2, 2)))
+        axes.annotate(
+            f'{100 * _ENERGY_SHARE:.0f} % of the energy\nbelow {limit:.1f} Hz',
+            (limit, 1), (5, -3), ('data', 'axes fraction'), 'offset points',
+            color=MUTED, fontsize=8, va='top',
+        )  # fmt: skip
+    axes.set(
+        xlim=(0, _SPECTRUM_LIMIT),
+        ylim=(GRAMS * top / 3e4, GRAMS * top * 1.5),
+        xlabel='frequency, Hz',
+        ylabel='amplitude, g/Hz',
+    )
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+    axes.legend(loc='upper right')
+    return figure
+
+
+def bands_figure(example: Example) -> Figure:
+    """Draw the bands of the stationary wavelet transform, the lowest first (figure 7)."""
+    count = len(example.bands)
+    figure = new_figure(9.6, 0.62 * count + 0.5)
+    rows = cast(NDArray[np.object_], figure.subplots(count, 1, sharex=True, squeeze=False))
+    for axes, (name, values) in zip(rows[:, 0], example.bands, strict=True):
+        time = _time_of(example, values)
+        axes.plot(time, GRAMS * values, color=stand_in(SIGNAL), lw=0.9)
+        if len(values) == len(example.signal):
+            _draw_window(axes, example)
+        axes.set_ylabel(name, rotation=0, ha='right', va='center', color=INK)
+        axes.locator_params(axis='y', nbins=3)
+        axes.margins(x=0)
+    figure.align_ylabels(rows[:, 0])
+    rows[-1, 0].set_xlabel('time from t1, ms')
+    figure.supylabel('g', fontsize=9, color=MUTED)
+    return figure
+
+
+def denoised_figure(example: Example) -> Figure:
+    """Draw what the kinds of thresholding leave of the window (figures 8 and 9)."""
+    figure = new_figure(9.6, 3.4)
+    axes = figure.add_subplot()
+    window = example.window
+    time = _time(example)[window]
+    axes.plot(time, GRAMS * example.signal[window], color=MUTED, lw=0.8, label='signal', zorder=1)
+    if len(example.ideal):
+        axes.plot(time, GRAMS * example.ideal[window], color=INK, lw=1.2, label='without noise')
+    for number, (name, values) in enumerate(example.denoised):
+        color = stand_in(_THRESHOLDINGS.get(name, SIGNAL + number))
+        axes.plot(time[: len(values)], GRAMS * values, color=color, lw=1.6, label=name)
+    axes.axhline(GRAMS * example.mass, color=MUTED, lw=0.9, ls=(0, (2, 2)), label='true mass')
+    axes.set(xlabel='time from t1, ms', ylabel='g')
+    axes.margins(x=0)
+    axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=6, borderpad=0)
+    return figure
+
+
+def amplitude_spectrum(
+    signal: NDArray[np.float64], sample_rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the magnitude of the Fourier transform of a signal that begins and ends at zero.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,) float64
+        Padded by zeros, for a smooth curve.
+    sample_rate : float
+        Hz.
+
+    Returns
+    -------
+    ndarray, ndarray
+        Frequency in Hz, and amplitude in the signal's unit per Hz: at 0 Hz it is the area.
+    """
+    points = max(_SPECTRUM_POINTS, len(signal))
+    frequency = np.fft.rfftfreq(points, 1 / sample_rate)
+    amplitude = np.abs(np.fft.rfft(signal, points)) / sample_rate
+    return np.asarray(frequency, np.float64), np.asarray(amplitude, np.float64)
+
+
+def energy_limit(example: Example) -> float:
+    """Return the frequency in Hz below which 99 % of the energy of the ideal signal lie."""
+    frequency, amplitude = amplitude_spectrum(example.ideal, example.sample_rate)
+    energy = np.cumsum(amplitude**2)
+    return float(frequency[np.searchsorted(energy, _ENERGY_SHARE * energy[-1])])
+
+
+def _draw_pass(axes: Axes, example: Example) -> None:
+    """Draw what surrounds the curves of a pass: its times, the window, the axes."""
+    times = MILLISECONDS * (np.array((example.t1, example.t2, example.t3, example.t4)) - example.t1)
+    _draw_window(axes, example)
+    for number, time in enumerate(times, start=1):
+        axes.axvline(time, color=MUTED, lw=0.9, ls=(0, (2, 2)))
+        axes.annotate(
+            f't{number}', (time, 1), (0, 3), ('data', 'axes fraction'), 'offset points',
+            ha='center', color=INK,
+        )  # fmt: skip
+    axes.set(xlabel='time from t1, ms', ylabel='g')
+    axes.margins(x=0)
+
+
+def _draw_window(axes: Axes, example: Example) -> None:
+    begin, end = (MILLISECONDS * (time - example.t1) for time in (example.t2, example.t3))
+    axes.axvspan(begin, end, color=SHADE, lw=0)
+
+
+def _time(example: Example) -> NDArray[np.float64]:
+    """Return the time of each sample in ms from t1."""
+    index = np.arange(len(example.signal))
+    return np.asarray(MILLISECONDS * (index / example.sample_rate - example.t1), np.float64)
+
+
+def _time_of(example: Example, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the time of values that go along with the whole signal, or with the window."""
+    time = _time(example)
+    window = time[example.window]
+    if len(values) == len(window):
+        return window
+    if len(values) <= len(time):
+        return time[: len(values)]
+    index = np.arange(len(values))
+    return np.asarray(time[0] + MILLISECONDS * index / example.sample_rate, np.float64)
