@@ -20,6 +20,10 @@ COMMANDS = (
      'record --output /tmp/shift1 --duration 60'),
     ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
+    ('tune', 'tune', 'learn parameters from passes of known mass',
+     'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
+    ('evaluate', 'evaluate', 'show the accuracy of the estimators on passes of known mass',
+     'evaluate --protocol paper --html report.html'),
     ('import', 'import_csv', 'turn a CSV log of a scale into a bag',
      'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
 )  # fmt: skip

@@ -1,10 +1,8 @@
 """What commands write: a table for the eye and a CSV file, the file whole or not at all."""
 
 from collections.abc import Iterable
-import os
+from io import StringIO
 from pathlib import Path
-import tempfile
-from typing import TextIO, cast
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_driver.bag_file import check_folder_of
@@ -15,6 +13,18 @@ from checkweigher_validation.results import (
     table_row,
     write_csv,
 )
+from checkweigher_validation.whole_file import write_whole
+
+
+def check_output_file(path: Path | None, overwrite: bool) -> None:
+    """Raise UserError or OutputError if a file cannot be written: before the work, not after it."""
+    if path is None:
+        return
+    if path.is_dir():
+        raise UserError(f'{path}: is a folder, not a file to write to')
+    if path.exists() and not overwrite:
+        raise UserError(f'{path}: exists already; choose another name or add --overwrite')
+    check_folder_of(path)
 
 
 class CsvOutput:
@@ -35,33 +45,15 @@ class CsvOutput:
 
     def __init__(self, path: Path | None, overwrite: bool) -> None:
         self._path = path
-        if path is None:
-            return
-        if path.is_dir():
-            raise UserError(f'{path}: is a folder, not a file to write to')
-        if path.exists() and not overwrite:
-            raise UserError(f'{path}: exists already; choose another name or add --overwrite')
-        check_folder_of(path)
+        check_output_file(path, overwrite)
 
     def write(self, results: Iterable[ItemResult]) -> None:
-        """Write all results, or raise UserError and leave no file behind."""
+        """Write all results, or raise OutputError and leave no file behind."""
         if self._path is None:
             return
-        try:
-            with tempfile.NamedTemporaryFile(
-                'w', dir=self._path.parent, prefix='.csv-', delete=False, encoding='utf-8',
-                newline='',
-            ) as file:  # fmt: skip
-                try:
-                    write_csv(cast(TextIO, file), results)
-                    file.close()
-                    os.chmod(file.name, 0o644)
-                    os.replace(file.name, self._path)
-                except BaseException:
-                    os.unlink(file.name)
-                    raise
-        except OSError as error:
-            raise UserError(f'{self._path}: {error.strerror or error}') from None
+        text = StringIO()
+        write_csv(text, results)
+        write_whole(self._path, text.getvalue())
 
 
 class Table:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 import queue
 import signal
@@ -48,8 +48,12 @@ class Replay:
 
     def node_parameters(self) -> dict[str, dict[str, object]]:
         """Return names and values for each node."""
+        stages = {
+            entry.name: getattr(self.parameters, entry.name).as_mapping()
+            for entry in fields(self.parameters)
+        }
         return {
-            **asdict(self.parameters),
+            **stages,
             'driver': {
                 'source': 'bag',
                 'rate': self.rate,

@@ -1,10 +1,12 @@
 """The parameters of the line as the command line gives them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import re
 from typing import TypeVar
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.line import LineParameters
 
 N = TypeVar('N', int, float)
@@ -20,6 +22,21 @@ def line_parameters(path: Path | None, estimator: str | None) -> LineParameters:
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path)
     return parameters if estimator is None else parameters.with_estimator(estimator)
+
+
+def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
+    """Return the estimators that an option names, each once, or raise UserError.
+
+    The word all stands for those of `default`, then the others.
+    """
+    names: list[str] = []
+    for name in given or default:
+        if name not in (*ESTIMATORS, 'all'):
+            raise UserError(
+                f'--estimator {name}: no such estimator; there are {", ".join(sorted(ESTIMATORS))}'
+            )
+        names += (*default, *ESTIMATORS) if name == 'all' else (name,)
+    return list(dict.fromkeys(names))
 
 
 def check_namespace(name: str) -> str:

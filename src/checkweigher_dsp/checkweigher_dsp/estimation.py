@@ -1,86 +1,53 @@
-"""From a denoised weigh window to a mass: the estimators, selectable by name."""
+"""From a denoised weigh window to a mass with its uncertainty, by the estimator that was chosen."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from checkweigher_dsp.denoising import is_consistent
-from checkweigher_dsp.identification import Noise, identify, is_stable, platform_poles
+from checkweigher_dsp.estimators import ESTIMATORS
+from checkweigher_dsp.estimators.adaptive import AeksiParameters, AidParameters
+from checkweigher_dsp.estimators.averages import HannParameters, MeanParameters
+from checkweigher_dsp.estimators.base import EstimatorParameters, Plateau
+from checkweigher_dsp.estimators.fir_model import FirModelParameters
+from checkweigher_dsp.estimators.gauss_markov import GaussMarkovParameters
+from checkweigher_dsp.estimators.iswd_eksi import IswdEksiParameters
+from checkweigher_dsp.estimators.tvlpf import TvlpfParameters
+from checkweigher_dsp.identification import is_stable, platform_poles
 from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.records import MassEstimate, Reason, WeighWindow
 
 
-@dataclass(frozen=True, slots=True)
-class Plateau:
-    """What an estimator makes of a window: the load in kg and its variance in kg^2.
-
-    ``a1``, ``a2`` and ``b1`` (kg) only from those that identify the platform.
-    """
-
-    mass: float
-    variance: float
-    a1: float = math.nan
-    a2: float = math.nan
-    b1: float = math.nan
-
-
-def estimate_by_iswd_eksi(window: WeighWindow, parameters: 'IdentifierParameters') -> Plateau:
-    """Estimate by extended Kalman identification of the denoised window (ISWD-EKSI).
-
-    The signal is normalised by its mean, and the noise that the filter works with is a share of
-    what denoising took out of this very window: both without a unit.
-    """
-    denoised = window.denoised[window.window_begin : window.window_end]
-    scale = float(np.mean(denoised))
-    if not (math.isfinite(scale) and scale != 0):
-        return Plateau(math.nan, math.nan)
-    # Products and quotients of floats become inf or 0 beyond their range, powers raise.
-    removed = float(np.var(_raw_plateau(window) - denoised)) / scale / scale
-    noise = max(parameters.measurement_noise * removed, _LEAST_NOISE)
-    result = identify(
-        (denoised / scale).tolist(),
-        Noise(parameters.process_noise * noise, noise, parameters.initial_variance),
-    )
-    return Plateau(
-        scale * result.gain,
-        scale * scale * result.variance,
-        result.a1,
-        result.a2,
-        scale * result.b1,
-    )
-
-
-# Relative variance that even a noise-free signal is credited with: the filter stays regular.
-_LEAST_NOISE = 1e-12
-
-# A further estimator is one function and one line here.
-ESTIMATORS: dict[str, Callable[[WeighWindow, 'IdentifierParameters'], Plateau]] = {
-    'iswd_eksi': estimate_by_iswd_eksi,
-}
-
-
 @dataclass(frozen=True)
 class IdentifierParameters(Parameters):
-    """Which estimator makes the mass, and the noise that it reckons with."""
+    """Which estimator makes the mass, and what each of them has been taught."""
 
     node: ClassVar[str] = 'identifier'
 
     estimator: str = parameter('iswd_eksi', 'method that makes the mass', choices=tuple(ESTIMATORS))
-    measurement_noise: float = parameter(
-        0.25, 'R as a share of the variance that denoising removed', minimum=1e-9, maximum=1e9
-    )
-    process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
-    initial_variance: float = parameter(
-        1.0, 'P0 of each state, the signal being normalised to 1', minimum=1e-9, maximum=1e9
-    )
     max_relative_std_dev: float = parameter(
         0.25, 'NoConvergence above this standard deviation, relative to the mass',
         minimum=0, maximum=1e9,
     )  # fmt: skip
+    speed_tolerance: float = parameter(
+        0.03, 'SpeedNotTrained beyond the speeds of the training passes by more, relative',
+        minimum=0, maximum=1e9,
+    )  # fmt: skip
+    mean: MeanParameters = MeanParameters()
+    hann: HannParameters = HannParameters()
+    tvlpf: TvlpfParameters = TvlpfParameters()
+    aid: AidParameters = AidParameters()
+    aeksi: AeksiParameters = AeksiParameters()
+    iswd_eksi: IswdEksiParameters = IswdEksiParameters()
+    fir_model: FirModelParameters = FirModelParameters()
+    gauss_markov: GaussMarkovParameters = GaussMarkovParameters()
+
+    @property
+    def chosen(self) -> EstimatorParameters:
+        """The parameters of the estimator that makes the mass."""
+        chosen = getattr(self, self.estimator)
+        assert isinstance(chosen, EstimatorParameters)
+        return chosen
 
 
 class Identifier:
@@ -88,7 +55,8 @@ class Identifier:
 
     def __init__(self, parameters: IdentifierParameters) -> None:
         self._parameters = parameters
-        self._estimate = ESTIMATORS[parameters.estimator]
+        self._known = parameters.chosen
+        self._estimator = ESTIMATORS[parameters.estimator](self._known)
 
     def estimate(self, window: WeighWindow) -> MassEstimate:
         """Return the mass in a window with its uncertainty, or the reasons why there is none."""
@@ -102,20 +70,23 @@ class Identifier:
             return unknown
         if not is_consistent(window) or len(window.denoised) != len(window.counts):
             return replace(unknown, reasons=(Reason.BAD_WINDOW.value,))
-        plateau = self._estimate(window, self._parameters)
-        zero_std_dev = window.zero_std_dev / window.counts_per_kg
-        variance = plateau.variance + zero_std_dev * zero_std_dev
+        known, speed = self._known, window.belt_speed
+        if known.calibrated and not known.is_trained(speed, self._parameters.speed_tolerance):
+            return replace(unknown, reasons=(Reason.SPEED_NOT_TRAINED.value,))
+        plateau = self._estimator.estimate(window)
+        mass = known.at('gain', speed) * plateau.mass + known.at('offset', speed)
+        variance = self._variance(window, plateau, mass)
         estimate = replace(unknown, zero=(window.zero - window.zero_counts) / window.counts_per_kg)
-        if not self._has_converged(plateau, variance):
+        if not self._has_converged(plateau, mass, variance):
             return replace(estimate, reasons=(Reason.NO_CONVERGENCE.value,))
-        if plateau.mass <= 0:
+        if mass <= 0:
             return replace(estimate, reasons=(Reason.NO_LOAD.value,))
         natural_frequency, damping_ratio = platform_poles(
             plateau.a1, plateau.a2, window.sample_rate
         )
         return replace(
             estimate,
-            mass=plateau.mass,
+            mass=mass,
             std_dev=math.sqrt(variance),
             a1=plateau.a1,
             a2=plateau.a2,
@@ -124,14 +95,25 @@ class Identifier:
             damping_ratio=damping_ratio,
         )
 
-    def _has_converged(self, plateau: Plateau, variance: float) -> bool:
-        if not (math.isfinite(plateau.mass) and math.isfinite(variance) and variance >= 0):
+    def _variance(self, window: WeighWindow, plateau: Plateau, mass: float) -> float:
+        """Return the variance of a mass, kg^2.
+
+        That of the training passes if there were any; it holds the noise of the zero as it was
+        there, so that only what the zero is worse now comes on top.
+        """
+        known, speed = self._known, window.belt_speed
+        zero_std_dev = window.zero_std_dev / window.counts_per_kg
+        zero = zero_std_dev * zero_std_dev
+        if not known.calibrated:
+            return plateau.variance + zero
+        relative = known.at('relative_std_dev', speed) * mass
+        trained, trained_zero = known.at('std_dev', speed), known.at('zero_std_dev', speed)
+        worse = zero - trained_zero * trained_zero
+        return trained * trained + relative * relative + max(worse, 0.0)
+
+    def _has_converged(self, plateau: Plateau, mass: float, variance: float) -> bool:
+        if not (math.isfinite(mass) and math.isfinite(variance) and variance >= 0):
             return False
         if not math.isnan(plateau.a1) and not is_stable(plateau.a1, plateau.a2):
             return False
-        return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(plateau.mass)
-
-
-def _raw_plateau(window: WeighWindow) -> NDArray[np.float64]:
-    """Return the raw signal from t2 to t3 in kg."""
-    return window.force[window.window_begin : window.window_end]
+        return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)

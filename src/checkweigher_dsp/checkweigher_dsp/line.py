@@ -1,5 +1,6 @@
 """The stages in one loop: what the graph does, without the graph."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
@@ -47,6 +48,24 @@ class LineParameters:
             return cls(**cast(dict[str, Any], made))
         except ParameterError as error:
             raise ParameterError(f'{path}: {error}') from None
+
+    def with_values(self, changes: Mapping[str, object]) -> Self:
+        """Return the same parameters but for some, named as in ``denoise.stretch``.
+
+        Raises
+        ------
+        ParameterError
+            If a parameter does not exist or a value cannot be used.
+        """
+        by_node: dict[str, dict[str, object]] = {}
+        for name, value in changes.items():
+            node, _, rest = name.partition('.')
+            by_node.setdefault(node, {})[rest] = value
+        made = {}
+        for node, values in by_node.items():
+            own: Parameters = getattr(self, node)
+            made[node] = own.from_mapping({**own.as_mapping(), **values})
+        return replace(self, **cast(dict[str, Any], made))
 
     def with_estimator(self, name: str) -> Self:
         """Return the same parameters with another estimator."""

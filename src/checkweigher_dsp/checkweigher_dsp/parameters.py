@@ -65,6 +65,9 @@ def describe(entry: 'Field[Any]') -> Description:
 class Parameters:
     """Base of all parameter sets: checks types and ranges, all or nothing.
 
+    A field may be a set of its own, whose parameters are then named with a dot, as in
+    ``tvlpf.gain``.
+
     Raises
     ------
     ParameterError
@@ -76,20 +79,63 @@ class Parameters:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            value = check(f'{self.node}.{entry.name}', entry, getattr(self, entry.name))
+            value = getattr(self, entry.name)
+            if not isinstance(entry.default, Parameters):
+                value = check(f'{self.node}.{entry.name}', entry, value)
             object.__setattr__(self, entry.name, value)
+
+    @classmethod
+    def entries(cls) -> 'dict[str, Field[Any]]':
+        """Return all parameters by their name, those of inner sets with a dot."""
+        found: dict[str, Field[Any]] = {}
+        for entry in fields(cls):
+            if isinstance(entry.default, Parameters):
+                inner = type(entry.default).entries()
+                found.update({f'{entry.name}.{name}': field_ for name, field_ in inner.items()})
+            else:
+                found[entry.name] = entry
+        return found
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
         """Make a set from names and values; names that are absent keep their defaults."""
-        known = {entry.name for entry in fields(cls)}
-        for name in values:
+        inner = {e.name: e.default for e in fields(cls) if isinstance(e.default, Parameters)}
+        known = cls.entries()
+        own: dict[str, object] = {}
+        inner_values: dict[str, dict[str, object]] = {name: {} for name in inner}
+        for name, value in values.items():
             if name not in known:
                 raise ParameterError(
                     f'{cls.node}.{name}: no such parameter; {cls.node} has '
-                    f'{", ".join(sorted(known))}'
+                    f'{", ".join(_names_like(name, sorted(known)))}'
                 )
-        return cls(**cast(dict[str, Any], values))
+            outer, _, rest = name.partition('.')
+            if outer in inner:
+                inner_values[outer][rest] = value
+            else:
+                own[name] = value
+        for name, default in inner.items():
+            own[name] = type(default).from_mapping(inner_values[name])
+        return cls(**cast(dict[str, Any], own))
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return names and values of all parameters, the reverse of `from_mapping`."""
+        values: dict[str, object] = {}
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, Parameters):
+                inner = value.as_mapping()
+                values.update({f'{entry.name}.{name}': each for name, each in inner.items()})
+            else:
+                values[entry.name] = value
+        return values
+
+
+def _names_like(name: str, known: list[str]) -> list[str]:
+    """Return the names of the inner set that `name` means, or else all, inner ones summed up."""
+    prefix, dot, _ = name.rpartition('.')
+    inner = [other for other in known if dot and other.startswith(prefix + dot)]
+    return inner or sorted({f'{n.partition(".")[0]}.*' if '.' in n else n for n in known})
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
@@ -170,10 +216,10 @@ def read_parameter_file(
         (shared if node == '**' else own[node]).update(_flatten(values))
     result = {}
     for node, parameters in sets.items():
-        known = {entry.name for entry in fields(parameters)}
+        known = parameters.entries()
         result[node] = {name: value for name, value in shared.items() if name in known}
         result[node].update((k, v) for k, v in own[node].items() if k not in _COMMON)
-    everywhere = {entry.name for parameters in sets.values() for entry in fields(parameters)}
+    everywhere = {name for parameters in sets.values() for name in parameters.entries()}
     for name in shared:
         if name not in everywhere | _COMMON:
             raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')

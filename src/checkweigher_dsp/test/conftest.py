@@ -7,6 +7,7 @@ from hypothesis import HealthCheck, settings
 import numpy as np
 import pytest
 
+from checkweigher_dsp.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
 
 settings.register_profile(
@@ -140,6 +141,33 @@ def make_window(force, lead=0, counts_per_kg=1e6, zero=5000.0, **fields):
     return WeighWindow(**{**values, **fields})
 
 
+def make_pass(
+    mass=0.2, before=0.45, trail=0.0, disturbance=None, old=(0.0, 0.0), impact=(0.0, 0.0),
+    platform=Platform(38.0, 0.06, 2.5), **fields,
+):  # fmt: skip
+    """Build the window of a product of 0.1 m that rides at 1 m/s over a belt of 0.2 m.
+
+    `old` and `impact` are what the product before and the entry leave: amplitudes in kg of the
+    two free oscillations of `responses`. `disturbance` (kg) is a function of the time since t1.
+    Counts are 1e-9 kg, so that their rounding is.
+    """
+    t1, rate = START, 960.0
+    stamp = t1 - round(before * NANOSECONDS)
+    count = int((before + 0.2 + trail) * rate)
+    time = (stamp - t1) / NANOSECONDS + np.arange(count) / rate
+    # The oscillations need a sample before t1, whether the window has one or not.
+    grid = np.concatenate([[-1.0], time])
+    rows = responses(platform, mass, Crossing(0.0, 0.1, 0.2, 0.3), grid)[:, 1:]
+    force = np.array([mass, *old, *impact]) @ rows
+    if disturbance is not None:
+        force = force + disturbance(time)
+    values = {
+        't1': t1, 't2': t1 + 100_000_000, 't3': t1 + 200_000_000, 'stamp': stamp,
+        'window_begin': int(np.sum(time < 0.1)), 'window_end': int(np.sum(time < 0.2)),
+    }  # fmt: skip
+    return make_window(force, counts_per_kg=1e9, zero=0.0, **{**values, **fields})
+
+
 @pytest.fixture(scope='session')
 def load_cell():
     return CELL
@@ -153,6 +181,11 @@ def _make_line():
 @pytest.fixture(scope='session', name='make_window')
 def _make_window():
     return make_window
+
+
+@pytest.fixture(scope='session', name='make_pass')
+def _make_pass():
+    return make_pass
 
 
 @pytest.fixture(scope='session', name='run_segmenter')

@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
+from checkweigher_dsp.denoising import SURROUNDS, DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation import ESTIMATORS, Identifier, IdentifierParameters
+from checkweigher_dsp.estimators.averages import MeanParameters
+from checkweigher_dsp.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import WeighWindow
 
@@ -18,8 +20,15 @@ PRIOR = 1e-10
 GAIN = 1e-9
 
 
-def _denoised(window):
-    return Denoiser(DenoiseParameters()).denoise(window)
+def _denoised(window, **parameters):
+    """Denoise; on a bare window there is nothing to continue, so it stands on its level."""
+    return Denoiser(DenoiseParameters(**{'surround': 'level', **parameters})).denoise(window)
+
+
+def _identifier(estimator, **values):
+    """Return an identifier whose estimator has some values of its own."""
+    own = {f'{estimator}.{name}': value for name, value in values.items()}
+    return Identifier(IdentifierParameters.from_mapping({'estimator': estimator, **own}))
 
 
 def _oscillation(mass=0.2, count=96, seed=2):
@@ -28,12 +37,19 @@ def _oscillation(mass=0.2, count=96, seed=2):
     return mass + ringing + 1e-4 * np.random.default_rng(seed).standard_normal(count)
 
 
+@pytest.mark.parametrize('estimator', ESTIMATORS)
 @pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
-def test_a_constant_plateau_gives_its_mass(make_window, mass):
-    estimate = Identifier(IdentifierParameters()).estimate(_denoised(make_window([mass] * 64)))
+def test_a_constant_plateau_gives_its_mass(make_window, mass, estimator):
+    estimate = _identifier(estimator).estimate(_denoised(make_window([mass] * 64)))
 
     assert estimate.reasons == ()
     assert estimate.mass == pytest.approx(mass, rel=PRIOR)
+    assert estimate.estimator == estimator
+
+
+def test_the_mass_is_the_steady_state_of_what_was_identified(make_window):
+    estimate = _identifier('iswd_eksi').estimate(_denoised(make_window([0.2] * 64)))
+
     assert estimate.mass == pytest.approx(estimate.b1 / (1 + estimate.a1 + estimate.a2), rel=GAIN)
 
 
@@ -58,7 +74,9 @@ def test_a_platform_is_identified_where_nothing_is_denoised_away(make_window):
         x.append(-a1 * x[-1] - a2 * x[-2] + 0.2 * (1 + a1 + a2))
     window = make_window(x[2:], counts_per_kg=1e9)
 
-    estimate = Identifier(IdentifierParameters()).estimate(
+    # P0 = I: by default the platform is held to be as stiff as denoising makes it look.
+    known = IswdEksiParameters(coefficient_variance=1.0)
+    estimate = Identifier(IdentifierParameters(iswd_eksi=known)).estimate(
         replace(window, denoised=np.array(x[2:]))
     )
 
@@ -69,9 +87,15 @@ def test_a_platform_is_identified_where_nothing_is_denoised_away(make_window):
 
 
 @pytest.mark.parametrize('estimator', sorted(ESTIMATORS))
+@pytest.mark.parametrize('surround', SURROUNDS)
 @pytest.mark.parametrize('gain', [-1, 3, 128])
-def test_the_gain_of_the_load_cell_does_not_matter(make_window, estimator, gain):
-    window = make_window(_oscillation(), lead=20, zero_std_dev=12.0)
+def test_the_gain_of_the_load_cell_does_not_matter(make_pass, estimator, surround, gain):
+    random = np.random.default_rng(2)
+    window = make_pass(disturbance=lambda time: 1e-3 * random.standard_normal(len(time)))
+    # Readings of 1e-6 kg leave room for a gain.
+    window = replace(
+        window, counts=window.counts // 1000, counts_per_kg=1e6, zero=7.0, zero_std_dev=12.0
+    )
     scaled = replace(
         window,
         counts=gain * window.counts,
@@ -80,9 +104,11 @@ def test_the_gain_of_the_load_cell_does_not_matter(make_window, estimator, gain)
         zero=gain * window.zero,
         zero_std_dev=abs(gain) * window.zero_std_dev,
     )
-    identifier = Identifier(IdentifierParameters(estimator=estimator))
+    identifier = _identifier(estimator)
 
-    plain, other = (identifier.estimate(_denoised(w)) for w in (window, scaled))
+    plain, other = (
+        identifier.estimate(_denoised(w, surround=surround)) for w in (window, scaled)
+    )
 
     assert plain.weighed
     assert (other.mass, other.std_dev) == pytest.approx((plain.mass, plain.std_dev), rel=GAIN)
@@ -91,7 +117,8 @@ def test_the_gain_of_the_load_cell_does_not_matter(make_window, estimator, gain)
 @given(st.floats(0.1, 10.0))
 def test_the_mass_is_in_proportion_to_the_load(make_window, factor):
     window = make_window(_oscillation(), counts_per_kg=1e7)
-    denoiser = Denoiser(DenoiseParameters(threshold_unit=0.0))
+    # By continuation the platform that is reckoned with depends on the mass.
+    denoiser = Denoiser(DenoiseParameters(threshold_unit=0.0, surround='level'))
     identifier = Identifier(IdentifierParameters())
 
     once = identifier.estimate(denoiser.denoise(window))
@@ -208,3 +235,118 @@ def test_a_product_that_weighs_less_than_nothing_is_no_mass(make_window, mass):
 
     assert estimate.reasons == ('NoLoad',)
     assert math.isnan(estimate.mass)
+
+
+# Trained at 0.5 and 1.5 m/s.
+TRAINED = {
+    'calibrated': True, 'speeds': (0.5, 1.5), 'gain': (1.0, 1.02), 'offset': (0.0, -0.002),
+    'std_dev': (2e-4, 4e-4), 'relative_std_dev': (0.001, 0.002), 'zero_std_dev': (1e-4, 3e-4),
+}  # fmt: skip
+
+
+def _constant(make_window, speed, zero_std_dev=0.0):
+    """A window of 0.2 kg on which nothing moves; the zero in kg."""
+    return _denoised(
+        make_window([0.2] * 64, belt_speed=speed, zero_std_dev=1e6 * zero_std_dev)
+    )  # fmt: skip
+
+
+# gain * 0.2 + offset, and std_dev^2 + (relative_std_dev * mass)^2, by hand.
+@pytest.mark.parametrize(
+    ('speed', 'mass', 'variance'),
+    [
+        (0.5, 0.2, 2e-4**2 + 0.0002**2),
+        (0.49, 0.2, 2e-4**2 + 0.0002**2),  # within the tolerance: as at the slowest speed
+        (1.0, 0.201, 3e-4**2 + 0.0003015**2),
+        (1.25, 0.2015, 3.5e-4**2 + 0.000352625**2),
+        (1.5, 0.202, 4e-4**2 + 0.000404**2),
+    ],
+)
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+def test_what_training_taught_is_interpolated_and_applied(
+    make_window, estimator, speed, mass, variance
+):
+    estimate = _identifier(estimator, **_trained(estimator)).estimate(
+        _constant(make_window, speed)
+    )
+
+    assert estimate.reasons == ()
+    assert estimate.mass == pytest.approx(mass, rel=PRIOR)
+    assert estimate.std_dev == pytest.approx(math.sqrt(variance), rel=1e-9)
+
+
+def _trained(estimator):
+    """TRAINED with the lists that the estimator has of its own, doubled for the two speeds."""
+    own = getattr(IdentifierParameters(), estimator).as_mapping()
+    lists = {name: value * 2 for name, value in own.items() if isinstance(value, tuple)}
+    return {**lists, **TRAINED}
+
+
+@pytest.mark.parametrize(
+    ('zero_std_dev', 'excess'),
+    # At 1 m/s the zero of the training passes was good for 2e-4 kg.
+    [(0.0, 0.0), (1e-4, 0.0), (2e-4, 0.0), (3e-4, 5e-8), (1e-3, 96e-8)],
+)
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+def test_only_what_the_zero_is_worse_than_in_training_is_added(
+    make_window, estimator, zero_std_dev, excess
+):
+    estimate = _identifier(estimator, **_trained(estimator)).estimate(
+        _constant(make_window, 1.0, zero_std_dev)
+    )
+
+    variance = 3e-4**2 + 0.0003015**2 + excess
+    assert estimate.std_dev == pytest.approx(math.sqrt(variance), rel=1e-9)
+
+
+@pytest.mark.parametrize('calibrated', [False, True])
+@pytest.mark.parametrize(
+    ('speed', 'outside'),
+    # 0.5 * 0.9 = 0.45 and 1.5 * 1.1 = 1.65
+    [(0.449, True), (0.451, False), (1.0, False), (1.649, False), (1.651, True)],
+)
+def test_a_speed_beyond_training_is_not_trained_if_there_was_training(
+    make_window, calibrated, speed, outside
+):
+    known = MeanParameters(**{**TRAINED, 'calibrated': calibrated})
+    identifier = Identifier(
+        IdentifierParameters(estimator='mean', mean=known, speed_tolerance=0.1)
+    )
+
+    estimate = identifier.estimate(_constant(make_window, speed))
+
+    assert estimate.reasons == (('SpeedNotTrained',) if calibrated and outside else ())
+
+
+def test_what_another_estimator_was_taught_does_not_matter(make_window):
+    other = IdentifierParameters(estimator='hann', mean=MeanParameters(**TRAINED))
+
+    estimate = Identifier(other).estimate(_constant(make_window, 1.0))
+
+    assert estimate.mass == pytest.approx(0.2, rel=PRIOR)
+
+
+def test_without_training_gain_and_offset_are_applied_and_the_variance_is_its_own(make_window):
+    window = _denoised(make_window(_oscillation(), zero_std_dev=300.0))
+    plain = _identifier('mean').estimate(window)
+
+    taught = _identifier('mean', gain=[2.0], offset=[0.01], std_dev=[0.5]).estimate(window)
+
+    assert taught.mass == pytest.approx(2 * plain.mass + 0.01, rel=GAIN)
+    assert taught.std_dev == plain.std_dev
+
+
+@pytest.mark.parametrize(
+    ('values', 'complaint'),
+    [
+        ({'speeds': ()}, r'identifier\.mean\.speeds: must ascend and name at least one'),
+        ({'speeds': (1.0, 1.0)}, r'identifier\.mean\.speeds: must ascend'),
+        ({'speeds': (0.5, 1.0)}, r'identifier\.mean\.gain: 1 values for 2 speeds'),
+        ({'offset': (0.0, 0.0)}, r'identifier\.mean\.offset: 2 values for 1 speeds'),
+        ({'gain': (0.0,)}, r'identifier\.mean\.gain: 0\.0 is not in 0\.1\.\.10'),
+        ({'std_dev': (-1.0,)}, r'identifier\.mean\.std_dev: -1\.0 is not in'),
+    ],
+)
+def test_lists_that_do_not_fit_together_are_refused_by_name(values, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        MeanParameters(**values)

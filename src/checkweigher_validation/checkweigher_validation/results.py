@@ -1,6 +1,6 @@
 """What became of each item, joined with its reference: the table, the CSV and the summary."""
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Sequence
 import csv
@@ -19,6 +19,7 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
+from checkweigher_validation.references import ReferenceMasses
 
 GRAMS = 1000.0  # in a kilogram
 
@@ -27,9 +28,6 @@ CSV_COLUMNS = (
     'reasons', 'reference_g', 'estimator', 'zero_g', 'product_length_m', 'a1', 'a2', 'b1_g',
     'natural_frequency_hz', 'damping_ratio', 'lower_limit_g', 'upper_limit_g', 'reject_at',
 )  # fmt: skip
-
-# A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.
-_SAME_ITEM = NANOSECONDS // 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +60,12 @@ class ResultJoiner:
         outfeed = sorted((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
         self._outfeed_stamps = [stamp for stamp, _ in outfeed]
         self._outfeed_blocked = [blocked for _, blocked in outfeed]
-        self._references = sorted(references, key=lambda reference: reference.stamp)
-        self._reference_stamps = [reference.stamp for reference in self._references]
+        self._references = ReferenceMasses(references)
 
     def join(self, estimate: MassEstimate, verdict: Verdict) -> ItemResult:
         """Return the result of one item."""
-        return ItemResult(estimate, verdict, self._t4(estimate.t3), self._reference(estimate.t1))
+        reference = self._references.at(estimate.t1)
+        return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
 
     def _t4(self, t3: int | None) -> int | None:
         """Return the edge after t3, if the outfeed eye clears with it."""
@@ -77,14 +75,6 @@ class ResultJoiner:
         if position == len(self._outfeed_stamps) or self._outfeed_blocked[position]:
             return None
         return self._outfeed_stamps[position]
-
-    def _reference(self, t1: int | None) -> float:
-        if t1 is None:
-            return math.nan
-        position = bisect_left(self._reference_stamps, t1 - _SAME_ITEM)
-        near = self._references[position : position + 2]
-        best = min(near, key=lambda reference: abs(reference.stamp - t1), default=None)
-        return best.mass if best and abs(best.stamp - t1) <= _SAME_ITEM else math.nan
 
 
 def join_all(

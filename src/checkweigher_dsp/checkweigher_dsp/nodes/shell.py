@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import Field, fields
+from dataclasses import Field
 import math
 import signal
 import sys
@@ -75,14 +75,14 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
         If a value cannot be used.
     """
     values = {}
-    for entry in fields(parameters):
+    for own_name, entry in parameters.entries().items():
         default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
-        name = prefix + entry.name
+        name = prefix + own_name
         try:
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        values[entry.name] = declared.value
+        values[own_name] = declared.value
     return parameters.from_mapping(values)
 
 
@@ -225,11 +225,8 @@ class StageNode(Node, Generic[P]):
             self.get_logger().warning(text)
 
     def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
-        known = {entry.name for entry in fields(self.parameters)}
-        values = {
-            entry.name: getattr(self.parameters, entry.name) for entry in fields(self.parameters)
-        }
-        changed = {change.name: change.value for change in changes if change.name in known}
+        values = self.parameters.as_mapping()
+        changed = {change.name: change.value for change in changes if change.name in values}
         if not changed:
             return SetParametersResult(successful=True)
         try:

@@ -1,0 +1,116 @@
+"""Accuracy of the estimators on passes of known mass."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `evaluate`."""
+    from checkweigher_bringup.commands.tune import add_tuning_arguments
+
+    what = parser.add_argument_group('what is weighed')
+    what.add_argument('bags', type=Path, nargs='*', metavar='BAG', help='bags with reference_mass')
+    what.add_argument(
+        '--protocol', choices=('paper',),
+        help='instead of bags simulate 5 speeds x 5 masses, tune on the first half of the passes '
+        'and test on the second',
+    )  # fmt: skip
+    what.add_argument(
+        '--profile', default='paper', metavar='NAME',
+        help='simulated machine: paper (default), roller, soft, floor or quiet',
+    )  # fmt: skip
+    what.add_argument(
+        '--passes', type=int, default=120, metavar='N',
+        help='of each mass at each speed in the protocol; default 120',
+    )  # fmt: skip
+    what.add_argument('--seed', type=int, default=1, metavar='S', help='of the protocol')
+    how = parser.add_argument_group('how it is weighed')
+    how.add_argument(
+        '--train', type=Path, nargs='+', action='extend', metavar='BAG',
+        help='tune on these bags first; BAG then are the test',
+    )  # fmt: skip
+    how.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
+    add_tuning_arguments(how)
+    judged = parser.add_argument_group('how it is judged')
+    judged.add_argument(
+        '--class', dest='accuracy_class', default='XIII', metavar='CLASS',
+        help='of GB/T 27739 and OIML R 51: XI, XII, XIII (default) or XIV',
+    )  # fmt: skip
+    judged.add_argument('--factor', type=float, default=1.0, metavar='X', help='class factor x')
+    judged.add_argument(
+        '--interval', type=float, default=0.1, metavar='G',
+        help='verification scale interval e, g; default 0.1',
+    )  # fmt: skip
+    judged.add_argument(
+        '--in-service', action='store_true', help='limits in service, not of initial verification'
+    )
+    judged.add_argument(
+        '--nominal', type=float, metavar='G',
+        help='nominal quantity, g: also show the limits of EU directive 76/211/EEC',
+    )  # fmt: skip
+    written = parser.add_argument_group('what is written')
+    for name, text in (
+        ('html', 'report with tables and figures, one file'),
+        ('csv', 'one row for each estimator, speed, mass and part'),
+        ('json', 'the same with every error'),
+        ('tuned', 'parameter file with what was tuned'),
+    ):
+        written.add_argument(f'--{name}', type=Path, metavar='FILE', help=text)
+    written.add_argument('--overwrite', action='store_true', help='replace files that exist')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Weigh, show the table, write what was asked for."""
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_bringup.evaluation import evaluate_bags, evaluate_simulation
+    from checkweigher_bringup.output import check_output_file
+    from checkweigher_bringup.settings import check_positive
+    from checkweigher_validation.accuracy_classes import AccuracyClass
+    from checkweigher_validation.accuracy_tables import text_table, write_csv, write_json
+    from checkweigher_validation.prepackages import limits
+    from checkweigher_validation.tuning.parameter_file import parameter_file
+    from checkweigher_validation.whole_file import write_whole
+
+    if bool(arguments.bags) == bool(arguments.protocol):
+        raise UserError('name bags, or --protocol paper to simulate')
+    for name in ('budget', 'jobs', 'nominal'):
+        check_positive(f'--{name}', getattr(arguments, name))
+    if arguments.tuned and not (arguments.train or arguments.protocol):
+        raise UserError('--tuned: nothing would be tuned; add --train BAG')
+    outputs = [
+        path
+        for path in (arguments.html, arguments.csv, arguments.json, arguments.tuned)
+        if path is not None
+    ]
+    for path in outputs:
+        check_output_file(path, arguments.overwrite)
+        if outputs.count(path) > 1:
+            raise UserError(f'{path}: cannot be two of the outputs at once')
+    try:
+        accuracy_class = AccuracyClass(
+            arguments.accuracy_class, arguments.factor, arguments.interval / 1000,
+            arguments.in_service,
+        )  # fmt: skip
+    except ValueError as error:
+        raise UserError(f'--class: {error}') from None
+    nominal = None if arguments.nominal is None else arguments.nominal / 1000
+    try:
+        if nominal is not None:
+            limits(nominal)
+    except ValueError as error:
+        raise UserError(f'--nominal: {error}') from None
+    evaluate = evaluate_simulation if arguments.protocol else evaluate_bags
+    evaluation, tuned = evaluate(arguments)
+    print(text_table(evaluation, accuracy_class))
+    if arguments.html:
+        from checkweigher_validation.report.page import write_report
+
+        write_report(arguments.html, evaluation, accuracy_class, nominal)
+    if arguments.csv:
+        write_csv(arguments.csv, evaluation, accuracy_class)
+    if arguments.json:
+        write_json(arguments.json, evaluation)
+    if arguments.tuned:
+        source = [f'{name}: {value}' for name, value in evaluation.provenance]
+        write_whole(arguments.tuned, parameter_file(tuned, source))
+    return 0

@@ -1,0 +1,68 @@
+"""Learn parameters from passes of known mass."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `tune`."""
+    parser.add_argument(
+        'bags', type=Path, nargs='+', metavar='BAG', help='bags with reference_mass, of any speeds'
+    )
+    parser.add_argument('--output', type=Path, required=True, metavar='FILE',
+                        help='parameter file to write')  # fmt: skip
+    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
+    add_tuning_arguments(parser)
+    parser.add_argument('--params', type=Path, metavar='FILE',
+                        help='parameters of everything that is not tuned')  # fmt: skip
+
+
+def add_tuning_arguments(parser: 'argparse._ActionsContainer') -> None:
+    """Add what `tune` and `evaluate` have in common."""
+    parser.add_argument(
+        '--estimator', nargs='+', action='extend', metavar='NAME',
+        help='one or several, or all; the first one is what a tuned file selects',
+    )  # fmt: skip
+    parser.add_argument(
+        '--budget', type=int, metavar='N',
+        help='evaluations of each estimator at each speed; default 240',
+    )  # fmt: skip
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes; default one for a core')
+    parser.add_argument(
+        '--lane', metavar='NAME', help='namespace to take, if the bags hold several'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune and write the parameter file."""
+    from checkweigher_bringup.output import check_output_file
+    from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
+    from checkweigher_bringup.training import ProgressBars, read_passes
+    from checkweigher_validation.passes import group_by_speed
+    from checkweigher_validation.tuning.parameter_file import parameter_file
+    from checkweigher_validation.tuning.search import BUDGET
+    from checkweigher_validation.tuning.tuner import tune
+    from checkweigher_validation.whole_file import write_whole
+
+    estimators = estimator_names(arguments.estimator, ('iswd_eksi',))
+    check_positive('--budget', arguments.budget)
+    check_positive('--jobs', arguments.jobs)
+    check_output_file(arguments.output, arguments.overwrite)
+    base = line_parameters(arguments.params, None)
+    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter)
+    with ProgressBars() as bars:
+        tuned = tune(
+            group_by_speed(passes), estimators, base, budget=arguments.budget or BUDGET,
+            workers=arguments.jobs, on_progress=bars.of('tuning'),
+        )  # fmt: skip
+    text = parameter_file(tuned, source)
+    write_whole(arguments.output, text)
+    print('\n'.join(line.lstrip('# ') for line in text.splitlines() if _is_of_table(line)))
+    print(f'{arguments.output}: written; weigh, replay and the nodes take it as their parameters')
+    return 0
+
+
+def _is_of_table(line: str) -> bool:
+    from checkweigher_dsp.estimators import ESTIMATORS
+
+    return line.startswith('# ') and line.split()[1] in ('estimator', *ESTIMATORS)

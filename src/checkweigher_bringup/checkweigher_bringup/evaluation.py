@@ -1,0 +1,141 @@
+"""The evaluation that the command line asks for: of bags, or of the simulated protocol."""
+
+import argparse
+from collections.abc import Mapping
+from importlib.metadata import version
+import platform
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.settings import estimator_names, line_parameters
+from checkweigher_bringup.training import ProgressBars, read_passes
+from checkweigher_driver.simulation import PROFILES
+from checkweigher_dsp.estimators import ESTIMATORS
+from checkweigher_dsp.line import LineParameters
+from checkweigher_validation.accuracy import Evaluation, Example
+from checkweigher_validation.evaluating import Batch, evaluate_batches
+from checkweigher_validation.examples import example_of, simulated_examples
+from checkweigher_validation.passes import KnownPass, group_by_speed
+from checkweigher_validation.protocol import MASSES, Protocol, evaluate_protocol
+from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.tuner import Tuned, tune
+
+Result = tuple[Evaluation, Mapping[str, Tuned]]
+
+
+def evaluate_simulation(arguments: argparse.Namespace) -> Result:
+    """Run the protocol of the paper on a simulated machine.
+
+    Raises
+    ------
+    UserError
+        If an option cannot be used.
+    """
+    if arguments.profile not in PROFILES:
+        raise UserError(f'--profile {arguments.profile}: is none of {", ".join(PROFILES)}')
+    if arguments.passes < 2 or arguments.passes % 2:
+        raise UserError(f'--passes {arguments.passes}: must be even, half train and half test')
+    if arguments.seed < 0:
+        raise UserError(f'--seed {arguments.seed}: must not be negative')
+    if arguments.train:
+        raise UserError('--train: the protocol trains on its own first half')
+    base = line_parameters(arguments.params, None)
+    estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
+    protocol = Protocol(arguments.profile, arguments.passes, arguments.seed)
+    budget = arguments.budget or BUDGET
+    with ProgressBars() as bars:
+        conditions, tuned = evaluate_protocol(
+            protocol, estimators, base, budget=budget, workers=arguments.jobs,
+            on_progress=bars.show,
+        )  # fmt: skip
+    half = protocol.passes // 2
+    provenance = (
+        ('machine', f'simulated, profile {protocol.profile}, seed {protocol.seed}'),
+        ('passes', f'{protocol.passes} of each mass at each speed, the masses in random order'),
+        ('train', f'the first {half} of each mass'),
+        ('test', f'the other {half}'),
+        ('tuning', f'{budget} evaluations of each estimator at each speed at most'),
+        *_versions(),
+    )
+    title = f'Protocol of the paper, profile {protocol.profile}'
+    shown = tuned['iswd_eksi'].parameters if 'iswd_eksi' in tuned else base
+    ends = (protocol.speeds[0], protocol.speeds[-1])
+    examples = simulated_examples(protocol.profile, ends, max(MASSES), shown, protocol.seed)
+    return Evaluation(title, conditions, provenance, examples), tuned
+
+
+def evaluate_bags(arguments: argparse.Namespace) -> Result:
+    """Weigh the passes of known mass in bags, after tuning if there are bags to train on.
+
+    Raises
+    ------
+    UserError
+        If an option cannot be used or a bag has no known masses.
+    """
+    base = line_parameters(arguments.params, None)
+    estimators = estimator_names(
+        arguments.estimator,
+        tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,),
+    )
+    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter)
+    provenance = [('test', line) for line in source]
+    trained: list[KnownPass] = []
+    if arguments.train:
+        trained, source = read_passes(arguments.train, arguments.lane, base.segmenter)
+        provenance += [('train', line) for line in source]
+    batches = _batches(trained, passes)
+    with ProgressBars() as bars:
+        if arguments.train:
+            tuned = tune(
+                group_by_speed(trained), estimators, base, budget=arguments.budget or BUDGET,
+                workers=arguments.jobs, on_progress=bars.of('tuning'),
+            )  # fmt: skip
+            lines = [tuned[name].parameters for name in estimators]
+        else:
+            tuned = {}
+            lines = [base.with_estimator(name) for name in estimators]
+            if arguments.params:
+                provenance.append(('parameters', str(arguments.params)))
+        conditions = evaluate_batches(batches, lines, arguments.jobs, bars.of('weighing'))
+    return Evaluation('Bags', conditions, (*provenance, *_versions()), _shown(passes, base)), tuned
+
+
+def _shown(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
+    """Return the heaviest pass of the slowest and of the fastest speed."""
+    groups = group_by_speed(passes)
+    ends = groups if len(groups) == 1 else (groups[0], groups[-1])
+    return tuple(
+        example_of(max(group.passes, key=lambda each: each.mass), group.speed, base.denoise)
+        for group in ends
+    )
+
+
+def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
+    """Return passes by part and belt speed; a fault goes to the nearest in time that has one.
+
+    The speeds are those of both parts together, so that their results stand side by side.
+    """
+    if not any(each.whole for each in test):
+        raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
+    if len({each.window.sample_rate for each in (*train, *test) if each.whole}) > 1:
+        raise UserError('--train: these bags are sampled at another rate than those of the test')
+    groups = group_by_speed((*train, *test))
+    speeds = {id(each): group.speed for group in groups for each in group.passes}
+    batches = []
+    for part, passes in (('train', train), ('test', test)):
+        chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
+        last = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)
+        for each in passes:
+            last = speeds.get(id(each), last)
+            chosen[last].append(each)
+        batches += [
+            Batch(speed, part, tuple(those), {}) for speed, those in chosen.items() if those
+        ]
+    return batches
+
+
+def _versions() -> tuple[tuple[str, str], ...]:
+    names = ('numpy', 'scipy', 'PyWavelets')
+    return (
+        ('Python', platform.python_version()),
+        *((name, version(name)) for name in names),
+    )

@@ -1,0 +1,87 @@
+"""Passes of known mass from bags, and bars for what takes minutes."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from tqdm import tqdm
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_driver.bag_reading import read_bag
+from checkweigher_dsp.segmentation import SegmenterParameters
+from checkweigher_validation.passes import KnownPass, known_passes
+
+
+def read_passes(
+    bags: Sequence[Path], lane: str | None, segmenter: SegmenterParameters
+) -> tuple[list[KnownPass], list[str]]:
+    """Return the passes of known mass in bags, and a line on each bag.
+
+    Raises
+    ------
+    UserError
+        If a bag has none, or the bags are of different load cells.
+    BagError
+        If a bag cannot be read.
+    """
+    passes: list[KnownPass] = []
+    lines = []
+    rate = None
+    for bag in bags:
+        recording = read_bag(bag, lane, progress=True)
+        cell = recording.load_cell
+        if rate not in (None, cell.sample_rate):
+            raise UserError(
+                f'{bag}: sampled at {cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '
+                'bags of one machine belong together'
+            )
+        rate = cell.sample_rate
+        found = known_passes(cell, recording, segmenter)
+        if not found:
+            raise UserError(
+                f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
+            )
+        whole = sum(each.whole for each in found)
+        lines.append(
+            f'{bag}: {whole} passes of {len({each.mass for each in found})} masses, '
+            f'{cell.model} {cell.serial_number}'.rstrip()
+        )
+        passes += found
+    return passes, lines
+
+
+class ProgressBars:
+    """One bar after the other on a terminal; nothing where stderr is none."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm[object] | None = None
+        self._doing = ''
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._close()
+
+    def of(self, doing: str) -> Callable[[int, int], None]:
+        """Return what shows the progress of one piece of work."""
+        return lambda done, total: self.show(doing, done, total)
+
+    def show(self, doing: str, done: int, total: int) -> None:
+        """Show how many of the steps of what is being done are behind us."""
+        if self._bar is None or doing != self._doing:
+            self._close()
+            self._doing = doing
+            self._bar = tqdm(desc=doing, total=total, unit=' steps', leave=False, disable=None)
+        self._bar.update(done - self._bar.n)
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

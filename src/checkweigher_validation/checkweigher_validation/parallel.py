@@ -1,0 +1,78 @@
+"""Independent pieces of work on all cores."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+import multiprocessing
+import os
+import signal
+from typing import Generic, Protocol, TypeVar
+
+R_co = TypeVar('R_co', covariant=True)
+
+# What a matrix library takes for the number of its own threads: with a process for each core
+# already at work, more of them only stand in each other's way.
+_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+
+
+class Task(Protocol, Generic[R_co]):
+    """A piece of work; it goes to another process, so it must be one that can be pickled."""
+
+    def run(self) -> R_co:
+        """Do it and return the result."""
+
+
+def run_all(
+    tasks: 'Sequence[Task[R_co]]',
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[R_co]:
+    """Run tasks side by side.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        The work.
+    workers : int, optional
+        Processes; by default one for each core.
+    on_progress : callable
+        Called with the number of tasks that are done and that of all.
+
+    Returns
+    -------
+    list
+        The results, in the order of the tasks.
+    """
+    results: dict[int, R_co] = {}
+    for number, result in _results(tasks, workers or len(os.sched_getaffinity(0))):
+        results[number] = result
+        on_progress(len(results), len(tasks))
+    return [results[number] for number in range(len(tasks))]
+
+
+def _results(tasks: 'Sequence[Task[R_co]]', workers: int) -> Iterator[tuple[int, R_co]]:
+    """Yield number and result of each task as they come."""
+    count = min(workers, len(tasks))
+    if count <= 1:
+        yield from ((number, task.run()) for number, task in enumerate(tasks))
+        return
+    kept = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, '1'))
+    # Fresh processes: the fork of one with threads may hang.
+    context = multiprocessing.get_context('spawn')
+    pool = ProcessPoolExecutor(count, context, initializer=_die_of_interrupt)
+    try:
+        futures = {pool.submit(task.run): number for number, task in enumerate(tasks)}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+        for name, value in kept.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _die_of_interrupt() -> None:
+    """Let Ctrl-C, which goes to all processes, end a worker without a word."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,0 +1,1 @@
+"""Learning the parameters of the estimators from passes of known mass."""

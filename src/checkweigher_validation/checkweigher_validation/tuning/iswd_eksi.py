@@ -1,0 +1,91 @@
+"""Tuning of ISWD-EKSI: the gains of the bands, the platform that it reckons with, the rise."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising import DenoiseParameters, denoise_stack
+from checkweigher_dsp.identification import WindowNoise, identify_window
+from checkweigher_dsp.line import LineParameters
+from checkweigher_dsp.pass_stack import stack_passes
+from checkweigher_validation.passes import SpeedGroup
+from checkweigher_validation.tuning.search import Axis
+from checkweigher_validation.tuning.tunable import Tunable
+
+_BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+_PLATFORM = ('natural_frequency', 'damping_ratio')
+
+
+class TunedIswdEksi(Tunable):
+    """ISWD-EKSI: what of its parameters matters, as docs/method.md has measured it.
+
+    The thresholds and the gain of band 5 stay as they are, and so do R, Q and P0.
+    """
+
+    name: ClassVar[str] = 'iswd_eksi'
+    axes: ClassVar[tuple[Axis, ...]] = (
+        Axis('gamma6', 0.0, 1.2, 0.1),
+        Axis('gamma7', 0.0, 1.2, 0.5),
+        Axis('natural_frequency', 15.0, 120.0, 38.0, logarithmic=True),
+        Axis('damping_ratio', 0.01, 0.5, 0.06, logarithmic=True),
+        Axis('rise_noise', 1.0, 100.0, 3.0, logarithmic=True),
+    )
+
+    def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
+        super().__init__(group, base)
+        windows = [each.window for each in group.passes]
+        self._stacks = stack_passes(windows, base.denoise.stretch)
+
+    def start(self, axis: Axis) -> float:
+        """Return what `base` says at this speed, for denoise as well."""
+        known = self.base.denoise
+        if not hasattr(known, axis.name):
+            return super().start(axis)
+        column = getattr(known, axis.name)
+        return float(np.interp(self.group.speed, known.speeds[: len(column)], column))
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the steady state that is identified in every denoised pass."""
+        denoise = self._denoise(values)
+        known = self.base.identifier.iswd_eksi
+        noise = WindowNoise(
+            known.measurement_noise, known.process_noise, known.initial_variance,
+            known.coefficient_variance, values['rise_noise'],
+        )  # fmt: skip
+        result = np.empty(len(self.group.passes))
+        for stack in self._stacks:
+            clean = denoise_stack(stack, denoise)
+            window = slice(stack.begin, None)
+            first = stack.entry if denoise.surround == 'continuation' else stack.begin
+            found = identify_window(
+                clean[:, first:],
+                np.var(stack.force[:, window] - clean[:, window], axis=1),
+                stack.share[:, first:] if denoise.surround == 'continuation' else None,
+                noise,
+            )
+            # The identifier refuses an unstable platform, so parameters that make one are no good.
+            stable = (abs(found.a2) < 1) & (abs(found.a1) < 1 + found.a2)
+            result[list(stack.positions)] = np.where(stable, found.gain, np.nan)
+        return result
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the table of bands and the platform for denoise, the rise for the identifier."""
+        denoise = self._denoise(values)
+        return {
+            **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},
+            'identifier.iswd_eksi.rise_noise': (values['rise_noise'],),
+        }
+
+    def _denoise(self, values: Mapping[str, float]) -> DenoiseParameters:
+        """Return the parameters of denoise for the one speed."""
+        known = self.base.denoise
+        changes: dict[str, Any] = {'speeds': (self.group.speed,)}
+        for name in _BANDS:
+            at_speed = np.interp(self.group.speed, known.speeds, getattr(known, name))
+            changes[name] = (float(at_speed),)
+        for name in ('gamma6', 'gamma7', *_PLATFORM):
+            changes[name] = (values[name],)
+        return replace(known, **changes)

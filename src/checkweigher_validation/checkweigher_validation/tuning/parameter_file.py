@@ -1,0 +1,95 @@
+"""What was tuned as a ROS parameter file, with what it was tuned on."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from datetime import UTC, datetime
+import math
+
+import yaml
+
+from checkweigher_dsp.parameters import Parameters
+from checkweigher_validation.results import GRAMS
+from checkweigher_validation.tuning.tuner import Tuned
+
+_WIDTH = 100
+
+
+def parameter_file(
+    tuned: Mapping[str, Tuned], source: Sequence[str], made: datetime | None = None
+) -> str:
+    """Return the text of a parameter file with everything that was tuned.
+
+    Parameters
+    ----------
+    tuned : dict of str to Tuned
+        By estimator; the first one is the one that the file selects.
+    source : sequence of str
+        What it was tuned on, a line each.
+    made : datetime, optional
+        When; by default now.
+
+    Returns
+    -------
+    str
+        YAML. In it are all parameters of what was tuned, and of the others, with which it was
+        tuned, those that are not at their default.
+    """
+    made = made or datetime.now(UTC)
+    first, *_ = tuned.values()
+    sections = {
+        entry.name: _changed(getattr(first.parameters, entry.name))
+        for entry in fields(first.parameters)
+    }
+    identifier: dict[str, object] = {'estimator': first.estimator, **sections['identifier']}
+    for name, each in tuned.items():
+        own = f'{name}.'
+        identifier = {key: value for key, value in identifier.items() if not key.startswith(own)}
+        identifier[name] = _plain(getattr(each.parameters.identifier, name).as_mapping())
+        if any(key.startswith('denoise.') for speed in each.speeds for key in speed.lists):
+            sections['denoise'] = _plain(each.parameters.denoise.as_mapping())
+    sections['identifier'] = identifier
+    lines = [
+        '# Made by checkweigher tune; use it as --params, or as params_file of a launch.',
+        f'# {made.isoformat(timespec="seconds")}',
+        *(f'# from {_printable(line)}' for line in source),
+        '#',
+        '# A = |mean error| + 3 sigma, averaged over the masses, after gain and offset, in g; held',
+        '# out: each half of the passes weighed by what the other half taught. Much more than',
+        '# trained would mean that the parameters fit these passes and not the machine.',
+        '#',
+        f'# {"estimator":<14}{"m/min":>7}{"passes":>8}{"A trained":>11}{"A held out":>12}',
+        *(
+            f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
+            f'{GRAMS * speed.index:11.4f}'
+            + ('           -' if math.isnan(speed.held_out_index)
+               else f'{GRAMS * speed.held_out_index:12.4f}')
+            for each in tuned.values()
+            for speed in each.speeds
+        ),
+    ]  # fmt: skip
+    content = {
+        f'/**/{node}': {'ros__parameters': values} for node, values in sections.items() if values
+    }
+    body = yaml.safe_dump(
+        content, default_flow_style=None, sort_keys=False, width=_WIDTH, allow_unicode=True
+    )
+    return '\n'.join(lines) + '\n' + body
+
+
+def _plain(values: Mapping[str, object]) -> dict[str, object]:
+    """Return values of parameters as YAML takes them."""
+    return {
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
+    }
+
+
+def _changed(parameters: Parameters) -> dict[str, object]:
+    """Return what of a set is not at its default."""
+    defaults = type(parameters)().as_mapping()
+    values = parameters.as_mapping()
+    return _plain({name: value for name, value in values.items() if value != defaults[name]})
+
+
+def _printable(text: str) -> str:
+    """Return a text that stays on the line of its comment, whatever a bag says of its load cell."""
+    return ''.join(sign if sign.isprintable() else ' ' for sign in text)

@@ -1,0 +1,165 @@
+"""What the search turns at each estimator, and the masses that follow for all passes at once."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.adaptive_identification import (
+    AdaptiveSettings,
+    FilterNoise,
+    identify_adaptive,
+    identify_adaptive_by_ekf,
+)
+from checkweigher_dsp.averaging import hann_mean, window_mean
+from checkweigher_dsp.estimators.base import raw_plateau
+from checkweigher_dsp.estimators.tvlpf import decay_of
+from checkweigher_dsp.fir_model import fir_estimate, fit_fir
+from checkweigher_dsp.lowpass import time_varying_lowpass
+from checkweigher_validation.tuning.calibration import folds
+from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
+from checkweigher_validation.tuning.iswd_eksi import TunedIswdEksi
+from checkweigher_validation.tuning.search import Axis
+from checkweigher_validation.tuning.tunable import Tunable
+
+_FOLDS = 5
+
+
+class TunedMean(Tunable):
+    """The mean: nothing to turn."""
+
+    name = 'mean'
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the mean of every window."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = window_mean(samples)
+        return result
+
+
+class TunedHann(Tunable):
+    """The Hann-weighted mean: nothing to turn."""
+
+    name = 'hann'
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the Hann-weighted mean of every window."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = hann_mean(samples)
+        return result
+
+
+class TunedTvlpf(Tunable):
+    """The time-varying low-pass filter: its order and the schedule of its cut-off."""
+
+    name = 'tvlpf'
+    axes = (
+        Axis('sections', 2, 4, 2, whole=True),
+        Axis('initial_cutoff', 2.0, 400.0, 50.0, logarithmic=True),
+        Axis('final_cutoff', 0.1, 30.0, 3.0, logarithmic=True),
+        Axis('half_life', 0.02, 2.0, 0.1, logarithmic=True),
+    )
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the last output of the filter for every window."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = time_varying_lowpass(
+                samples, round(values['sections']), values['initial_cutoff'],
+                values['final_cutoff'], decay_of(values['half_life'], samples.shape[1]),
+                self.sample_rate,
+            )  # fmt: skip
+        return result
+
+
+class TunedAid(Tunable):
+    """AID: its prefilter."""
+
+    name = 'aid'
+    axes = (
+        Axis('iterations', 1, 5, 2, whole=True),
+        Axis('max_order', 0, 5, 2, whole=True),
+        Axis('lowpass_cutoff', 100.0, 480.0, 480.0, logarithmic=True),
+    )
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the steady state that least squares identify in every window."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = identify_adaptive(samples, _settings(values), self.sample_rate).mass
+        return result
+
+
+class TunedAeksi(Tunable):
+    """AEKSI: its prefilter, and the noise that its filter reckons with."""
+
+    name = 'aeksi'
+    axes = (
+        *TunedAid.axes,
+        Axis('measurement_noise', 1e-2, 10.0, 1.0, logarithmic=True),
+        Axis('process_noise', 1e-3, 300.0, 0.1, logarithmic=True),
+        Axis('coefficient_variance', 1e-6, 10.0, 1.0, logarithmic=True),
+    )
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the steady state that the EKF identifies in every window."""
+        noise = FilterNoise(
+            values['measurement_noise'], values['process_noise'], values['coefficient_variance']
+        )
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = identify_adaptive_by_ekf(
+                samples, _settings(values), noise, self.sample_rate
+            ).mass
+        return result
+
+
+def _settings(values: Mapping[str, float]) -> AdaptiveSettings:
+    return AdaptiveSettings(
+        round(values['iterations']), round(values['max_order']), values['lowpass_cutoff']
+    )
+
+
+class TunedFirModel(Tunable):
+    """The FIR model: how smooth its weights are; the weights follow by least squares."""
+
+    name = 'fir_model'
+    axes = (Axis('ridge', 1e-6, 10.0, 1e-3, logarithmic=True),)
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the load of every pass by weights that the others have taught."""
+        result = np.empty(len(self.group.passes))
+        fold = folds(self.group.masses, _FOLDS)
+        for number in np.unique(fold):
+            curve = self._fit(np.flatnonzero(fold != number), values['ridge'])
+            for rows, samples in self.batches:
+                out = fold[rows] == number
+                result[rows[out]] = fir_estimate(samples[out], curve)
+        return result
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the curve that all passes teach."""
+        curve = self._fit(np.arange(len(self.group.passes)), values['ridge'])
+        return {'identifier.fir_model.weights': tuple(float(f'{value:.7g}') for value in curve)}
+
+    def _fit(self, chosen: NDArray[np.intp], ridge: float) -> NDArray[np.float64]:
+        windows = [raw_plateau(self.group.passes[number].window) for number in chosen]
+        knots = self.base.identifier.fir_model.knots
+        return fit_fir(windows, self.group.masses[chosen], knots, ridge)
+
+
+TUNABLES: dict[str, type[Tunable]] = {
+    tunable.name: tunable
+    for tunable in (
+        TunedMean,
+        TunedHann,
+        TunedTvlpf,
+        TunedAid,
+        TunedAeksi,
+        TunedIswdEksi,
+        TunedFirModel,
+        TunedGaussMarkov,
+    )
+}

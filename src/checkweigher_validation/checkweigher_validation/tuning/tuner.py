@@ -1,0 +1,239 @@
+"""Tuning: from passes of known mass to parameters, for each estimator by the same procedure."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising import Denoiser
+from checkweigher_dsp.estimators import ESTIMATORS
+from checkweigher_dsp.line import LineParameters
+from checkweigher_validation.parallel import run_all
+from checkweigher_validation.passes import SpeedGroup
+from checkweigher_validation.tuning.calibration import (
+    Calibration,
+    Uncertainty,
+    calibrate,
+    calibrated_index,
+    folds,
+    held_out_errors,
+    index,
+    uncertainty,
+)
+from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.tunable import TuningError
+from checkweigher_validation.tuning.tunables import TUNABLES
+
+FEWEST_PASSES = 3  # of one speed; fewer tell nothing of their own scatter
+_FEWEST_FOR_HALVES = 20  # each half then holds enough to be tuned on
+_DIGITS = 7  # significant, of what is written into a parameter file
+
+
+@dataclass(frozen=True, slots=True)
+class TunedSpeed:
+    """What the passes of one belt speed taught.
+
+    Attributes
+    ----------
+    speed : float
+        m/s.
+    passes : int
+        Number of passes.
+    lists : dict of str to tuple of float
+        Values of the lists of the parameters for this speed, by their name with that of the node.
+    calibration : Calibration
+        Gain and offset.
+    uncertainty : Uncertainty
+        How the errors of passes spread that were held out of the calibration.
+    zero_std_dev : float
+        kg, typical of these passes.
+    index : float
+        A on the training passes, kg.
+    held_out_index : float
+        A when each half of the passes is weighed by what the other half taught, kg; NaN if there
+        are too few. Much more than `index` means overfitting.
+    """
+
+    speed: float
+    passes: int
+    lists: Mapping[str, tuple[float, ...]]
+    calibration: Calibration
+    uncertainty: Uncertainty
+    zero_std_dev: float
+    index: float
+    held_out_index: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned:
+    """An estimator with what all speeds taught, and the parameters of the line that follow."""
+
+    estimator: str
+    speeds: tuple[TunedSpeed, ...]
+    parameters: LineParameters
+
+
+def tune(
+    groups: Sequence[SpeedGroup],
+    estimators: Sequence[str],
+    base: LineParameters,
+    *,
+    budget: int = BUDGET,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> dict[str, Tuned]:
+    """Tune estimators, each belt speed for itself, the speeds side by side on all cores.
+
+    Parameters
+    ----------
+    groups : sequence of SpeedGroup
+        Passes of known mass by belt speed.
+    estimators : sequence of str
+        Names.
+    base : LineParameters
+        Everything that is not tuned.
+    budget : int
+        Evaluations of each estimator at each speed, at most.
+    workers : int, optional
+        Processes; by default one for each core.
+    on_progress : callable
+        Called with the number of steps that are done and that of all.
+
+    Returns
+    -------
+    dict of str to Tuned
+        By estimator.
+
+    Raises
+    ------
+    TuningError
+        If there are too few passes at a speed, or an estimator fails on them whatever its values.
+    """
+    for group in groups:
+        if len(group.passes) < FEWEST_PASSES:
+            raise TuningError(
+                f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min, tuning '
+                f'takes at least {FEWEST_PASSES} at each speed'
+            )
+    if not groups:
+        raise TuningError('no whole pass of known mass')
+    prepared = {name: TUNABLES[name].prepare(groups, base) for name in estimators}
+    tasks = [
+        _Task(name, group, prepared[name], budget, half)
+        for name in estimators
+        for group in groups
+        for half in ((None, 0, 1) if len(group.passes) >= _FEWEST_FOR_HALVES else (None,))
+    ]
+    tuned: dict[tuple[str, float], TunedSpeed] = {}
+    halves: dict[tuple[str, float], list[NDArray[np.float64]]] = {}
+    for task, result in zip(tasks, run_all(tasks, workers, on_progress), strict=True):
+        key = task.estimator, task.group.speed
+        if isinstance(result, TunedSpeed):
+            tuned[key] = result
+        else:
+            halves.setdefault(key, []).append(result)
+    for key, parts in halves.items():
+        errors, masses = np.concatenate(parts, axis=1)
+        tuned[key] = replace(tuned[key], held_out_index=index(errors, masses))
+    return {
+        name: _assemble(name, [tuned[name, group.speed] for group in groups], prepared[name])
+        for name in estimators
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Tune on all passes of a speed, or on one half of them, to weigh the other by it."""
+
+    estimator: str
+    group: SpeedGroup
+    base: LineParameters
+    budget: int
+    half: int | None
+
+    def run(self) -> 'TunedSpeed | NDArray[np.float64]':
+        """Return what was learned, or the errors and masses (2, n) of the other half, kg."""
+        if self.half is None:
+            return _tune_speed(self.estimator, self.group, self.base, self.budget)
+        # In turn, so that a drift and every mass are in both halves.
+        numbered = list(zip(folds(self.group.masses, 2), self.group.passes, strict=True))
+        learn, check = (
+            replace(self.group, passes=tuple(each for half, each in numbered if half == chosen))
+            for chosen in (self.half, 1 - self.half)
+        )
+        # Half the passes, half the evaluations: the check costs as much as what it checks.
+        learned = _tune_speed(self.estimator, learn, self.base, max(self.budget // 2, 1))
+        parameters = _assemble(self.estimator, [learned], self.base).parameters
+        estimates = estimates_of(check, parameters)
+        return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
+
+
+def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget: int) -> TunedSpeed:
+    tunable = TUNABLES[estimator](group, base)
+    masses = group.masses
+    values, badness = tunable.search(
+        lambda values: calibrated_index(tunable.estimates(values), masses), budget
+    )
+    if not math.isfinite(badness):
+        raise TuningError(
+            f'{estimator} finds no mass in some of the {len(masses)} passes at '
+            f'{60 * group.speed:.1f} m/min, whatever its parameters'
+        )
+    estimates = tunable.estimates(values)
+    zero = [abs(each.window.zero_std_dev / each.window.counts_per_kg) for each in group.passes]
+    return TunedSpeed(
+        speed=group.speed,
+        passes=len(masses),
+        lists=tunable.lists(values),
+        calibration=calibrate(estimates, masses),
+        uncertainty=uncertainty(held_out_errors(estimates, masses), masses),
+        zero_std_dev=float(np.median(zero)),
+        index=badness,
+    )
+
+
+def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
+    """Return what the chosen estimator makes of passes before gain and offset: (n,) float64, kg."""
+    denoiser = Denoiser(parameters.denoise)
+    identifier = parameters.identifier
+    estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
+    return np.array(
+        [estimator.estimate(denoiser.denoise(each.window)).mass for each in group.passes]
+    )
+
+
+def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:
+    """Put the values of all speeds into the parameters of the line."""
+    own = f'identifier.{estimator}'
+    lists: dict[str, tuple[float, ...]] = {}
+    for each in speeds:
+        values = {
+            f'{own}.speeds': (each.speed,),
+            f'{own}.gain': (each.calibration.gain,),
+            f'{own}.offset': (each.calibration.offset,),
+            f'{own}.std_dev': (each.uncertainty.std_dev,),
+            f'{own}.relative_std_dev': (each.uncertainty.relative,),
+            f'{own}.zero_std_dev': (each.zero_std_dev,),
+            **each.lists,
+        }
+        for name in {name.rpartition('.')[0] for name in each.lists}:
+            values[f'{name}.speeds'] = (each.speed,)
+        for name, value in values.items():
+            lists[name] = lists.get(name, ()) + tuple(_rounded(number) for number in value)
+    changes: dict[str, object] = {
+        **lists,
+        f'{own}.calibrated': True,
+        f'{own}.training': ', '.join(
+            f'{each.passes} passes at {60 * each.speed:.1f} m/min' for each in speeds
+        ),
+        'identifier.estimator': estimator,
+    }
+    if f'{own}.reflection' in lists:
+        changes[f'{own}.order'] = len(lists[f'{own}.reflection']) // len(speeds)
+    return Tuned(estimator, tuple(speeds), base.with_values(changes))
+
+
+def _rounded(value: float) -> float:
+    return float(f'{value:.{_DIGITS}g}')
