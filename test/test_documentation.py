@@ -3,6 +3,7 @@
 from dataclasses import fields
 import math
 import re
+from typing import Any
 
 import pytest
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -12,6 +13,9 @@ import yaml
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_driver.driver_node import DriverParameters
 from checkweigher_driver.sources import SOURCES, source_class
+from checkweigher_dsp.estimation import IdentifierParameters
+from checkweigher_dsp.estimators import ESTIMATORS
+from checkweigher_dsp.estimators.base import EstimatorParameters
 from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.parameters import Parameters, describe
@@ -23,7 +27,24 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{entry.name: ('', entry.type) for entry in fields(LineParameters)},
     'driver': ('', DriverParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
+    'identifier, every estimator': ('NAME.', EstimatorParameters),
+    **{
+        f'identifier, estimator {name}': (f'{name}.', type(getattr(IdentifierParameters(), name)))
+        for name in ESTIMATORS
+        if name not in ('mean', 'hann')  # which have nothing of their own
+    },
 }
+
+
+def own_entries(parameters: type[Parameters]) -> dict[str, Any]:
+    """Return the parameters of a set without those of its inner sets and of all estimators."""
+    common = set(EstimatorParameters.entries()) if parameters is not EstimatorParameters else set()
+    of_estimator = issubclass(parameters, EstimatorParameters)
+    return {
+        name: entry
+        for name, entry in parameters.entries().items()
+        if '.' not in name and not (of_estimator and name in common)
+    }
 
 
 def plain(value: object) -> str:
@@ -45,7 +66,7 @@ def kind(value: object) -> str:
 def parameter_rows(prefix: str, parameters: type[Parameters]) -> list[str]:
     """Return the rows that the table of a parameter set must have."""
     rows = []
-    for entry in fields(parameters):
+    for entry in own_entries(parameters).values():
         allowed = describe(entry)
         bounds = f'{allowed.minimum:g}..{allowed.maximum:g}'
         span = ', '.join(allowed.choices) or ('' if bounds == '-inf..inf' else bounds)
@@ -110,7 +131,7 @@ def test_the_parameter_file_says_the_defaults():
     for name, parameters in sets.items():
         defaults = {
             entry.name: list(entry.default) if isinstance(entry.default, tuple) else entry.default
-            for entry in fields(parameters)
+            for entry in own_entries(parameters).values()
         }
         given = content[f'/**/{name}']['ros__parameters']
         assert given == defaults

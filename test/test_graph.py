@@ -78,7 +78,7 @@ def test_parameters_reach_the_graph_as_they_reach_offline(rows: Rows, tmp_path: 
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(
         '/**:\n  ros__parameters:\n    lower_limit: 0.1\n    upper_limit: 0.2\n'
-        '/**/denoise:\n  ros__parameters:\n    threshold_unit: 1.0e-06\n'
+        '/**/identifier:\n  ros__parameters:\n    iswd_eksi:\n      rise_noise: [1000.0]\n'
     )
     bag = BAGS / 'paper_60'
     offline = rows('weigh', bag, '--params', parameters)
