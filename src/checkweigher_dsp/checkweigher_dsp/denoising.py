@@ -90,7 +90,7 @@ class DenoiseParameters(Parameters):
         minimum=1e-3, maximum=1e4,
     )  # fmt: skip
     prediction_order: int = parameter(
-        25, 'order of the model that continues the disturbance', minimum=0, maximum=1000
+        40, 'order of the model that continues the disturbance', minimum=0, maximum=1000
     )
     iterations: int = parameter(
         1, 'how often the level that is taken out for continuation is found anew', minimum=0,

@@ -191,7 +191,7 @@ class WindowNoise:
         R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
     """
 
-    measurement: float = 0.05
+    measurement: float = 0.25
     process: float = 0.01
     initial: float = 1.0
     coefficients: float = 1e-6

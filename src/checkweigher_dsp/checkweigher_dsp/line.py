@@ -57,9 +57,12 @@ class LineParameters:
         ParameterError
             If a parameter does not exist or a value cannot be used.
         """
+        nodes = [entry.name for entry in fields(self)]
         by_node: dict[str, dict[str, object]] = {}
         for name, value in changes.items():
             node, _, rest = name.partition('.')
+            if node not in nodes:
+                raise ParameterError(f'{name!r} addresses none of {", ".join(nodes)}')
             by_node.setdefault(node, {})[rest] = value
         made = {}
         for node, values in by_node.items():

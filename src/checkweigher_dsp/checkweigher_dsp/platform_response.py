@@ -109,9 +109,7 @@ def responses(
     return result
 
 
-def _stairs(
-    crossing: Crossing, start: float
-) -> list[tuple[float, float, float, float, float]]:
+def _stairs(crossing: Crossing, start: float) -> list[tuple[float, float, float, float, float]]:
     """Return begin, end, load at the begin, its rate and the mean load of each stretch."""
     stairs = [(min(start, crossing.on_begin), crossing.on_begin, 0.0, 0.0, 0.0)]
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]

@@ -25,9 +25,7 @@ class Prewhitener:
         Of the innovations, in the unit of the signal.
     """
 
-    def __init__(
-        self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float
-    ) -> None:
+    def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
         order = len(reflections)
         self._order = order
         # Row m predicts sample m from all m before it; the last one is the filter for the rest.
@@ -65,7 +63,7 @@ def pooled_reflections(
     Parameters
     ----------
     segments : sequence of ndarray, (n_i,) float64
-        Noise without mean; segments no longer than `order` help with the lower ones only.
+        Noise without mean; segments no longer than `order` are left out.
     order : int
         p.
 
@@ -102,7 +100,9 @@ def pooled_reflections(
     for m in range(order):
         valid = np.arange(longest - m - 1) < (lengths - m - 1)[:, None]
         ahead, behind = forward[:, 1:] * valid, backward[:, :-1] * valid
-        reflection = -2 * np.sum(ahead * behind) / np.sum(ahead**2 + behind**2)
+        energy = np.sum(ahead**2 + behind**2)
+        # Nothing is left where a signal is predicted to the last bit.
+        reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
         forward, backward = ahead + reflection * behind, behind + reflection * ahead
         reflections[m] = reflection
         power *= 1 - reflection**2

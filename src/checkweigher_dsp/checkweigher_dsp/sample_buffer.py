@@ -12,6 +12,8 @@ from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 # An edge stamped at the very instant of a sample must fall on the same side of it however the
 # blocks were cut, although each block's stamp is rounded to a nanosecond.
 _INSTANT = 1e-3  # samples
+# By which the stamps of blocks of one clock may contradict each other: each is rounded.
+_ROUNDING = 1  # ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,14 +109,25 @@ class SampleBuffer:
         lost = first_new - self.end
         if lost > 0:
             self._gaps.append((self.end, first_new))
-        self._anchors.append(_Anchor(block.first_index, block.stamp))
-        self._anchor_stamps.append(block.stamp)
+        if not self._is_on_clock(block):
+            self._anchors.append(_Anchor(block.first_index, block.stamp))
+            self._anchor_stamps.append(block.stamp)
         if lost >= self._capacity:
             self._start, self._used = first_new, 0
         elif lost > 0:
             self._push(np.zeros(lost, np.int32))
         self._push(counts)
         self._forget()
+
+    def _is_on_clock(self, block: SampleBlock) -> bool:
+        """Tell whether the blocks before say the same time of a block, but for rounding.
+
+        If they do it is not tied anew: which nanosecond a sample gets would depend on how the
+        blocks were cut.
+        """
+        if self.empty:
+            return False
+        return abs(block.stamp - self.stamp_at(block.first_index)) <= _ROUNDING
 
     def _push(self, counts: NDArray[np.int32]) -> None:
         counts_kept = counts[-self._capacity :]

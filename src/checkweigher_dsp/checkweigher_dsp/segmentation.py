@@ -133,8 +133,11 @@ class Segmenter:
         self.items = 0
 
     def _new_buffer(self) -> SampleBuffer:
-        history = max(self._parameters.lead_time, self._parameters.zero_time) + seconds(
-            self._max_transit + max(2 * self._lateness, _LONGEST_PIECE)
+        known = self._parameters
+        # An item takes no longer to leave than from eye to eye.
+        trail = min(round(NANOSECONDS * known.trail_time), self._max_transit)
+        history = max(known.lead_time, known.zero_time) + seconds(
+            self._max_transit + trail + max(2 * self._lateness, _LONGEST_PIECE)
         )
         return SampleBuffer(self.load_cell.sample_rate, history)
 
@@ -249,7 +252,7 @@ class Segmenter:
         return max(min(end + trail, self._buffer.index_at(item.t3 + item.t2 - item.t1)), end)
 
     def _sound_end(self, end: int, trail_end: int) -> int:
-        """Return the end of what can be used after t3: nothing if any of it is lost or saturated."""
+        """Return the end of what can be used after t3: none of it if any is lost or saturated."""
         trail_end = min(trail_end, self._buffer.end)
         return end if self._check_samples(end, trail_end) else trail_end
 

@@ -141,9 +141,12 @@ def make_window(force, lead=0, counts_per_kg=1e6, zero=5000.0, **fields):
     return WeighWindow(**{**values, **fields})
 
 
+PLATFORM = Platform(38.0, 0.06, 2.5)
+
+
 def make_pass(
     mass=0.2, before=0.45, trail=0.0, disturbance=None, old=(0.0, 0.0), impact=(0.0, 0.0),
-    platform=Platform(38.0, 0.06, 2.5), **fields,
+    platform=PLATFORM, **fields,
 ):  # fmt: skip
     """Build the window of a product of 0.1 m that rides at 1 m/s over a belt of 0.2 m.
 

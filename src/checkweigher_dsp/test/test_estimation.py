@@ -106,9 +106,7 @@ def test_the_gain_of_the_load_cell_does_not_matter(make_pass, estimator, surroun
     )
     identifier = _identifier(estimator)
 
-    plain, other = (
-        identifier.estimate(_denoised(w, surround=surround)) for w in (window, scaled)
-    )
+    plain, other = (identifier.estimate(_denoised(w, surround=surround)) for w in (window, scaled))
 
     assert plain.weighed
     assert (other.mass, other.std_dev) == pytest.approx((plain.mass, plain.std_dev), rel=GAIN)
@@ -266,9 +264,7 @@ def _constant(make_window, speed, zero_std_dev=0.0):
 def test_what_training_taught_is_interpolated_and_applied(
     make_window, estimator, speed, mass, variance
 ):
-    estimate = _identifier(estimator, **_trained(estimator)).estimate(
-        _constant(make_window, speed)
-    )
+    estimate = _identifier(estimator, **_trained(estimator)).estimate(_constant(make_window, speed))
 
     assert estimate.reasons == ()
     assert estimate.mass == pytest.approx(mass, rel=PRIOR)
@@ -309,9 +305,7 @@ def test_a_speed_beyond_training_is_not_trained_if_there_was_training(
     make_window, calibrated, speed, outside
 ):
     known = MeanParameters(**{**TRAINED, 'calibrated': calibrated})
-    identifier = Identifier(
-        IdentifierParameters(estimator='mean', mean=known, speed_tolerance=0.1)
-    )
+    identifier = Identifier(IdentifierParameters(estimator='mean', mean=known, speed_tolerance=0.1))
 
     estimate = identifier.estimate(_constant(make_window, speed))
 

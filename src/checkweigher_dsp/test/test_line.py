@@ -203,3 +203,9 @@ def test_single_values_are_changed_by_their_name_and_nothing_else():
 def test_a_change_of_what_there_is_not_is_refused(name, complaint):
     with pytest.raises(ParameterError, match=complaint):
         LineParameters().with_values({name: 1.0})
+
+
+@pytest.mark.parametrize('name', ['rejekt.lower_limit', 'min_window', ''])
+def test_a_change_of_a_node_that_there_is_not_is_refused(name):
+    with pytest.raises(ParameterError, match=f'{name!r} addresses none of segmenter'):
+        LineParameters().with_values({name: 1.0})

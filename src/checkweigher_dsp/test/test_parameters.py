@@ -1,11 +1,15 @@
 """Parameters: types, ranges, and the YAML files that they come from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 from typing import ClassVar
 
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
+from checkweigher_dsp.estimation import IdentifierParameters
+from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.parameters import (
     ParameterError,
     Parameters,
@@ -32,6 +36,22 @@ class Fridge(Parameters):
 
     heat: float = parameter(5.0, 'temperature', minimum=-300)
     door: float = parameter(0.0, 'nested.like')
+
+
+@dataclass(frozen=True)
+class Shelf(Parameters):
+    node: ClassVar[str] = 'larder.shelf'
+
+    boards: int = parameter(3, 'number of boards', minimum=1, maximum=9)
+    heights: tuple[float, ...] = parameter((0.3,), 'between them', unit='m', minimum=0, maximum=1)
+
+
+@dataclass(frozen=True)
+class Larder(Parameters):
+    node: ClassVar[str] = 'larder'
+
+    door: bool = parameter(True, 'whether it has one')
+    shelf: Shelf = Shelf()
 
 
 SETS = {'oven': Oven, 'fridge': Fridge}
@@ -202,3 +222,81 @@ def test_a_missing_file_and_a_directory_are_refused_by_name(tmp_path):
         read_parameter_file(tmp_path / 'none.yaml', SETS)
     with pytest.raises(ParameterError, match='directory'):
         read_parameter_file(tmp_path, SETS)
+
+
+def test_parameters_of_an_inner_set_are_named_with_a_dot():
+    assert list(Larder.entries()) == ['door', 'shelf.boards', 'shelf.heights']
+    assert Larder.entries()['shelf.boards'].default == 3
+    assert Larder().as_mapping() == {'door': True, 'shelf.boards': 3, 'shelf.heights': (0.3,)}
+
+
+def test_an_inner_value_is_taken_and_the_others_keep_their_defaults():
+    larder = Larder.from_mapping({'shelf.heights': [1, 0.5]})
+
+    assert larder == Larder(True, Shelf(3, (1.0, 0.5)))
+    assert Larder.from_mapping({}) == Larder()
+
+
+@given(st.booleans(), st.integers(1, 9), st.lists(st.floats(0.0, 1.0)))
+def test_names_and_values_make_the_same_set_again(door, boards, heights):
+    larder = Larder(door, Shelf(boards, tuple(heights)))
+
+    assert Larder.from_mapping(larder.as_mapping()) == larder
+
+
+def test_every_parameter_of_the_line_makes_the_same_set_again():
+    for entry in fields(LineParameters):
+        parameters = entry.default
+        assert list(parameters.entries()) == list(parameters.as_mapping())
+        assert parameters.from_mapping(parameters.as_mapping()) == parameters
+
+
+@pytest.mark.parametrize(
+    ('values', 'complaint'),
+    [
+        ({'shelf.boards': 10}, r'^larder\.shelf\.boards: 10 is not in 1\.\.9$'),
+        ({'shelf.heights': [0.1, 2.0]}, r'^larder\.shelf\.heights: 2\.0 is not in 0\.\.1 m$'),
+        ({'shelf.boards': 3.0}, r'^larder\.shelf\.boards: 3\.0 is not a whole number$'),
+        ({'shelf.bords': 3}, r'^larder\.shelf\.bords: no such .* shelf\.boards, shelf\.heights$'),
+        ({'shelf': 3}, r'^larder\.shelf: no such parameter; larder has door, shelf\.\*$'),
+        ({'boards': 3}, r'^larder\.boards: no such parameter; larder has door, shelf\.\*$'),
+        ({'shlef.boards': 3}, r'^larder\.shlef\.boards: no such .* has door, shelf\.\*$'),
+        ({'shelf.boards.top': 3}, r'^larder\.shelf\.boards\.top: no such parameter'),
+    ],
+    ids=str,
+)
+def test_a_wrong_inner_value_is_refused_with_its_whole_name(values, complaint):
+    with pytest.raises(ParameterError, match=complaint):
+        Larder.from_mapping(values)
+
+
+def test_what_training_teaches_is_refused_by_its_name_as_well():
+    with pytest.raises(ParameterError, match=r'^identifier\.tvlpf\.gain: 0\.0 is not in 0\.1'):
+        IdentifierParameters.from_mapping({'tvlpf.gain': [0.0]})
+    with pytest.raises(ParameterError, match=r'^identifier\.tvlpf\.gian: .*tvlpf\.gain') as error:
+        IdentifierParameters.from_mapping({'tvlpf.gian': [1.0]})
+    assert 'hann' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    'section',
+    ['{shelf: {boards: 5, heights: [0.1, 0.2]}}', '{shelf.boards: 5, shelf.heights: [0.1, 0.2]}',
+     '{shelf: {boards: 5}, shelf.heights: [0.1, 0.2]}'],
+)  # fmt: skip
+@pytest.mark.parametrize('address', ['/**', 'larder', '/**/larder'])
+def test_a_file_names_inner_parameters_nested_or_with_a_dot(tmp_path, address, section):
+    path = tmp_path / 'kitchen.yaml'
+    path.write_text(f'{address}:\n  ros__parameters: {section}\n', encoding='utf-8')
+
+    values = read_parameter_file(path, {'larder': Larder, 'oven': Oven})
+
+    assert values['oven'] == {}
+    assert Larder.from_mapping(values['larder']) == Larder(True, Shelf(5, (0.1, 0.2)))
+
+
+def test_an_inner_name_for_all_that_none_knows_is_refused(tmp_path):
+    path = tmp_path / 'kitchen.yaml'
+    path.write_text('/**:\n  ros__parameters: {shelf: {bords: 5}}\n', encoding='utf-8')
+
+    with pytest.raises(ParameterError, match=r'kitchen\.yaml: none of larder .* shelf\.bords'):
+        read_parameter_file(path, {'larder': Larder})

@@ -192,3 +192,20 @@ def test_a_block_later_in_time_but_not_in_index_is_a_restart(first, late, restar
 def test_nothing_is_a_restart_of_an_empty_buffer():
     assert not SampleBuffer(RATE, 1.0).is_restart(_block(0, [1, 2]))
     assert SampleBuffer(RATE, 1.0).last_stamp is None
+
+
+@given(st.sets(st.integers(1, 499), max_size=30))
+def test_the_time_of_a_sample_does_not_depend_on_how_the_blocks_were_cut(cuts):
+    whole, cut = _filled((0, 500)), SampleBuffer(RATE, 1.0)
+    for begin, end in pairwise([0, *sorted(cuts), 500]):
+        cut.append(_block(begin, range(begin, end)))
+
+    assert [cut.stamp_at(n) for n in range(500)] == [whole.stamp_at(n) for n in range(500)]
+
+
+def test_a_clock_that_is_off_by_more_than_rounding_is_followed():
+    buffer = _filled((0, 100))
+    buffer.append(SampleBlock(_stamp(100) + 2, 100, np.zeros(10, np.int32)))
+
+    assert buffer.stamp_at(99) == pytest.approx(_stamp(99), abs=NANOSECOND)
+    assert buffer.stamp_at(100) == _stamp(100) + 2

@@ -54,8 +54,49 @@ def test_a_window_begins_at_or_after_t2_and_ends_before_t3(
 
     assert window.first_index + window.window_begin == begin
     assert window.first_index + window.window_end == end
-    assert window.window_begin == 500  # lead_time 0.5 s
-    np.testing.assert_array_equal(window.counts, line.counts[begin - 500 : end])
+    # lead_time 0.5 s before t1, which is 0.1 s before t2.
+    assert window.window_begin == 600
+    np.testing.assert_array_equal(window.counts, line.counts[begin - 600 : end])
+
+
+@pytest.mark.parametrize(
+    ('spacing', 'lost', 'first', 'empty_begin'),
+    [
+        (0.6, [], 1100, 200),  # t1 = 1.6 s, the first one left at 1.3 s
+        (0.35, [], 850, 450),  # t1 = 1.35 s
+        (0.8, [], 1300, 0),
+        (2.0, [], 2500, 0),
+        (0.6, [(0, 't4')], 1100, 300),  # as far as is known: twice its length after t3 = 1.2 s
+    ],
+)
+def test_a_window_tells_its_time_and_from_when_on_the_belt_was_empty(
+    make_line, cut, milli_cell, spacing, lost, first, empty_begin
+):
+    line = make_line((0.2, 0.1), spacing=spacing, load_cell=milli_cell)
+
+    windows = cut(line, without=lost)
+
+    # 0.5 s before t1; before the first item nobody has seen anything leave.
+    assert [window.first_index for window in windows] == [500, first]
+    assert [window.stamp - line.start for window in windows] == [500_000_000, first * 1_000_000]
+    assert [window.empty_begin for window in windows] == [0, empty_begin]
+
+
+def test_the_belt_is_empty_at_t1_at_the_latest(make_line, cut, milli_cell):
+    # Without t4 the first is held to be there until 1.4 s, but the second enters at 1.32 s.
+    line = make_line((0.2, 0.1), spacing=0.32, load_cell=milli_cell)
+
+    second = cut(line, without=[(0, 't4')])[1]
+
+    assert second.empty_begin == 500
+
+
+def test_lost_samples_move_the_time_of_a_window_with_its_first_sample(make_line, cut, milli_cell):
+    line = make_line((0.2,), load_cell=milli_cell)
+
+    (window,) = cut(line, lost=(700, 720))
+
+    assert (window.first_index, window.stamp - line.start) == (720, 720_000_000)
 
 
 def test_what_the_eyes_tell_stands_in_the_window(make_line, cut, load_cell):

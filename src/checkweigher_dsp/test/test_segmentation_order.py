@@ -55,8 +55,9 @@ def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmente
     )
     line.counts[::7] += 3
     without, lost = data.draw(LOST_EDGES), data.draw(LOST_SAMPLES)
+    parameters = replace(BELATED, trail_time=data.draw(st.sampled_from([0.0, 0.05, 1.0])))
     expected = run_segmenter(
-        Segmenter(line.load_cell, BELATED), line.events(without, size=16, lost=lost)
+        Segmenter(line.load_cell, parameters), line.events(without, size=16, lost=lost)
     )
     cuts = data.draw(st.sets(st.integers(0, len(line.counts)), max_size=40))
     choices = data.draw(st.lists(st.booleans(), min_size=64, max_size=64))
@@ -67,7 +68,7 @@ def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmente
         line,
     )
 
-    windows = run_segmenter(Segmenter(line.load_cell, BELATED), events)
+    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
 
     assert sorted(windows, key=_item_id) == sorted(expected, key=_item_id)
 

@@ -95,9 +95,7 @@ def json_text(evaluation: Evaluation) -> str:
     return json.dumps(content, indent=1, allow_nan=False) + '\n'
 
 
-def text_table(
-    evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()
-) -> str:
+def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
     """Return means over the masses by speed and estimator, then those over all, for a terminal.
 
     It tells of the test passes if there are any: how often the stated 68 % and 95 % intervals hold,

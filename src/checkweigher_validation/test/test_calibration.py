@@ -143,9 +143,21 @@ class TestUncertainty:
         assert stated == pytest.approx(np.hypot(std_dev, relative * MASSES), rel=DRAWN)
 
     def test_worked_by_hand_for_one_mass(self):
+        # The two-sided 95 % point of Student's distribution with 1 degree of freedom is 12.7062,
+        # that of the normal one 1.95996.
         found = uncertainty(np.array((3.0, -4.0)), np.array((2.0, 2.0)))
-        variance = found.std_dev**2 + (2 * found.relative) ** 2
-        assert variance == pytest.approx((9 + 16) / 2, rel=EXACT)
+        std_dev = math.hypot(found.std_dev, 2 * found.relative)
+        expected = math.sqrt((9 + 16) / 2) * 12.7062 / 1.95996
+        assert std_dev == pytest.approx(expected, rel=1e-5)
+
+    def test_after_five_passes_its_95_percent_interval_covers_another_one(self):
+        draw = np.random.default_rng(5)
+        covered = []
+        for _ in range(1000):
+            *errors, other = draw.standard_normal(6)
+            found = uncertainty(np.array(errors), np.ones(5))
+            covered.append(abs(other) <= 1.96 * math.hypot(found.std_dev, found.relative))
+        assert 0.93 <= np.mean(covered) <= 0.98
 
     def test_without_errors_there_is_none(self):
         assert uncertainty(np.zeros(10), np.tile(MASSES, 2)) == Uncertainty(0.0, 0.0)

@@ -61,13 +61,16 @@ import os, sys, time
 from types import SimpleNamespace
 from checkweigher_validation.parallel import run_all
 
-def work(folder):
+def work(folder, duration):
     Path(folder, str(os.getpid())).touch()
-    time.sleep(600)
+    while len(os.listdir(folder)) < 2:
+        time.sleep(0.01)
+    time.sleep(duration)
+    Path(folder, 'one is idle').touch()
 
 if __name__ == '__main__':
     try:
-        run_all([SimpleNamespace(run=partial(work, sys.argv[1]))] * 2, 2)
+        run_all([SimpleNamespace(run=partial(work, sys.argv[1], d)) for d in (0.0, 600.0)], 2)
     except KeyboardInterrupt:
         sys.exit(130)
 """
@@ -81,8 +84,9 @@ def test_an_interrupt_ends_all_processes_at_once_and_without_a_word(tmp_path: Pa
         [sys.executable, script, folder], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     deadline = time.monotonic() + PATIENCE
-    while len(list(folder.iterdir())) < 2 and time.monotonic() < deadline:
+    while len(list(folder.iterdir())) < 3 and time.monotonic() < deadline:
         time.sleep(0.05)
+    time.sleep(0.2)  # until the one that is done waits for more
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130

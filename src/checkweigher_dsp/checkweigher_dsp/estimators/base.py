@@ -14,6 +14,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.shrinkage_table import interpolate
 
+
 @dataclass(frozen=True, slots=True)
 class Plateau:
     """What an estimator makes of a window: the load in kg and its variance in kg^2.
@@ -45,9 +46,7 @@ class EstimatorParameters(Parameters):
     gain: tuple[float, ...] = parameter(
         (1.0,), 'the mass is gain times the estimate, plus offset', minimum=0.1, maximum=10
     )
-    offset: tuple[float, ...] = parameter(
-        (0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3
-    )
+    offset: tuple[float, ...] = parameter((0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3)
     std_dev: tuple[float, ...] = parameter(
         (0.0,), 'standard deviation on training passes, the part that all masses have',
         unit='kg', minimum=0, maximum=1e3,

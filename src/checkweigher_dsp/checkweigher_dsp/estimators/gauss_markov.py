@@ -229,7 +229,10 @@ def estimate_untrained(window: WeighWindow) -> Plateau:
     mean = hann_mean(samples)
     if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:
         return Plateau(mean, float(np.var(samples)) / len(samples))
-    reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
+    with np.errstate(invalid='ignore'):
+        reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
+    if not std_dev > 0:  # predicted to the last bit, as a last digit that alternates is
+        return Plateau(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)
     level = whitener.whiten(np.ones((1, len(samples))))
     mass, variance, _ = least_squares(whitener.whiten(samples - mean), level, (math.inf,))

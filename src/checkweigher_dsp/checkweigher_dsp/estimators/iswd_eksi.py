@@ -24,9 +24,7 @@ class IswdEksiParameters(EstimatorParameters):
         _NOISE.measurement, 'R as a share of the variance that denoising removed',
         minimum=1e-9, maximum=1e9,
     )  # fmt: skip
-    process_noise: float = parameter(
-        _NOISE.process, 'Q as a multiple of R', minimum=0, maximum=1e9
-    )
+    process_noise: float = parameter(_NOISE.process, 'Q as a multiple of R', minimum=0, maximum=1e9)
     initial_variance: float = parameter(
         _NOISE.initial, 'P0 of x and b1, the signal being normalised to 1',
         minimum=1e-9, maximum=1e9,

@@ -27,6 +27,7 @@ _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # of each speed
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
+_LEAST_NOISE = 1e-9  # kg
 _FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, of oscillations and zero: nothing is known
 # Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
@@ -172,6 +173,9 @@ def _reflections(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the autoregression of noise, or raise TuningError if there is none to be had."""
     try:
+        # What is left of a constant by rounding is no noise either.
+        if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
+            raise ValueError('the signals hold no noise')
         return pooled_reflections(segments, order)
     except ValueError as error:
         raise TuningError(f'gauss_markov at {60 * group.speed:.1f} m/min: {error}') from None
