@@ -13,7 +13,7 @@ Rows = Callable[..., list[dict[str, str]]]
 
 LARGEST_ERROR = 0.03  # relative to the reference, without calibration from training passes
 # g, scatter of the passes of one mass; the paper reports 0.04 and 0.2 for its own machine.
-SCATTER = {30: 0.1, 90: 0.6}
+SCATTER = {30: 0.06, 90: 0.3}
 
 REAL_PASSES = Path(
     os.environ.get('CHECKWEIGHER_REAL_PASSES', ROOT.parent / 'shared' / 'real_passes')

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 import multiprocessing
 import os
 import signal
@@ -12,6 +13,10 @@ R_co = TypeVar('R_co', covariant=True)
 # What a matrix library takes for the number of its own threads: with a process for each core
 # already at work, more of them only stand in each other's way.
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+
+
+class WorkerLost(ValueError):
+    """A process that died at its work."""
 
 
 class Task(Protocol, Generic[R_co]):
@@ -41,6 +46,11 @@ def run_all(
     -------
     list
         The results, in the order of the tasks.
+
+    Raises
+    ------
+    WorkerLost
+        If a process was killed.
     """
     results: dict[int, R_co] = {}
     for number, result in _results(tasks, workers or len(os.sched_getaffinity(0))):
@@ -64,6 +74,10 @@ def _results(tasks: 'Sequence[Task[R_co]]', workers: int) -> Iterator[tuple[int,
         futures = {pool.submit(task.run): number for number, task in enumerate(tasks)}
         for future in as_completed(futures):
             yield futures[future], future.result()
+    except BrokenProcessPool:
+        raise WorkerLost(
+            'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
         for name, value in kept.items():
