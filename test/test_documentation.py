@@ -145,7 +145,9 @@ def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
     assert re.search(rf'checkweigher {command}\b|`{command}`', text), command
 
 
-@pytest.mark.parametrize('path', ['README.md', 'CONTRIBUTING.md', 'docs/method.md', 'docs/accuracy.md'])
+@pytest.mark.parametrize(
+    'path', ['README.md', 'CONTRIBUTING.md', 'docs/method.md', 'docs/accuracy.md']
+)
 def test_files_that_the_docs_name_are_there(path: str):
     base = (ROOT / path).parent
     for target in re.findall(r'\]\(([^)#:]+)\)', (ROOT / path).read_text()):

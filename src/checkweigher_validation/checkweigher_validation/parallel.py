@@ -15,7 +15,7 @@ R_co = TypeVar('R_co', covariant=True)
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
-class WorkerLost(ValueError):
+class WorkerLostError(ValueError):
     """A process that died at its work."""
 
 
@@ -49,7 +49,7 @@ def run_all(
 
     Raises
     ------
-    WorkerLost
+    WorkerLostError
         If a process was killed.
     """
     results: dict[int, R_co] = {}
@@ -75,7 +75,7 @@ def _results(tasks: 'Sequence[Task[R_co]]', workers: int) -> Iterator[tuple[int,
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BrokenProcessPool:
-        raise WorkerLost(
+        raise WorkerLostError(
             'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
         ) from None
     finally:

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from checkweigher_validation.parallel import WorkerLost, run_all
+from checkweigher_validation.parallel import WorkerLostError, run_all
 
 PATIENCE = 60.0  # s, for processes to come up on a busy machine
 
@@ -94,5 +94,5 @@ def test_an_interrupt_ends_all_processes_at_once_and_without_a_word(tmp_path: Pa
 
 
 def test_a_worker_that_is_killed_is_told_on_one_line():
-    with pytest.raises(WorkerLost, match='a worker process was killed'):
+    with pytest.raises(WorkerLostError, match='a worker process was killed'):
         run_all([task(os._exit, 9), task(os.getpid)], 2)
