@@ -88,10 +88,11 @@ def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
     slow, fast = tuned['mean'].speeds
     text = parameter_file(tuned, ['bags/one: 8 passes', 'bags/two: 8 passes'])
     assert '# from bags/one: 8 passes\n# from bags/two: 8 passes\n' in text
-    rows = re.findall(r'^# mean +([\d.]+) +(\d+) +([\d.]+) +-$', text, re.M)
+    rows = re.findall(r'^# mean +([\d.]+) +(\d+) +([\d.]+) +([\d.]+)$', text, re.M)
     assert rows == [
-        ('45.0', '8', f'{1000 * slow.index:.4f}'), ('90.0', '8', f'{1000 * fast.index:.4f}')
-    ]  # fmt: skip
+        (speed, '8', f'{1000 * each.index:.4f}', f'{1000 * each.held_out_index:.4f}')
+        for speed, each in (('45.0', slow), ('90.0', fast))
+    ]
 
 
 def test_whatever_a_bag_says_of_its_load_cell_stays_a_comment(groups, read):

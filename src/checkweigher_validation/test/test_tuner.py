@@ -11,6 +11,7 @@ from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.segmentation import SegmenterParameters
 from checkweigher_validation.evaluating import weigh_passes
 from checkweigher_validation.passes import SpeedGroup, group_by_speed, known_passes
+from checkweigher_validation.tuning.calibration import index, uncertainty
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, TuningError, tune
 
 BASE = LineParameters()
@@ -102,9 +103,21 @@ class TestWhatIsLearned:
         (speed,) = tuned.speeds
         assert 0.8 * speed.index < speed.held_out_index < 1.5 * speed.index
 
-    def test_too_few_passes_have_no_halves(self):
-        (speed,) = tune([simulated(count=19)], ['mean'], BASE, workers=1)['mean'].speeds
-        assert math.isnan(speed.held_out_index)
+    def test_few_passes_are_weighed_one_by_one_by_what_the_others_taught(self):
+        few = simulated(count=19)
+        (speed,) = tune([few], ['mean'], BASE, workers=1)['mean'].speeds
+        windows = [each.window for each in few.passes]
+        means = np.array([w.force[w.window_begin : w.window_end].mean() for w in windows])
+        masses = few.masses
+        errors = np.empty(19)
+        for one in range(19):
+            others = np.arange(19) != one
+            gain, offset = np.polyfit(means[others], masses[others], 1)
+            errors[one] = gain * means[one] + offset - masses[one]
+        assert speed.held_out_index == pytest.approx(index(errors, masses), rel=1e-6)
+        expected = uncertainty(errors, masses)
+        assert speed.uncertainty.std_dev == pytest.approx(expected.std_dev, rel=1e-6)
+        assert speed.uncertainty.relative == pytest.approx(expected.relative, rel=1e-6)
 
     @pytest.mark.parametrize('name', ['tvlpf', 'iswd_eksi', 'aid'])
     def test_a_larger_budget_is_no_worse_and_a_fair_one_is_better(self, name):

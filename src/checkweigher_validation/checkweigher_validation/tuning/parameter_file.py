@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
-import math
 
 import yaml
 
@@ -61,8 +60,7 @@ def parameter_file(
         *(
             f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
             f'{GRAMS * speed.index:11.4f}'
-            + ('           -' if math.isnan(speed.held_out_index)
-               else f'{GRAMS * speed.held_out_index:12.4f}')
+            f'{GRAMS * speed.held_out_index:12.4f}'
             for each in tuned.values()
             for speed in each.speeds
         ),

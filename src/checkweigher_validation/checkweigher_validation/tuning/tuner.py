@@ -52,8 +52,8 @@ class TunedSpeed:
     index : float
         A on the training passes, kg.
     held_out_index : float
-        A when each half of the passes is weighed by what the other half taught, kg; NaN if there
-        are too few. Much more than `index` means overfitting.
+        A when each half of the passes, or with fewer than 20 each single one, is weighed by what
+        the others taught, kg. Much more than `index` means overfitting.
     """
 
     speed: float
@@ -121,22 +121,25 @@ def tune(
         raise TuningError('no whole pass of known mass')
     prepared = {name: TUNABLES[name].prepare(groups, base) for name in estimators}
     tasks = [
-        _Task(name, group, prepared[name], budget, half)
+        _Task(name, group, prepared[name], budget, fold)
         for name in estimators
         for group in groups
-        for half in ((None, 0, 1) if len(group.passes) >= _FEWEST_FOR_HALVES else (None,))
+        for fold in (None, *range(_checks(group)))
     ]
     tuned: dict[tuple[str, float], TunedSpeed] = {}
-    halves: dict[tuple[str, float], list[NDArray[np.float64]]] = {}
+    checked: dict[tuple[str, float], list[NDArray[np.float64]]] = {}
     for task, result in zip(tasks, run_all(tasks, workers, on_progress), strict=True):
         key = task.estimator, task.group.speed
         if isinstance(result, TunedSpeed):
             tuned[key] = result
         else:
-            halves.setdefault(key, []).append(result)
-    for key, parts in halves.items():
+            checked.setdefault(key, []).append(result)
+    for key, parts in checked.items():
         errors, masses = np.concatenate(parts, axis=1)
         tuned[key] = replace(tuned[key], held_out_index=index(errors, masses))
+        if len(masses) < _FEWEST_FOR_HALVES:
+            # A search fits a handful of passes far better than those to come.
+            tuned[key] = replace(tuned[key], uncertainty=uncertainty(errors, masses))
     return {
         name: _assemble(name, [tuned[name, group.speed] for group in groups], prepared[name])
         for name in estimators
@@ -145,29 +148,39 @@ def tune(
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    """Tune on all passes of a speed, or on one half of them, to weigh the other by it."""
+    """Tune on all passes of a speed, or on all but a fold of them, to weigh that by it."""
 
     estimator: str
     group: SpeedGroup
     base: LineParameters
     budget: int
-    half: int | None
+    fold: int | None
 
     def run(self) -> 'TunedSpeed | NDArray[np.float64]':
-        """Return what was learned, or the errors and masses (2, n) of the other half, kg."""
-        if self.half is None:
+        """Return what was learned, or the errors and masses (2, n) of the fold, kg."""
+        if self.fold is None:
             return _tune_speed(self.estimator, self.group, self.base, self.budget)
+        count = _checks(self.group)
         # In turn, so that a drift and every mass are in both halves.
-        numbered = list(zip(folds(self.group.masses, 2), self.group.passes, strict=True))
+        numbered = list(zip(folds(self.group.masses, count), self.group.passes, strict=True))
         learn, check = (
-            replace(self.group, passes=tuple(each for half, each in numbered if half == chosen))
-            for chosen in (self.half, 1 - self.half)
+            replace(
+                self.group,
+                passes=tuple(each for fold, each in numbered if (fold == self.fold) == held_out),
+            )
+            for held_out in (False, True)
         )
         # Half the passes, half the evaluations: the check costs as much as what it checks.
-        learned = _tune_speed(self.estimator, learn, self.base, max(self.budget // 2, 1))
+        budget = max(self.budget // 2, 1) if count == 2 else self.budget
+        learned = _tune_speed(self.estimator, learn, self.base, budget)
         parameters = _assemble(self.estimator, [learned], self.base).parameters
         estimates = estimates_of(check, parameters)
         return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
+
+
+def _checks(group: SpeedGroup) -> int:
+    """Return the number of folds of a group: halves, or every single pass where there are few."""
+    return 2 if len(group.passes) >= _FEWEST_FOR_HALVES else len(group.passes)
 
 
 def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget: int) -> TunedSpeed:
