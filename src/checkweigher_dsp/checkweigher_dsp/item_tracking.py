@@ -4,42 +4,23 @@ The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infee
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
 """
 
-from dataclasses import dataclass, field
+from collections import deque
 
+from checkweigher_dsp.items import Item, accounts_for, departure, length
 from checkweigher_dsp.records import Eye, EyeEdge, Reason
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
 _OVERDUE = 1.5
-
-
-@dataclass(slots=True, eq=False)
-class Item:
-    """One item on the line, as far as the eyes have seen it; stamps in ns."""
-
-    item_id: int
-    t1: int | None = None
-    t2: int | None = None
-    t3: int | None = None
-    t4: int | None = None
-    faults: dict[Reason, None] = field(default_factory=dict)  # an ordered set
-    left_before: int | None = None  # when the item before it was gone
-    usual_transit: int | None = None  # from eye to eye, of the last whole item before it
-
-    @property
-    def entered(self) -> int:
-        """When it was seen first, ns."""
-        known = [stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None]
-        return known[0]
-
-    def fault(self, reason: Reason) -> None:
-        """Note why the item cannot be weighed."""
-        self.faults.setdefault(reason)
+# An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
+_TOO_EARLY = 0.1
+_REMEMBERED = 64  # edges, in which one that comes twice is known again
+_KNOWN_ITEMS = 16
 
 
 class ItemTracker:
-    """Pair the edges of the two eyes to items.
+    """Pair the edges of the two eyes to items, which leave in the order in which they entered.
 
-    Items leave in the order in which they entered. Where an edge is missing the time that the last
+    Where an edge is missing the time that the last
     whole item took from eye to eye tells which item an edge belongs to, so that one lost edge
     costs one item and not all that follow.
 
@@ -51,20 +32,32 @@ class ItemTracker:
         ns; an item that has not reached the outfeed eye by then never will.
     count : int
         Items that were there before.
+    belt_lengths : float
+        Length of the belt in lengths of a product; 0 if not known.
     """
 
-    def __init__(self, debounce: int, max_transit: int, count: int = 0) -> None:
+    def __init__(
+        self, debounce: int, max_transit: int, count: int = 0, belt_lengths: float = 0.0
+    ) -> None:
         self._debounce = debounce
         self._max_transit = max_transit
+        self._belt_lengths = belt_lengths
         self._count = count
         self._on_belt: list[Item] = []  # seen at the infeed eye, not yet at the outfeed eye
         self._entering: Item | None = None
         self._entered_last: Item | None = None
         self._leaving: Item | None = None
         self._left_last: Item | None = None
-        self._given_up: Item | None = None
+        # Their verdict is out, but the outfeed eye may see them yet.
+        self._given_up: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
+        self._abandoned: deque[Item] = deque()  # likewise, but only while nothing else is there
         self._transit: int | None = None
+        self._odd_transit: int | None = None
         self._last_edge: dict[Eye, EyeEdge] = {}
+        self._edges: deque[EyeEdge] = deque(maxlen=_REMEMBERED)
+        self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
+        self._newest: int | None = None  # stamp of an edge
+        self._outfeed_free: int | None = None  # when something unknown had left
         self._finished: list[Item] = []
 
     @property
@@ -72,22 +65,83 @@ class ItemTracker:
         """Number of items so far."""
         return self._count
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no item is on the belt and both eyes are clear, as far as they tell."""
+        blocked = any(edge.blocked for edge in self._last_edge.values())
+        return not (self._on_belt or self._entering or blocked)
+
+    @property
+    def empty_since(self) -> int | None:
+        """When the last item had left, ns; None if none was there."""
+        return None if self._newest is None else self._last_departure(self._newest)
+
     def add(self, edge: EyeEdge) -> list[Item]:
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)
-        previous = self._last_edge.get(edge.eye)
-        if previous != edge:
-            self._last_edge[edge.eye] = edge
-            if edge.eye == Eye.INFEED:
-                if edge.blocked:
-                    self._infeed_blocked(edge.stamp, previous)
-                else:
-                    self._infeed_clears(edge.stamp, previous)
-            elif edge.blocked:
-                self._outfeed_blocked(edge.stamp)
+        if edge not in self._edges:
+            self._edges.append(edge)
+            if self._newest is not None and edge.stamp < self._newest:
+                self._add_late(edge)
             else:
-                self._outfeed_clears(edge.stamp, previous)
+                self._newest = edge.stamp
+                self._switch(edge)
         return self._take_finished()
+
+    def _switch(self, edge: EyeEdge) -> None:
+        previous = self._last_edge.get(edge.eye)
+        self._last_edge[edge.eye] = edge
+        if edge.eye == Eye.INFEED:
+            if edge.blocked:
+                self._infeed_blocked(edge.stamp, previous)
+            else:
+                self._infeed_clears(edge.stamp, previous)
+        elif edge.blocked:
+            self._outfeed_blocked(edge.stamp)
+        else:
+            self._outfeed_clears(edge.stamp, previous)
+
+    def _add_late(self, edge: EyeEdge) -> None:
+        """Take an edge that comes after a younger one: nothing on the belt can be trusted."""
+        self._doubt_all()
+        last = self._last_edge.get(edge.eye)
+        item = self._entered_last
+        clears = edge.eye == Eye.INFEED and not edge.blocked
+        own = item is not None and last is not None and item.t1 == last.stamp < edge.stamp
+        if clears and own and item is not None:  # also of one that has left meanwhile
+            item.t2, self._entering, self._last_edge[edge.eye] = edge.stamp, None, edge
+            return
+        if last is None or edge.stamp >= last.stamp:
+            self._switch(edge)
+            self._doubt_all()
+        elif edge.eye == Eye.OUTFEED:
+            self._complete_outfeed(edge)
+        elif not edge.blocked:
+            item = self._entering
+            if item is not None and item.t1 is not None and item.t1 < edge.stamp:
+                item.t2, self._entering = edge.stamp, None
+        elif not any(accounts_for(item, edge.stamp, self._debounce) for item in self._items):
+            item = self._new_item()
+            item.t1 = item.given_up = edge.stamp
+            item.fault(Reason.LATE_EDGE)
+            self._finished.append(item)
+            self._given_up.append(item)
+
+    def _doubt_all(self) -> None:
+        for item in self._on_belt:
+            item.fault(Reason.LATE_EDGE)
+
+    def _complete_outfeed(self, edge: EyeEdge) -> None:
+        """Note an edge of an item that has left, as far as it is one."""
+        if edge.blocked:
+            for item in self._items:
+                if item.t3 is None and item.t4 is not None and item.entered < edge.stamp < item.t4:
+                    item.t3 = edge.stamp
+                    return
+            return
+        leaving = self._leaving
+        if leaving is not None and leaving.t3 is not None and leaving.t3 < edge.stamp:
+            leaving.t4, self._leaving = edge.stamp, None
 
     def expire(self, stamp: int) -> list[Item]:
         """Return the items that must have left by `stamp` without the outfeed eye seeing them."""
@@ -99,9 +153,17 @@ class ItemTracker:
         for item in self._on_belt:
             item.fault(reason)
         self._finished += self._on_belt
-        self._on_belt = []
+        self._abandoned, self._on_belt = deque(self._on_belt), []
         self._entering = self._leaving = None
         return self._take_finished()
+
+    def forget(self) -> None:
+        """Forget all times: the clock or the source has begun anew."""
+        self._entered_last = self._left_last = None
+        self._given_up.clear()
+        self._edges.clear()
+        self._items.clear()
+        self._transit = self._odd_transit = self._newest = self._outfeed_free = None
 
     def _take_finished(self) -> list[Item]:
         finished, self._finished = self._finished, []
@@ -109,7 +171,9 @@ class ItemTracker:
 
     def _new_item(self) -> Item:
         self._count += 1
-        return Item(self._count)
+        item = Item(self._count)
+        self._items.append(item)
+        return item
 
     def _infeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
         last = self._entered_last
@@ -125,8 +189,12 @@ class ItemTracker:
             last.fault(Reason.CHATTERING_EYE)
             self._entering = last
             return
-        if self._entering is not None:
-            self._entering.fault(Reason.MISSING_EDGE)
+        entering = self._entering
+        if entering is not None:
+            if entering.t1 is not None and 0 <= stamp - entering.t1 < self._debounce:
+                entering.fault(Reason.CHATTERING_EYE)
+                return
+            entering.fault(Reason.MISSING_EDGE)
         self._give_up_overdue(stamp)
         item = self._new_item()
         item.t1 = stamp
@@ -144,6 +212,9 @@ class ItemTracker:
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
             last.fault(Reason.CHATTERING_EYE)
+            return
+        if last is not None and last.given_up is not None and last.t1 == previous.stamp:
+            last.t2 = stamp  # given up before it was in: it is no further item
             return
         self._give_up_overdue(stamp)
         item = self._new_item()
@@ -164,34 +235,53 @@ class ItemTracker:
         if last is not None:
             self._leaving, last.t4 = last, None
             return
+        gone = self._given_up if self._given_up or self._on_belt else self._abandoned
+        if gone and self._is_of_none_on_belt(stamp):
+            late = gone.popleft()
+            late.t3, late.t4, late.odd = stamp, None, True
+            self._leaving = self._left_last = late
+            for other in self._on_belt:
+                other.fault(Reason.DISTANCE_FAULT)  # it was there as well
+            return
         item = self._item_leaving_at(stamp)
         if item is None:
-            if self._given_up is not None:
-                # Late, but its verdict is out: it is no further item.
-                self._given_up = None
-                return
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
         item.t3 = stamp
         item.usual_transit = self._transit
-        self._given_up = None  # whatever was before this item has left
+        if self._given_up and self._transit_of(item) is None:
+            item.fault(Reason.DISTANCE_FAULT)  # which of them it is nothing tells
+        self._given_up.clear()  # whatever was before this item has left
+        self._abandoned.clear()
         if item is self._entering:
             # Too long to be on the belt as a whole, or its edge was lost: t2 tells, if it comes.
             item.fault(Reason.PRODUCT_TOO_LONG)
             item.fault(Reason.MISSING_EDGE)
         previous, self._leaving, self._left_last = self._left_last, item, item
-        if item.t2 is not None and previous is not None and _departure(previous) > item.t2:
+        if item.t2 is not None and previous is not None and departure(previous) > item.t2:
             item.fault(Reason.DISTANCE_FAULT)
         if item.t1 is not None and item.t1 < stamp and not item.faults:
-            self._transit = stamp - item.t1
+            self._learn(item, stamp - item.t1)
         self._finished.append(item)
+
+    def _learn(self, item: Item, transit: int) -> None:
+        """Learn how long an item takes; from one that is far off only if the next one agrees."""
+        known = [usual for usual in (self._transit, self._odd_transit) if usual is not None]
+        item.odd = self._transit is not None and not any(
+            transit <= _OVERDUE * usual and usual <= _OVERDUE * transit for usual in known
+        )
+        if item.odd:
+            self._odd_transit = transit
+        else:
+            self._transit, self._odd_transit = transit, None
 
     def _outfeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         leaving, self._leaving = self._leaving, None
         # An edge far later than its length allows is that of the next item: its own was lost.
-        if leaving is not None and (not _length(leaving) or stamp <= _departure(leaving)):
+        if leaving is not None and (not length(leaving) or stamp <= departure(leaving)):
             leaving.t4 = stamp
             return
+        self._outfeed_free = stamp
         if previous is None:
             return
         last = self._covers_outfeed(stamp)
@@ -212,7 +302,8 @@ class ItemTracker:
         last = self._left_last
         if last is None:
             return None
-        covers = last.t3 is not None and 0 <= stamp - last.t3 < max(_length(last), self._debounce)
+        span = max(0 if last.odd else length(last), self._debounce)
+        covers = last.t3 is not None and 0 <= stamp - last.t3 < span
         flickers = last.t4 is not None and 0 <= stamp - last.t4 < self._debounce
         return last if covers or flickers else None
 
@@ -220,56 +311,61 @@ class ItemTracker:
         """Take from the belt the item that an outfeed edge belongs to, and those before it."""
         if not self._on_belt:
             return None
-        position = 0
-        if self._transit is not None:
-            expected = self._transit
-            position = min(
-                range(len(self._on_belt)),
-                key=lambda i: abs(stamp - self._on_belt[i].entered - expected),
-            )
+        position, least = 0, None
+        for i, candidate in enumerate(self._on_belt):
+            transit = self._transit_of(candidate)
+            if transit is not None:
+                deviation = abs(stamp - candidate.entered - transit)
+                if least is None or deviation < least:
+                    position, least = i, deviation
         for passed_over in self._on_belt[:position]:
-            self._miss(passed_over)
+            self._miss(passed_over, stamp)
         item = self._on_belt[position]
         del self._on_belt[: position + 1]
         return item
 
     def _give_up_overdue(self, stamp: int) -> None:
         """Give up items that, at the pace of the last whole item, left long before `stamp`."""
-        if self._transit is None:
-            return
         while self._on_belt:
             item = self._on_belt[0]
-            if stamp - item.entered < _OVERDUE * self._transit + _length(item):
+            transit = self._transit_of(item)
+            if transit is None or stamp - item.entered < _OVERDUE * transit + length(item):
                 return
-            self._miss(self._on_belt.pop(0))
+            self._miss(self._on_belt.pop(0), stamp)
 
     def _expire(self, stamp: int) -> None:
         while self._on_belt and stamp - self._on_belt[0].entered > self._max_transit:
-            self._miss(self._on_belt.pop(0))
+            item = self._on_belt.pop(0)
+            self._miss(item, item.entered + self._max_transit)
 
-    def _miss(self, item: Item) -> None:
+    def _transit_of(self, item: Item) -> int | None:
+        """Return how long an item takes from eye to eye, as far as that is known."""
+        if self._transit is None and self._belt_lengths and length(item) > 0:
+            return min(round(length(item) * self._belt_lengths), self._max_transit)
+        return self._transit
+
+    def _is_of_none_on_belt(self, stamp: int) -> bool:
+        """Tell whether the outfeed eye sees something that was given up, and not what is there."""
+        for item in self._on_belt:
+            transit = self._transit_of(item)
+            if transit is None or item.t1 is None:
+                return False
+            if stamp - item.t1 > (1 - _TOO_EARLY) * transit:
+                return False
+        return True
+
+    def _miss(self, item: Item, stamp: int) -> None:
         item.fault(Reason.MISSING_EDGE)
+        item.given_up = stamp
         if item is self._entering:
             self._entering = None
-        self._given_up = item
+        self._given_up.append(item)
         self._finished.append(item)
 
     def _last_departure(self, stamp: int) -> int | None:
         """Return when the last item before `stamp` was gone, as far as the eyes tell."""
-        departures = [
-            _departure(item) for item in (self._left_last, self._given_up) if item is not None
-        ]
+        gone = [*self._given_up, *([self._left_last] if self._left_last is not None else [])]
+        departures = [departure(item) for item in gone]
+        if self._outfeed_free is not None:
+            departures.append(self._outfeed_free)
         return min(max(departures), stamp) if departures else None
-
-
-def _departure(item: Item) -> int:
-    """Return t4, or where the eye missed it the time by which the item's length had passed."""
-    if item.t4 is not None:
-        return item.t4
-    last_seen = item.t3 if item.t3 is not None else item.entered
-    return last_seen + 2 * _length(item)
-
-
-def _length(item: Item) -> int:
-    """Return how long an item takes to pass an eye, ns; 0 if that is not known."""
-    return item.t2 - item.t1 if item.t1 is not None and item.t2 is not None else 0

@@ -49,6 +49,15 @@ class Reason(StrEnum):
     NO_CONVERGENCE = 'NoConvergence'
     NO_LOAD = 'NoLoad'
     BAD_WINDOW = 'BadWindow'
+    NO_ESTIMATE = 'NoEstimate'
+    UNKNOWN_ITEM = 'UnknownItem'
+    LATE_EDGE = 'LateEdge'
+    PRODUCT_ASKEW = 'ProductAskew'
+    BELT_SPEED_CHANGED = 'BeltSpeedChanged'
+    BELT_STOPPED = 'BeltStopped'
+    START_UP = 'StartUp'
+    CLOCK_JUMP = 'ClockJump'
+    ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
 
     @property
     def hint(self) -> str:
@@ -58,10 +67,10 @@ class Reason(StrEnum):
 
 _HINTS = {
     Reason.DISTANCE_FAULT: 'two products were on the weigh belt at once; increase their spacing',
-    Reason.MISSING_EDGE: 'a photo-eye did not switch; check its alignment and wiring',
+    Reason.MISSING_EDGE: 'a photo-eye did not switch, or the product was taken off the belt',
     Reason.CHATTERING_EYE: 'a photo-eye switched too often; check for reflections and loose film',
-    Reason.PRODUCT_TOO_LONG: 'the product was never fully on the weigh belt',
-    Reason.PRODUCT_TOO_SHORT: 'the infeed eye saw something shorter than min_product_length',
+    Reason.PRODUCT_TOO_LONG: 'longer than the recipe allows, or never fully on the weigh belt',
+    Reason.PRODUCT_TOO_SHORT: 'shorter than the recipe or min_product_length allows',
     Reason.BELT_SPEED: 'the belt speed from the eyes is outside min_belt_speed..max_belt_speed',
     Reason.WINDOW_TOO_SHORT: 'the product was fully on the belt for too few samples',
     Reason.SAMPLES_LOST: 'samples are missing; check the load on the machine and the QoS depth',
@@ -72,6 +81,35 @@ _HINTS = {
     Reason.NO_CONVERGENCE: 'the identification found no stable platform in this signal',
     Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
+    Reason.NO_ESTIMATE: 'no mass came in time for the rejector; check that all stages run',
+    Reason.UNKNOWN_ITEM: 'a mass came of what the eyes never saw; is there a second line?',
+    Reason.LATE_EDGE: 'an edge came after younger ones; check the clock and path of the photo-eyes',
+    Reason.PRODUCT_ASKEW: 'the length is that of a product that lies askew; check its guidance',
+    Reason.BELT_SPEED_CHANGED: 'another speed than the item before; expected once after a change',
+    Reason.BELT_STOPPED: 'less than half the speed of the item before: stopped, or edges were lost',
+    Reason.START_UP: 'the product was on the line before the first sample; run it again',
+    Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
+    Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond zero_range or zero_rate; clean it, zero it',
+}
+
+
+class StopReason(StrEnum):
+    """Why the line should stop."""
+
+    TOO_MANY_REJECTS = 'TooManyRejects'
+    UNCONFIRMED_REJECT = 'UnconfirmedReject'
+    CONFIRMED_ACCEPT = 'ConfirmedAccept'
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _STOP_HINTS[self]
+
+
+_STOP_HINTS = {
+    StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
+    StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
+    StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
 }
 
 
@@ -270,7 +308,20 @@ class MassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is to become of one item; masses and limits in kg, ``reject_at`` in ns."""
+    """What is to become of one item; masses and limits in kg.
+
+    Attributes
+    ----------
+    item_id : int
+        That of the estimate, or where none came the reject stage's own count. No two verdicts
+        share a number, so it is that count too where a restarted segmenter begins at 1 again.
+    reject_at : int or None
+        ns, when the rejector has to be told.
+    estimate_id : int
+        ``item_id`` of the estimate that the verdict rests on, 0 without one.
+    late : bool
+        Whether the verdict came after ``reject_at``.
+    """
 
     item_id: int
     t3: int | None
@@ -281,3 +332,15 @@ class Verdict:
     lower_limit: float = -math.inf
     upper_limit: float = math.inf
     reject_at: int | None = None
+    t1: int | None = None
+    estimate_id: int = 0
+    late: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StopRequest:
+    """Why the line should stop; ``stamp`` (ns) and ``item_id`` are those of the item concerned."""
+
+    reason: StopReason
+    item_id: int
+    stamp: int | None = None

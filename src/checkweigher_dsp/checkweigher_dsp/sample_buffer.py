@@ -51,6 +51,7 @@ class SampleBuffer:
         self._anchors: list[_Anchor] = []
         self._anchor_stamps: list[int] = []
         self._gaps: list[tuple[int, int]] = []
+        self._origin: int | None = None
 
     @property
     def start(self) -> int:
@@ -66,6 +67,11 @@ class SampleBuffer:
     def empty(self) -> bool:
         """Whether no sample has come yet."""
         return not self._anchors
+
+    @property
+    def origin(self) -> int | None:
+        """Time of the first sample of all, ns; None if there is none."""
+        return self._origin
 
     @property
     def last_stamp(self) -> int | None:
@@ -102,6 +108,7 @@ class SampleBuffer:
             return
         if self.empty:
             self._start = block.first_index
+            self._origin = block.stamp
         first_new = max(self.end, block.first_index)
         counts = block.counts[first_new - block.first_index :]
         if len(counts) == 0:

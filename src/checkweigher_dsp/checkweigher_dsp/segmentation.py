@@ -1,15 +1,16 @@
 """Cutting the stream of samples into one weigh window for each item."""
 
+from bisect import insort
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.item_tracking import Item, ItemTracker
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.item_tracking import ItemTracker
+from checkweigher_dsp.items import Item
+from checkweigher_dsp.motion_check import MotionCheck
 from checkweigher_dsp.records import (
     NANOSECONDS,
     EyeEdge,
@@ -20,69 +21,13 @@ from checkweigher_dsp.records import (
     seconds,
 )
 from checkweigher_dsp.sample_buffer import SampleBuffer
-from checkweigher_dsp.zero_tracking import ZeroTracker
+from checkweigher_dsp.segmenter_parameters import SegmenterParameters
+from checkweigher_dsp.zero_setting import ZeroAnswer, ZeroSetting
+from checkweigher_dsp.zero_tracking import ZeroLimits, ZeroTracker
+
+__all__ = ['Segmenter', 'SegmenterParameters']
 
 _LONGEST_PIECE = NANOSECONDS  # of a block that is taken at once, ns
-
-
-@dataclass(frozen=True)
-class SegmenterParameters(Parameters):
-    """How items are told apart and what counts as the empty belt."""
-
-    node: ClassVar[str] = 'segmenter'
-
-    lead_time: float = parameter(
-        0.5, 'signal before t1 that goes with each window', unit='s', minimum=0, maximum=60
-    )
-    trail_time: float = parameter(
-        0.0, 'signal after t3 that is waited for, at most until the item has left', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    zero_time: float = parameter(
-        1.0, 'empty belt before t1 that is read for the zero, at most', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    settle_time: float = parameter(
-        0.1, 'ring-down after an item has left, not read for the zero', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    zero_initial_std_dev: float = parameter(
-        0.005, 'how far the zero may have drifted since calibration', unit='kg',
-        minimum=1e-9, maximum=1e6,
-    )  # fmt: skip
-    zero_random_walk: float = parameter(
-        1e-5, 'drift of the zero, standard deviation after one second', unit='kg/sqrt(s)',
-        minimum=0, maximum=1e6,
-    )  # fmt: skip
-    min_belt_speed: float = parameter(
-        0.1, 'slowest belt; an item that takes longer is given up', unit='m/s',
-        minimum=1e-3, maximum=100,
-    )  # fmt: skip
-    max_belt_speed: float = parameter(
-        3.0, 'fastest belt', unit='m/s', minimum=1e-3, maximum=100
-    )  # fmt: skip
-    min_product_length: float = parameter(
-        0.005, 'anything shorter is no product', unit='m', minimum=0, maximum=100
-    )
-    debounce_time: float = parameter(
-        0.005, 'an eye that clears for less has chattered', unit='s', minimum=0, maximum=10
-    )
-    edge_lateness: float = parameter(
-        2.0, 'how far edges may arrive behind the samples of the same time', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    min_window: int = parameter(
-        16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
-        minimum=8, maximum=1_000_000,
-    )  # fmt: skip
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.min_belt_speed >= self.max_belt_speed:
-            raise ParameterError(
-                f'segmenter.min_belt_speed: {self.min_belt_speed:g} is not below max_belt_speed '
-                f'{self.max_belt_speed:g} m/s'
-            )
 
 
 class Segmenter:
@@ -107,6 +52,8 @@ class Segmenter:
         Taken so far, those included that came twice.
     items : int
         Windows returned so far.
+    zero_answer : ZeroAnswer or None
+        What became of the last `request_zero`; None while it waits for the empty belt.
     """
 
     def __init__(
@@ -115,19 +62,33 @@ class Segmenter:
         self.load_cell = load_cell
         self._parameters = parameters
         self._max_transit = round(NANOSECONDS * load_cell.weigh_length / parameters.min_belt_speed)
+        self._debounce = round(NANOSECONDS * parameters.debounce_time)
+        known = parameters.product_length > 0
         self._tracker = ItemTracker(
-            round(NANOSECONDS * parameters.debounce_time), self._max_transit, item_count
+            self._debounce,
+            self._max_transit,
+            item_count,
+            load_cell.weigh_length / parameters.product_length if known else 0.0,
         )
+        self._motion = MotionCheck(load_cell.weigh_length, parameters)
         sensitivity = abs(load_cell.counts_per_kg)
         self._zero_tracker = ZeroTracker(
             load_cell.zero_counts,
             sensitivity * parameters.zero_initial_std_dev,
             sensitivity * parameters.zero_random_walk,
             load_cell.sample_rate,
+            ZeroLimits(
+                sensitivity * parameters.zero_range,
+                sensitivity * parameters.zero_rate,
+                sensitivity * parameters.zero_stability,
+            ),
         )
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
         self._buffer = self._new_buffer()
+        self._pending: list[EyeEdge] = []  # edges that the samples have not reached, by stamp
         self._waiting: list[Item] = []
+        self._zero_setting: ZeroSetting | None = None
+        self.zero_answer: ZeroAnswer | None = None
         self.samples = 0
         self.edges = 0
         self.items = 0
@@ -143,17 +104,66 @@ class Segmenter:
 
     def add_samples(self, block: SampleBlock) -> list[WeighWindow]:
         """Take a block of samples and return the windows that it completes."""
-        windows = []
-        if self._buffer.is_restart(block):
-            windows = self.give_up(Reason.SOURCE_RESTARTED)
-            self._buffer = self._new_buffer()
+        windows = self._begin_anew(block)
         self.samples += len(block.counts)
         for piece in self._pieces(block):
             self._buffer.append(piece)
+            self._take_due_edges()
             now = self._buffer.last_stamp
             if now is not None:
-                self._waiting += _copies(self._tracker.expire(now - self._lateness))
+                self._take(self._tracker.expire(now - self._lateness))
             windows += self._cut_waiting()
+            self._zero_idle_belt()
+        return windows
+
+    def request_zero(self) -> None:
+        """Zero on the next empty belt at rest, before an item or when none comes."""
+        begin = 0 if self._buffer.empty else self._buffer.end
+        self._zero_setting = ZeroSetting(self.load_cell, self._parameters, begin)
+        self.zero_answer = None
+
+    def _zero_idle_belt(self) -> None:
+        """Zero, if that was asked for and no edge can come any more of the time that is read."""
+        left = self._tracker.empty_since
+        if self._zero_setting is None or self._buffer.empty:
+            return
+        late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
+        empty = None
+        if self._tracker.is_empty:
+            begin = self._buffer.start
+            if left is not None:
+                settled = left + round(NANOSECONDS * self._parameters.settle_time)
+                begin = max(begin, self._buffer.index_at(settled))
+            empty = (begin, self._buffer.end - late)
+        self._try_zero(empty, self._parameters.zero_time)
+
+    def _try_zero(self, empty: tuple[int, int] | None, least: float) -> None:
+        if self._zero_setting is None:
+            return
+        self.zero_answer = self._zero_setting.try_at(self._zero_tracker, self._buffer, empty, least)
+        if self.zero_answer is not None:
+            self._zero_setting = None
+
+    def _begin_anew(self, block: SampleBlock) -> list[WeighWindow]:
+        """Begin with a new buffer where the source or its clock does; return what that costs."""
+        if len(block.counts) == 0 or self._buffer.empty:
+            return []
+        late = block.stamp - self._buffer.stamp_at(block.first_index)
+        if self._buffer.is_restart(block):
+            reason = Reason.SOURCE_RESTARTED
+        elif abs(late) > NANOSECONDS * self._parameters.clock_tolerance:
+            reason = Reason.CLOCK_JUMP
+        else:
+            return []
+        later = [edge for edge in self._pending if late > 0 and edge.stamp >= block.stamp]
+        self._pending = self._pending[: len(self._pending) - len(later)]
+        windows = self.give_up(reason)
+        self._pending = later
+        self._tracker.forget()
+        self._motion.forget()
+        self._buffer = self._new_buffer()
+        if self._zero_setting is not None:
+            self.request_zero()
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
@@ -170,8 +180,41 @@ class Segmenter:
     def add_edge(self, edge: EyeEdge) -> list[WeighWindow]:
         """Take a photo-eye edge and return the windows that it completes."""
         self.edges += 1
-        self._waiting += _copies(self._tracker.add(edge))
-        return self._cut_waiting()
+        insort(self._pending, edge, key=lambda other: other.stamp)
+        self._take_due_edges()
+        return self._give_up_without_samples(edge.stamp) + self._cut_waiting()
+
+    def _take_due_edges(self) -> None:
+        """Hand edges on in the order of their stamps, as the samples reach them.
+
+        No window is later for it, since it needs the samples up to t3 anyway; and edges that come
+        in a wrong order meanwhile do no harm.
+        """
+        count = 0
+        while count < len(self._pending) and not self._buffer.empty:
+            if self._buffer.index_at(self._pending[count].stamp) > self._buffer.end:
+                break
+            self._take(self._tracker.add(self._pending[count]))
+            count += 1
+        del self._pending[:count]
+
+    def _give_up_without_samples(self, stamp: int) -> list[WeighWindow]:
+        """Return what has waited too long for its samples when an edge of `stamp` has come."""
+        limit = stamp - round(NANOSECONDS * self._parameters.sample_lateness)
+        while self._pending and self._pending[0].stamp < limit:
+            self._take(self._tracker.add(self._pending.pop(0)))
+        late = [item for item in self._waiting if item.entered < limit]
+        for item in late:
+            item.fault(Reason.SAMPLES_LOST)
+        return self._cut_waiting(wait=False) if late else []
+
+    def _take(self, items: list[Item]) -> None:
+        """Let items wait for their samples; what comes later of them does not change them."""
+        for item in items:
+            waiting = replace(item, faults=dict(item.faults))
+            self._check_start(waiting)
+            self._motion.check(waiting)
+            self._waiting.append(waiting)
 
     def finish(self) -> list[WeighWindow]:
         """Return what is still on the belt, as faults: the stream has ended."""
@@ -184,11 +227,14 @@ class Segmenter:
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
         """Return what is still on the belt, as faults with `reason`."""
+        for edge in self._pending:
+            self._take(self._tracker.add(edge))
+        self._pending = []
         windows = self._cut_waiting(wait=False)
         for item in self._waiting:
             item.fault(reason)
-        self._waiting += _copies(self._tracker.give_up(reason))
-        return windows + self._cut_waiting()
+        self._take(self._tracker.give_up(reason))
+        return windows + self._cut_waiting(wait=False)
 
     def _cut_waiting(self, *, wait: bool = True) -> list[WeighWindow]:
         windows, still_waiting = [], []
@@ -207,8 +253,10 @@ class Segmenter:
 
         Without `wait` only those up to t3 must be there.
         """
-        speed, length = self._motion(item)
-        self._check_motion(item, speed, length)
+        if self._buffer.empty and wait:
+            return None
+        self._check_start(item)
+        speed, length = self._motion.measure(item)
         fault = WeighWindow(
             item.item_id, item.t1, item.t2, item.t3, speed, length, self._line_speed(item, speed),
             reasons=tuple(reason.value for reason in item.faults),
@@ -228,7 +276,12 @@ class Segmenter:
             return replace(fault, reasons=(reason.value,))
         lead = round(self._parameters.lead_time * self.load_cell.sample_rate)
         first = self._buffer.whole_from(entry - lead, entry)
-        zero = self._zero_tracker.update(seconds(item.t1), self._empty_belt(item, entry))
+        stretch, settled = self._empty_belt(item, entry)
+        if settled:
+            self._try_zero((entry - len(stretch), entry), self._parameters.zero_moment)
+        zero = self._zero_tracker.update(seconds(item.t1), stretch, settled)
+        if not zero.trusted:
+            return replace(fault, reasons=(Reason.ZERO_OUT_OF_RANGE.value,))
         return replace(
             fault,
             sample_rate=self.load_cell.sample_rate,
@@ -260,31 +313,23 @@ class Segmenter:
         """Return the index from which on the item before had left, `first` if none is known."""
         return first if item.left_before is None else self._buffer.index_at(item.left_before)
 
-    def _motion(self, item: Item) -> tuple[float, float]:
-        """Return belt speed in m/s and product length in m, NaN where an edge is missing."""
-        if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
-            return math.nan, math.nan
-        speed = self.load_cell.weigh_length / seconds(item.t3 - item.t1)
-        if item.t2 is None:
-            return speed, math.nan
-        return speed, speed * seconds(item.t2 - item.t1)
-
     def _line_speed(self, item: Item, speed: float) -> float:
         """Return the speed by which to time the rejector, m/s."""
         if math.isnan(speed) and item.usual_transit is not None:
             return self.load_cell.weigh_length / seconds(item.usual_transit)
         return speed
 
-    def _check_motion(self, item: Item, speed: float, length: float) -> None:
-        limits = self._parameters
-        if item.t3 is not None and item.t1 is not None and item.t3 <= item.t1:
-            item.fault(Reason.BELT_SPEED)
-        if speed < limits.min_belt_speed or speed > limits.max_belt_speed:
-            item.fault(Reason.BELT_SPEED)
-        if length < limits.min_product_length:
-            item.fault(Reason.PRODUCT_TOO_SHORT)
-        if length >= self.load_cell.weigh_length:
-            item.fault(Reason.PRODUCT_TOO_LONG)
+    def _check_start(self, item: Item) -> None:
+        """Note if the item was there before the samples began: its edges are not the true ones."""
+        origin = self._buffer.origin
+        if origin is None:
+            return
+        if item.t1 is not None:
+            before = item.t1 <= origin + self._debounce
+        else:
+            before = item.entered <= origin + self._max_transit
+        if before:
+            item.fault(Reason.START_UP)
 
     def _check_samples(self, begin: int, end: int) -> Reason | None:
         if not self._buffer.is_whole(begin, end):
@@ -295,17 +340,17 @@ class Segmenter:
             return Reason.SATURATION
         return None
 
-    def _empty_belt(self, item: Item, entry: int) -> NDArray[np.int32]:
-        """Return the samples of the empty belt before an item enters."""
-        rate = self.load_cell.sample_rate
-        begin = entry - round(self._parameters.zero_time * rate)
+    def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
+        """Return the samples of the empty belt before an item enters, and whether they settled."""
+        rate, limits = self.load_cell.sample_rate, self._parameters
+        begin = earliest = entry - round(limits.zero_time * rate)
         if item.left_before is not None:
-            settled = item.left_before + round(NANOSECONDS * self._parameters.settle_time)
+            settled = item.left_before + round(NANOSECONDS * limits.settle_time)
             begin = max(begin, self._buffer.index_at(settled))
+            earliest = max(earliest, self._buffer.index_at(item.left_before))
         begin = min(self._buffer.whole_from(begin, entry), entry)
-        return self._buffer.read(begin, entry)
-
-
-def _copies(items: list[Item]) -> list[Item]:
-    """Detach items from the tracker: edges that come later do not change them any more."""
-    return [replace(item, faults=dict(item.faults)) for item in items]
+        earliest = min(self._buffer.whole_from(earliest, entry), entry)
+        least = limits.zero_moment * rate
+        if entry - begin < least <= entry - earliest:
+            return self._buffer.read(earliest, entry), False
+        return self._buffer.read(begin, entry), True

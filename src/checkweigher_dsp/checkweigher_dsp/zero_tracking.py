@@ -19,10 +19,30 @@ _MEMORY = 0.95  # weight of the scatter seen so far at each further stretch
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Reading of the empty belt and its standard deviation, counts."""
+    """Reading of the empty belt and its standard deviation, counts, and whether to trust it."""
 
     counts: float
     std_dev: float
+    trusted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroLimits:
+    """Limits of the tracking.
+
+    Attributes
+    ----------
+    range : float
+        Counts; a zero further from that of calibration cannot be trusted.
+    rate : float
+        Counts a second; the zero is corrected no faster.
+    stability : float
+        Counts; a stretch whose two halves differ by more is no empty belt at rest.
+    """
+
+    range: float = math.inf
+    rate: float = math.inf
+    stability: float = math.inf
 
 
 class ZeroTracker:
@@ -41,6 +61,8 @@ class ZeroTracker:
         Drift, counts per square root of a second.
     sample_rate : float
         Hz.
+    limits : ZeroLimits
+        Those that OIML R 51 asks for; none by default.
 
     References
     ----------
@@ -49,9 +71,16 @@ class ZeroTracker:
     """
 
     def __init__(
-        self, initial: float, initial_std_dev: float, random_walk: float, sample_rate: float
+        self,
+        initial: float,
+        initial_std_dev: float,
+        random_walk: float,
+        sample_rate: float,
+        limits: ZeroLimits = ZeroLimits(),
     ) -> None:
-        self._value = initial
+        self._value = self._initial = initial
+        self._limits = limits
+        self._behind = False
         self._initial_variance = initial_std_dev**2
         self._variance = self._initial_variance
         self._walk_variance = random_walk**2
@@ -60,7 +89,7 @@ class ZeroTracker:
         self._scatter = 0.0  # sum of the variances that the halves of the stretches give
         self._degrees = 0.0  # number of these
 
-    def update(self, time: float, counts: NDArray[np.int32]) -> Zero:
+    def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Take the samples of one empty stretch and return the zero after them.
 
         Parameters
@@ -68,26 +97,74 @@ class ZeroTracker:
         time : float
             s, end of the stretch.
         counts : ndarray, (n,) int32
-            The samples; with fewer than two the zero is only carried on.
+            The samples; with fewer than two, and where they are not stable, the zero is only
+            carried on.
+        settled : bool
+            Whether no ring-down is in them. Else they count with their whole variance: what one
+            oscillation does to the mean is alike at each product, and does not average out.
         """
+        elapsed = math.inf if self._stamp is None else max(time - self._stamp, 0.0)
         if self._stamp is not None:
             self._variance += self._walk_variance * max(time - self._stamp, 0.0)
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
-        if len(counts) >= 2:
-            reading, noise = self._measure(counts.astype(np.float64))
+        if len(counts) >= 2 and self.scatter(counts) <= self._limits.stability:
+            reading, noise = self._measure(counts.astype(np.float64), settled)
             innovation = reading - self._value
             if innovation**2 > _JUMP**2 * (self._variance + noise):
                 # Something has settled on the belt, or was wiped off it: start afresh.
                 self._variance = self._initial_variance
-            gain = self._variance / (self._variance + noise)
-            self._value += gain * innovation
-            self._variance *= 1 - gain
+            self._correct(innovation, noise, elapsed)
         return self.zero
 
-    def _measure(self, counts: NDArray[np.float64]) -> tuple[float, float]:
+    def _correct(self, innovation: float, noise: float, elapsed: float) -> None:
+        """Correct the zero, no further than the rate allows."""
+        gain = self._variance / (self._variance + noise)
+        correction = gain * innovation
+        most = self._limits.rate * elapsed if elapsed > 0 else 0.0
+        if abs(correction) <= most:
+            self._variance *= 1 - gain
+            self._behind = False
+        else:
+            correction = math.copysign(most, correction)
+            rest = innovation - correction
+            self._behind = rest**2 > _JUMP**2 * (self._variance * (1 - gain) + noise)
+        self._value += correction
+
+    def scatter(self, counts: NDArray[np.int32]) -> float:
+        """Return how far the means of the two halves of a stretch are apart, counts."""
+        half = len(counts) // 2
+        if half == 0:
+            return 0.0
+        values = counts.astype(np.float64)
+        return float(abs(hann_mean(values[:half]) - hann_mean(values[-half:])))
+
+    def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
+        """Take the reading of an empty belt for the zero, whatever it was before.
+
+        Returns
+        -------
+        float or None
+            The reading, counts. It is the zero from now on if it is within the range; None, and
+            nothing has changed, if the stretch is not stable.
+        """
+        if len(counts) < 2 or self.scatter(counts) > self._limits.stability:
+            return None
+        reading, noise = self._measure(counts.astype(np.float64), True)
+        if self.is_in_range(reading):
+            self._value, self._stamp, self._behind = reading, time, False
+            self._variance = min(noise, self._initial_variance)
+        return reading
+
+    def is_in_range(self, reading: float) -> bool:
+        """Tell whether a zero of `reading` counts may be."""
+        return abs(reading - self._initial) <= self._limits.range
+
+    def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
         """Return the reading of a stretch and its variance, counts and counts^2."""
         least = _LEAST_NOISE * self._initial_variance
+        if not settled:
+            return hann_mean(counts), float(np.var(counts)) + least
         if len(counts) < _SHORTEST_AVERAGE * self._sample_rate:
             return float(np.mean(counts)), float(np.var(counts)) + least
         half = len(counts) // 2
@@ -100,4 +177,5 @@ class ZeroTracker:
     @property
     def zero(self) -> Zero:
         """The zero as it stands."""
-        return Zero(self._value, math.sqrt(self._variance))
+        trusted = not self._behind and self.is_in_range(self._value)
+        return Zero(self._value, math.sqrt(self._variance), trusted)

@@ -202,7 +202,8 @@ def test_an_item_taken_off_before_any_was_whole_is_forgotten_in_a_pause(make_lin
 
     items = _track(line.edges(without=[(0, 't3'), (0, 't4')]))
 
-    _assert_whole_but(items, line.products, {0, 1, 2})
+    # After the pause nothing tells whether the first edge is of the one that was given up.
+    _assert_whole_but(items, line.products, {0, 1, 2, 3})
 
 
 def test_the_state_of_the_eyes_at_start_up_is_no_item(make_line):

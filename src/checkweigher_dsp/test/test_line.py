@@ -149,6 +149,26 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
     )
 
 
+def test_what_segmenter_and_reject_share_is_taken_from_the_segmenter(write):
+    path = write('segmenter:\n  ros__parameters: {min_belt_speed: 0.4, debounce_time: 0.01}\n')
+
+    reject = LineParameters.from_file(path).reject
+    changed = LineParameters().with_values({'segmenter.min_belt_speed': 0.4}).reject
+
+    assert (reject.min_belt_speed, reject.debounce_time) == (0.4, 0.01)
+    assert changed.min_belt_speed == 0.4
+
+
+def test_a_file_in_which_segmenter_and_reject_count_differently_is_refused(write):
+    path = write(
+        'segmenter:\n  ros__parameters: {min_belt_speed: 0.4}\n'
+        'reject:\n  ros__parameters: {min_belt_speed: 0.1}\n'
+    )
+
+    with pytest.raises(ParameterError, match=r'reject\.min_belt_speed: 0\.1 is not the 0\.4'):
+        LineParameters.from_file(path)
+
+
 @pytest.mark.parametrize(
     ('text', 'complaint'),
     [

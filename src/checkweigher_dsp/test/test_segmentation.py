@@ -131,16 +131,16 @@ def test_the_zero_is_read_from_the_empty_belt_alone(make_line, run_segmenter, lo
 
 
 def test_where_no_empty_belt_was_seen_the_zero_is_carried_on(make_line, run_segmenter, load_cell):
-    line = make_line((0.2, 0.1), spacing=0.35)  # 0.05 s between two, settle_time takes 0.1 s
+    line = make_line((0.2, 0.1), spacing=0.32)  # 0.02 s between two, less than zero_moment
     drifted = replace(load_cell, zero_counts=4000.0)
     parameters = SegmenterParameters(zero_random_walk=1e-3)
 
     first, second = run_segmenter(Segmenter(drifted, parameters), line.events())
 
     assert second.zero == first.zero
-    # 1000 counts per square root of a second, for 0.35 s.
+    # 1000 counts per square root of a second, for 0.32 s.
     assert second.zero_std_dev == pytest.approx(
-        math.sqrt(first.zero_std_dev**2 + 0.35 * 1000**2), rel=1e-6
+        math.sqrt(first.zero_std_dev**2 + 0.32 * 1000**2), rel=1e-6
     )
 
 

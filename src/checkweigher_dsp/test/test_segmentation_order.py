@@ -29,6 +29,14 @@ def _reasons(windows):
     return [list(window.reasons) for window in windows]
 
 
+def _same(windows, expected):
+    """Compare all but the last nanosecond of the first stamp: that of a block is rounded."""
+    assert len(windows) == len(expected)
+    for window, other in zip(windows, expected, strict=True):
+        assert abs(window.stamp - other.stamp) <= 1
+        assert replace(window, stamp=0) == replace(other, stamp=0)
+
+
 def _interleave(blocks, edges, edges_first, line, lateness=LATENESS):
     """Merge both streams, each in its order, with no edge later than allowed."""
     blocks, edges, events = list(blocks), list(edges), []
@@ -70,7 +78,7 @@ def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmente
 
     windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
 
-    assert sorted(windows, key=_item_id) == sorted(expected, key=_item_id)
+    _same(sorted(windows, key=_item_id), sorted(expected, key=_item_id))
 
 
 @pytest.mark.parametrize('order', ['samples first', 'edges first'])
@@ -87,7 +95,7 @@ def test_one_whole_stream_may_come_before_the_other(make_line, run_segmenter, lo
     )
 
     assert _reasons(expected) == [[], [], []]
-    assert windows == expected
+    _same(windows, expected)
 
 
 def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_segmenter):
@@ -104,7 +112,7 @@ def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_s
     windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
 
     assert _reasons(expected) == [[]] * 20
-    assert windows == expected
+    _same(windows, expected)
 
 
 def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, run_segmenter):
@@ -119,7 +127,7 @@ def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, ru
     windows = run_segmenter(Segmenter(line.load_cell, parameters), [*edges, *line.blocks()])
 
     assert _reasons(expected) == [[]]
-    assert windows == expected
+    _same(windows, expected)
 
 
 def test_messages_that_come_twice_change_nothing(make_line, run_segmenter, load_cell):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_dsp.zero_tracking import Zero, ZeroTracker
+from checkweigher_dsp.zero_tracking import Zero, ZeroLimits, ZeroTracker
 
 # Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
 # examples is up to 3e-6 of its own.
@@ -138,3 +138,51 @@ def test_the_gain_of_the_load_cell_does_not_matter():
 
         assert hundredfold.counts == pytest.approx(100 * zero.counts, rel=1e-12)
         assert hundredfold.std_dev == pytest.approx(100 * zero.std_dev, rel=1e-12)
+
+
+def test_the_zero_is_corrected_no_faster_than_the_rate():
+    tracker = ZeroTracker(0.0, 1e3, 0.0, RATE, ZeroLimits(rate=2.0))
+    tracker.update(0.0, _counts(0, 0, 0, 0))  # the first one is no tracking
+
+    behind = tracker.update(3.0, _counts(500, 500, 500, 500))
+
+    assert (behind.counts, behind.trusted) == (pytest.approx(6.0), False)
+    for second in range(4, 400):
+        zero = tracker.update(float(second), _counts(500, 500, 500, 500))
+    assert zero.counts == pytest.approx(500, rel=1e-3)
+    assert zero.trusted
+
+
+@pytest.mark.parametrize(
+    ('level', 'trusted'), [(99, True), (-99, True), (101, False), (-101, False)]
+)
+def test_a_zero_beyond_the_range_is_not_to_be_trusted(level, trusted):
+    tracker = ZeroTracker(0.0, 1e3, 0.0, RATE, ZeroLimits(range=100.0))
+
+    assert tracker.update(0.0, _counts(*[level] * 8)).trusted == trusted
+
+
+def test_a_stretch_that_is_not_at_rest_is_passed_over():
+    tracker = ZeroTracker(9.0, 2.0, 0.0, RATE, ZeroLimits(stability=5.0))
+
+    assert tracker.update(0.0, _counts(10, 10, 16, 16)) == Zero(9.0, 2.0)
+    assert tracker.update(1.0, _counts(10, 10, 14, 14)).counts > 9.0
+
+
+def test_what_has_not_settled_counts_with_its_whole_variance():
+    tracker = ZeroTracker(0.0, 2.0, 0.0, 4.0)
+
+    zero = tracker.update(0.0, _counts(1, 5, 1, 5), settled=False)
+
+    # Settled, its halves would be alike; so its variance is 4 and the gain 4 / (4 + 4).
+    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
+
+
+def test_setting_takes_the_reading_within_the_range_alone():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE, ZeroLimits(range=100.0, rate=1e-9, stability=5.0))
+
+    assert tracker.set(0.0, _counts(50, 50, 60, 60)) is None
+    assert tracker.set(0.0, _counts(*[101] * 4)) == 101
+    assert tracker.zero == Zero(0.0, 10.0)
+    assert tracker.set(0.0, _counts(*[99] * 4)) == 99
+    assert tracker.zero.counts == 99

@@ -1,10 +1,13 @@
-"""The segmenter node: load_cell/samples and photo_eyes to weigh_window."""
+"""The segmenter node: load_cell/samples and photo_eyes to weigh_window; the service zero."""
 
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
@@ -24,6 +27,7 @@ _MAX_EARLY = 10_000
 _STATUS_INTERVAL = 0.25  # s of signal
 _STATUS_BLOCKS = 100  # blocks, where they are short
 _ANSWER_PERIOD = 0.01  # s
+_ZERO_PATIENCE = 15.0  # s, after which the service zero answers also if no samples come
 _END_PATIENCE = 2.0  # s of silence after which what is missing of an ended stream is lost
 
 
@@ -55,6 +59,32 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_timer = self.create_timer(_ANSWER_PERIOD, self._answer)
         self._end_timer = self.create_timer(_END_PATIENCE, self._finish_incomplete)
         self._end_timer.cancel()
+        self._zero_requests: list[Future] = []
+        self._zero_timer = self.create_timer(_ZERO_PATIENCE, self._refuse_zero)
+        self._zero_timer.cancel()
+        # A group of its own: samples go on while an answer waits for them.
+        self.create_service(Trigger, 'zero', self._on_zero, callback_group=ReentrantCallbackGroup())
+
+    async def _on_zero(self, request: Any, response: Any) -> Any:
+        """Zero on the next empty belt at rest; the answer comes when that is done."""
+        if self._segmenter is None:
+            response.message = 'no load_cell/info has come: not zeroed'
+            return response
+        answer: Future = Future()
+        self._zero_requests.append(answer)
+        self._segmenter.request_zero()
+        self._zero_timer.reset()
+        response.success, response.message = await answer
+        return response
+
+    def _refuse_zero(self) -> None:
+        self._answer_zero(False, f'no answer from the belt within {_ZERO_PATIENCE:g} s: not zeroed')
+
+    def _answer_zero(self, done: bool, text: str) -> None:
+        self._zero_timer.cancel()
+        requests, self._zero_requests = self._zero_requests, []
+        for request in requests:
+            request.set_result((done, text))
 
     def _on_info(self, message: Any) -> None:
         load_cell = load_cell_from(message)
@@ -76,6 +106,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
             self._items_before += self._segmenter.items
             count = self._segmenter.item_count
+            self._answer_zero(False, 'the stream began anew: not zeroed')
         self._segmenter = Segmenter(self._load_cell, self.parameters, count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
@@ -100,6 +131,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 self._publish_status(StreamStatus.RUNNING)
         else:
             self._publish(segmenter.add_edge(event))
+        if self._zero_requests and segmenter.zero_answer is not None:
+            self._answer_zero(segmenter.zero_answer.done, segmenter.zero_answer.text)
         self._finish_if_ended()
 
     def _on_driver_status(self, message: Any) -> None:

@@ -1,0 +1,105 @@
+"""Parameters of the segmenter: how items are told apart and what counts as the empty belt."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+
+
+@dataclass(frozen=True)
+class SegmenterParameters(Parameters):
+    """How items are told apart and what counts as the empty belt."""
+
+    node: ClassVar[str] = 'segmenter'
+
+    lead_time: float = parameter(
+        0.5, 'signal before t1 that goes with each window', unit='s', minimum=0, maximum=60
+    )
+    trail_time: float = parameter(
+        0.0, 'signal after t3 that is waited for, at most until the item has left', unit='s',
+        minimum=0, maximum=60,
+    )  # fmt: skip
+    zero_time: float = parameter(
+        1.0, 'empty belt before t1 that is read for the zero, at most', unit='s',
+        minimum=0, maximum=60,
+    )  # fmt: skip
+    settle_time: float = parameter(
+        0.1, 'ring-down after an item has left, not read for the zero', unit='s',
+        minimum=0, maximum=60,
+    )  # fmt: skip
+    zero_initial_std_dev: float = parameter(
+        0.005, 'how far the zero may have drifted since calibration', unit='kg',
+        minimum=1e-9, maximum=1e6,
+    )  # fmt: skip
+    zero_random_walk: float = parameter(
+        1e-5, 'drift of the zero, standard deviation after one second', unit='kg/sqrt(s)',
+        minimum=0, maximum=1e6,
+    )  # fmt: skip
+    zero_moment: float = parameter(
+        0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well',
+        unit='s', minimum=0, maximum=60,
+    )  # fmt: skip
+    zero_range: float = parameter(
+        0.3, 'ZeroOutOfRange further than this from the zero of calibration; 4 % of Max, OIML R 51',
+        unit='kg', minimum=0, maximum=1e6,
+    )  # fmt: skip
+    zero_rate: float = parameter(
+        1.0, 'fastest tracking of the zero; 0.5 e a second, OIML R 51', unit='kg/s',
+        minimum=0, maximum=1e6,
+    )  # fmt: skip
+    zero_stability: float = parameter(
+        0.1, 'an empty belt whose halves differ by more is not read', unit='kg',
+        minimum=0, maximum=1e6,
+    )  # fmt: skip
+    min_belt_speed: float = parameter(
+        0.1, 'slowest belt; an item that takes longer is given up', unit='m/s',
+        minimum=1e-3, maximum=100,
+    )  # fmt: skip
+    max_belt_speed: float = parameter(
+        3.0, 'fastest belt', unit='m/s', minimum=1e-3, maximum=100
+    )  # fmt: skip
+    min_product_length: float = parameter(
+        0.005, 'anything shorter is no product', unit='m', minimum=0, maximum=100
+    )
+    product_length: float = parameter(
+        0.0, 'length of the products; 0: not known, not checked', unit='m', minimum=0, maximum=100
+    )
+    product_width: float = parameter(
+        0.0, 'width of the products, to tell one that lies askew; 0: not known', unit='m',
+        minimum=0, maximum=100,
+    )  # fmt: skip
+    length_tolerance: float = parameter(
+        0.01, 'how far the length from the eyes may be off product_length', unit='m',
+        minimum=0, maximum=100,
+    )  # fmt: skip
+    speed_tolerance: float = parameter(
+        0.2, 'how far the belt speed may be off that of the items before, relative; 0: not checked',
+        minimum=0, maximum=100,
+    )  # fmt: skip
+    debounce_time: float = parameter(
+        0.005, 'an eye that clears for less has chattered', unit='s', minimum=0, maximum=10
+    )
+    edge_lateness: float = parameter(
+        2.0, 'how far edges may arrive behind the samples of the same time', unit='s',
+        minimum=0, maximum=60,
+    )  # fmt: skip
+    sample_lateness: float = parameter(
+        10.0, 'how far samples may arrive behind the edges of the same time', unit='s',
+        minimum=0.1, maximum=600,
+    )  # fmt: skip
+    clock_tolerance: float = parameter(
+        0.02, 'how far the stamp of a block may be off what its index says', unit='s',
+        minimum=1e-6, maximum=60,
+    )  # fmt: skip
+    min_window: int = parameter(
+        16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
+        minimum=8, maximum=1_000_000,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_belt_speed >= self.max_belt_speed:
+            raise ParameterError(
+                f'segmenter.min_belt_speed: {self.min_belt_speed:g} is not below max_belt_speed '
+                f'{self.max_belt_speed:g} m/s'
+            )
