@@ -23,7 +23,20 @@ WINDOW = WeighWindow(
 ESTIMATE = MassEstimate(
     7, T1, T1 + 1, T1 + 2, (), 0.2, 1e-4, -1e-3, 1.5, 0.1, 1.25, 'hann', -1.8, 0.9, 0.02, 38.0, 0.06
 )
-VERDICT = Verdict(7, T1, Decision.OVER, ('NoLoad',), 0.2, 1e-4, 0.1, 0.15, T1 + 5)
+VERDICT = Verdict(
+    7,
+    T1 + 2,
+    Decision.OVER,
+    ('NoLoad',),
+    0.2,
+    1e-4,
+    0.1,
+    0.15,
+    T1 + 5,
+    t1=T1,
+    estimate_id=8,
+    late=True,
+)
 
 
 def through_the_wire(message: Any) -> Any:

@@ -82,6 +82,8 @@ GARBAGE: list[tuple[Topic, Any]] = [
     (topics.MASS_ESTIMATE, MassEstimate(status=1, mass=math.nan)),
     (topics.MASS_ESTIMATE, MassEstimate(status=200, mass=-1.0, item_id=LARGEST['uint64'])),
     (topics.VERDICT, Verdict(decision=99, item_id=LARGEST['uint64'])),
+    (topics.REJECT_EYE, PhotoEyeEvent(eye=7)),
+    (topics.REJECT_EYE, PhotoEyeEvent(blocked=True, header=header(-5))),
     (topics.DRIVER_STATUS, StreamStatus(state=StreamStatus.FINISHED, samples=5)),
     (topics.DRIVER_STATUS, StreamStatus(state=99)),
 ]  # fmt: skip
@@ -106,6 +108,14 @@ def publish(node: Node, topic: Topic, message: Any) -> None:
     publisher.publish(message)
     assert publisher.wait_for_all_acked()
     node.destroy_publisher(publisher)
+
+
+def make_stages() -> list[Node]:
+    """Make all stages, for bags that come faster than their time."""
+    return [
+        make({'deadlines': False} if name == 'reject' else None)
+        for name, make in STAGE_NODES.items()
+    ]
 
 
 def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
@@ -136,7 +146,7 @@ def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
 
 
 def test_no_message_ends_a_node_or_spoils_the_next_line(spinner: Spinner):
-    stages = [make() for make in STAGE_NODES.values()]
+    stages = make_stages()
     listener = ResultListener('listener', from_start=False)
     tormentor = Node('tormentor')
     for node in (*stages, listener, tormentor):
@@ -172,7 +182,7 @@ def test_no_message_ends_the_driver(spinner: Spinner):
 
 
 def test_the_same_bag_twice_gives_the_same_masses(spinner: Spinner):
-    stages = [make() for make in STAGE_NODES.values()]
+    stages = make_stages()
     listener = ResultListener('listener', from_start=False)
     for node in (*stages, listener):
         spinner.add(node)

@@ -1,6 +1,7 @@
 """What `echo` shows of a running graph."""
 
 from collections import deque
+from dataclasses import replace
 import queue
 import sys
 import time
@@ -14,13 +15,15 @@ from checkweigher_dsp.line import Weighing
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import estimate_from, reference_from, verdict_from
 from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.records import MassEstimate, Reference, Verdict
+from checkweigher_dsp.records import MassEstimate, Reason, Reference, Verdict
 from checkweigher_validation.results import ItemResult, ResultJoiner
 
 _PATIENCE = 5.0  # s without a verdict before the reason is looked for
 _POLL_PERIOD = 0.2  # s
 # References that are kept for the items still on the line.
 _MAX_REFERENCES = 100
+# Estimates without verdict and the other way round.
+_MAX_UNPAIRED = 1000
 
 
 class ResultListener(Node):
@@ -57,19 +60,41 @@ class ResultListener(Node):
 
     def _on_estimate(self, message: Any) -> None:
         estimate = estimate_from(message)
-        self._estimates[estimate.item_id] = estimate
-        self._match(estimate.item_id)
+        verdict = self._verdicts.pop(estimate.item_id, None)
+        if verdict is None:
+            self._estimates[estimate.item_id] = estimate
+            _forget_oldest(self._estimates)
+        else:
+            self._pair(estimate, verdict)
 
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
-        self._verdicts[verdict.item_id] = verdict
-        self._match(verdict.item_id)
+        if not verdict.estimate_id:
+            self._pair(_estimate_of(verdict), verdict)
+        elif verdict.estimate_id in self._estimates:
+            self._pair(self._estimates.pop(verdict.estimate_id), verdict)
+        else:
+            self._verdicts[verdict.estimate_id] = verdict
+            _forget_oldest(self._verdicts)
 
-    def _match(self, item_id: int) -> None:
+    def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
-        if item_id in self._estimates and item_id in self._verdicts:
-            self.judged += 1
-            self.weighings.put(Weighing(self._estimates.pop(item_id), self._verdicts.pop(item_id)))
+        self.judged += 1
+        # The verdict's number is the one that no other item has.
+        self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
+
+
+def _estimate_of(verdict: Verdict) -> MassEstimate:
+    """Return what is known of an item for which no estimate came in time."""
+    return MassEstimate(
+        verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons or (Reason.NO_ESTIMATE,)
+    )
+
+
+def _forget_oldest(unpaired: dict[int, Any]) -> None:
+    """Let go of what will not find its other half, such as an estimate that came too late."""
+    if len(unpaired) > _MAX_UNPAIRED:
+        del unpaired[next(iter(unpaired))]
 
 
 class EchoNode(ResultListener):

@@ -52,6 +52,8 @@ class Replay:
             entry.name: getattr(self.parameters, entry.name).as_mapping()
             for entry in fields(self.parameters)
         }
+        # However slow this machine is, a replay gives what `weigh` gives.
+        stages['reject']['deadlines'] = False
         return {
             **stages,
             'driver': {

@@ -44,6 +44,8 @@ OUTPUT_TOPICS = (
     Topic('denoised_window', 'checkweigher_msgs/msg/WeighWindow'),
     Topic('mass_estimate', 'checkweigher_msgs/msg/MassEstimate'),
     Topic('verdict', 'checkweigher_msgs/msg/Verdict'),
+    Topic('reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent'),
+    Topic('stop_request', 'checkweigher_msgs/msg/StopRequest', latched=True),
 )
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'

@@ -108,7 +108,8 @@ class DriverNode(StageNode[DriverParameters]):
 
     def _on_verdict(self, message: Any) -> None:
         with self._changed:
-            self._flow.items_judged = max(self._flow.items_judged, int(message.item_id))
+            number = int(message.estimate_id) or int(message.item_id)  # as the segmenter counts
+            self._flow.items_judged = max(self._flow.items_judged, number)
             self._changed.notify_all()
 
     def _run(self) -> None:

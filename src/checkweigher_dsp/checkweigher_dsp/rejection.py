@@ -1,11 +1,48 @@
-"""The verdict on each item, and when it is at the rejector."""
+"""The verdict on each item, and when the rejector has to have it.
 
-from dataclasses import dataclass
+The stage counts the items itself, from the photo-eyes: one whose mass never comes, because a stage
+before it hung or died, is a FAULT in time for the rejector all the same.
+"""
+
+from collections import deque
+from dataclasses import Field, dataclass, replace
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Verdict
+from checkweigher_dsp.item_tracking import Item, ItemTracker
+from checkweigher_dsp.parameters import ParameterError, Parameters, describe, parameter
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    MassEstimate,
+    Reason,
+    Verdict,
+)
+from checkweigher_dsp.reject_items import RejectItem, RejectItems, stamps_of
+from checkweigher_dsp.reject_timing import reject_time
+from checkweigher_dsp.segmentation import SegmenterParameters
+
+# Segmenter and reject stage have to find the same items: these are in both of their sets.
+SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time')
+
+# Edges further back than this belong to a new stream.
+_RESTART = 2 * NANOSECONDS
+# What has no reject time is waited for so long: nobody can say when it would be too late.
+_PATIENCE = NANOSECONDS // 10
+_PATIENCE_GIVEN_UP = NANOSECONDS
+_MAX_EARLY = 10_000
+_MAX_STAMPS = 4_000
+
+
+def _shared(name: str) -> Any:
+    """Return a field with default, unit and range of the segmenter's own."""
+    entry: Field[Any] = SegmenterParameters.entries()[name]
+    allowed = describe(entry)
+    return parameter(
+        entry.default, 'as that of segmenter; from the next start', unit=allowed.unit,
+        minimum=allowed.minimum, maximum=allowed.maximum,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -23,6 +60,25 @@ class RejectParameters(Parameters):
     rejector_distance: float = parameter(
         0.5, 'from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
     )
+    actuator_delay: float = parameter(
+        0.0, 'from telling the rejector to its action', unit='s', minimum=0, maximum=10
+    )
+    verdict_margin: float = parameter(
+        0.05, 'how long before its reject time an item has its verdict', unit='s',
+        minimum=0, maximum=10,
+    )  # fmt: skip
+    deadlines: bool = parameter(
+        True, 'what has no mass by then is NoEstimate; false waits for every mass, as a replay does'
+    )
+    min_belt_speed: float = _shared('min_belt_speed')
+    debounce_time: float = _shared('debounce_time')
+    confirmation_time: float = parameter(
+        0.0, 'how far from its reject time a rejected item passes reject_eye; 0 without that eye',
+        unit='s', minimum=0, maximum=60,
+    )  # fmt: skip
+    max_rejects_in_a_row: int = parameter(
+        0, 'so many raise a stop request; 0 for none', minimum=0, maximum=1_000_000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -39,38 +95,196 @@ class RejectParameters(Parameters):
 
 
 class RejectStage:
-    """Judge mass estimates by the limits of the product. What was not weighed is a FAULT.
+    """Give every item one verdict: by its mass, or a FAULT when none came in time.
+
+    An estimate is matched with the item that the eyes showed by its stamps, not by its number: a
+    segmenter that was started again counts from 1. Edges and estimates may come in any order.
+
+    The methods take the time at which something came, in ns on any clock that never steps back.
+    An item's time runs from the arrival of its t3 edge. Without a time nothing is ever overdue:
+    the result is then one of stamps alone.
+
+    Parameters
+    ----------
+    parameters : RejectParameters
+        Limits and where the rejector stands.
+    weigh_length : float, optional
+        m, between the eyes. Edges that come before it is known are kept.
 
     Attributes
     ----------
     parameters : RejectParameters
         May be replaced between two items.
+    late_estimates : int
+        Estimates that came after the verdict on their item, or twice; they change nothing.
+    late_verdicts : int
+        Verdicts after their reject time.
     """
 
-    def __init__(self, parameters: RejectParameters) -> None:
+    def __init__(self, parameters: RejectParameters, weigh_length: float | None = None) -> None:
         self.parameters = parameters
+        self.late_estimates = 0
+        self.late_verdicts = 0
+        self._weigh_length = weigh_length
+        self._items = RejectItems()
+        self._tracker: ItemTracker | None = None
+        self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
+        self._stamps: dict[int, None] = {}  # of the latest edges, an ordered set
+        self._first: int | None = None
+        self._newest: int | None = None
+        if weigh_length is not None:
+            self._tracker = self._new_tracker(weigh_length, 0)
 
-    def judge(self, estimate: MassEstimate) -> Verdict:
-        """Return the verdict on one item."""
-        limits = self.parameters
-        return Verdict(
-            estimate.item_id,
-            estimate.t3,
-            decide(estimate, limits.lower_limit, limits.upper_limit),
-            estimate.reasons,
-            estimate.mass,
-            estimate.std_dev,
-            limits.lower_limit,
-            limits.upper_limit,
-            self._reject_at(estimate),
+    @property
+    def due(self) -> int | None:
+        """When the next verdict is due that needs no estimate, on the clock of the arguments."""
+        return min((i.due for i in self._items.pending if i.due is not None), default=None)
+
+    def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
+        """Take the distance between the eyes, m; with a change of it a new stream begins."""
+        if weigh_length == self._weigh_length:
+            return
+        self._weigh_length = weigh_length
+        self.restart(now)
+        while self._early:
+            self.add_edge(*self._early.popleft())
+
+    def restart(self, now: int | None = None) -> None:
+        """Begin a new stream: what is on the belt will not reach the outfeed eye in it."""
+        count = 0
+        if self._tracker is not None:
+            count = self._tracker.count
+            for item in self._tracker.give_up(Reason.SOURCE_RESTARTED):
+                self._see(item, now)
+        if self._weigh_length is not None:
+            self._tracker = self._new_tracker(self._weigh_length, count)
+        self._first = self._newest = None
+
+    def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
+        """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
+        if self._tracker is None:
+            self._early.append((edge, now))
+            return []
+        if self._newest is not None and edge.stamp < self._newest - _RESTART:
+            self.restart(now)
+        self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
+        self._newest = edge.stamp if self._newest is None else max(self._newest, edge.stamp)
+        self._stamps[edge.stamp] = None
+        if len(self._stamps) > _MAX_STAMPS:
+            del self._stamps[next(iter(self._stamps))]
+        for item in self._tracker.add(edge):
+            self._see(item, now)
+        return self.advance(now)
+
+    def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
+        """Take an estimate and return the verdict on its item, if there was none yet."""
+        item = self._items.find_pending(estimate)
+        if item is None:
+            if self._items.find_judged(estimate) is not None:
+                self.late_estimates += 1
+                return []
+            item = self._items.add(RejectItem(estimate.t1, estimate.t2, estimate.t3))
+            if estimate.weighed and not self._may_be_there(estimate):
+                estimate = replace(
+                    estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
+                )
+        return [self._give(item, judge(estimate, self.parameters), now)]
+
+    def advance(self, now: int | None) -> list[Verdict]:
+        """Return the verdicts that can wait no longer."""
+        overdue = [
+            item
+            for item in self._items.pending
+            if now is not None and item.due is not None and item.due <= now
+        ]
+        overdue += [item for item in self._items.too_many() if item not in overdue]
+        return [self._give(item, self._without_estimate(item), now) for item in overdue]
+
+    def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
+        return ItemTracker(
+            round(NANOSECONDS * self.parameters.debounce_time),
+            round(NANOSECONDS * weigh_length / self.parameters.min_belt_speed),
+            count,
         )
 
-    def _reject_at(self, estimate: MassEstimate) -> int | None:
-        """Return when the leading edge, at the outfeed eye at t3, is at the rejector, ns."""
-        if estimate.t3 is None or not estimate.line_speed > 0:
-            return None
-        travel = self.parameters.rejector_distance / estimate.line_speed
-        return estimate.t3 + round(NANOSECONDS * travel)
+    def _see(self, seen: Item, now: int | None) -> None:
+        """Take an item that the eyes are done with; its verdict may have been faster."""
+        if self._items.has_seen(seen):
+            return
+        item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id)
+        item.reasons = tuple(reason.value for reason in seen.faults)
+        item.reject_at = reject_time(
+            seen.t3,
+            self._speed(seen),
+            self.parameters.rejector_distance,
+            self.parameters.actuator_delay,
+        )
+        if now is not None:
+            if seen.t3 is not None and item.reject_at is not None:
+                item.late_from = now + item.reject_at - seen.t3
+                item.due = item.late_from - round(NANOSECONDS * self.parameters.verdict_margin)
+            else:
+                item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
+        self._items.add(item)
+
+    def _speed(self, item: Item) -> float:
+        """Return the belt speed from the eyes, or else that of the last whole item, m/s."""
+        transit = item.usual_transit
+        if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
+            transit = item.t3 - item.t1
+        if self._weigh_length is None or not transit:
+            return math.nan
+        return self._weigh_length * NANOSECONDS / transit
+
+    def _may_be_there(self, estimate: MassEstimate) -> bool:
+        """Tell whether the eyes showed the item, or may have done so before this stage listened."""
+        stamps = stamps_of(estimate)
+        if not stamps:
+            return False
+        if self._first is None or self._newest is None:
+            return True
+        looked = self._first <= min(stamps) and max(stamps) <= self._newest
+        return not looked or any(stamp in self._stamps for stamp in stamps)
+
+    def _without_estimate(self, item: RejectItem) -> Verdict:
+        return Verdict(
+            0,
+            item.t3,
+            Decision.FAULT,
+            (*item.reasons, Reason.NO_ESTIMATE.value),
+            lower_limit=self.parameters.lower_limit,
+            upper_limit=self.parameters.upper_limit,
+            reject_at=item.reject_at,
+            t1=item.t1,
+        )
+
+    def _give(self, item: RejectItem, verdict: Verdict, now: int | None) -> Verdict:
+        late = now is not None and item.late_from is not None and now > item.late_from
+        self.late_verdicts += late
+        number = self._items.judge(item, verdict.estimate_id)
+        return replace(verdict, item_id=number, late=late)
+
+
+def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
+    """Judge an estimate by the limits of the product. What was not weighed is a FAULT."""
+    return Verdict(
+        estimate.item_id,
+        estimate.t3,
+        decide(estimate, parameters.lower_limit, parameters.upper_limit),
+        estimate.reasons,
+        estimate.mass,
+        estimate.std_dev,
+        parameters.lower_limit,
+        parameters.upper_limit,
+        reject_time(
+            estimate.t3,
+            estimate.line_speed,
+            parameters.rejector_distance,
+            parameters.actuator_delay,
+        ),
+        estimate.t1,
+        estimate.item_id,
+    )
 
 
 def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:

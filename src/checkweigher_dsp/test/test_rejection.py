@@ -6,7 +6,7 @@ import pytest
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Decision, MassEstimate
-from checkweigher_dsp.rejection import RejectParameters, RejectStage, decide
+from checkweigher_dsp.rejection import RejectParameters, decide, judge
 
 LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 
@@ -29,23 +29,23 @@ def _estimate(mass=0.15, **fields):
     ],
 )
 def test_both_limits_belong_to_what_is_accepted(mass, decision):
-    assert RejectStage(LIMITS).judge(_estimate(mass)).decision is decision
+    assert judge(_estimate(mass), LIMITS).decision is decision
 
 
 @pytest.mark.parametrize('mass', [1e-6, 0.15, 1e3])
 def test_without_limits_all_that_was_weighed_is_accepted(mass):
-    assert RejectStage(RejectParameters()).judge(_estimate(mass)).decision is Decision.ACCEPT
+    assert judge(_estimate(mass), RejectParameters()).decision is Decision.ACCEPT
 
 
 def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():
-    verdict = RejectStage(LIMITS).judge(_estimate(reasons=('Saturation', 'SamplesLost')))
+    verdict = judge(_estimate(reasons=('Saturation', 'SamplesLost')), LIMITS)
 
     assert verdict.decision is Decision.FAULT
     assert verdict.reasons == ('Saturation', 'SamplesLost')
 
 
 def test_the_verdict_says_what_it_rests_on():
-    verdict = RejectStage(LIMITS).judge(_estimate(0.15))
+    verdict = judge(_estimate(0.15), LIMITS)
 
     assert (verdict.item_id, verdict.t3) == (5, 200_000_000)
     assert (verdict.mass, verdict.std_dev) == (0.15, 1e-4)
@@ -56,21 +56,27 @@ def test_the_verdict_says_what_it_rests_on():
     ('distance', 'reject_at'), [(0.0, 200_000_000), (0.5, 600_000_000), (1.0, 1_000_000_000)]
 )
 def test_the_item_is_at_the_rejector_after_its_way_at_belt_speed(distance, reject_at):
-    stage = RejectStage(RejectParameters(rejector_distance=distance))
+    parameters = RejectParameters(rejector_distance=distance)
 
     # 0.5 m at 1.25 m/s are 0.4 s.
-    assert stage.judge(_estimate()).reject_at == reject_at
+    assert judge(_estimate(), parameters).reject_at == reject_at
+
+
+def test_the_rejector_is_told_earlier_by_its_delay():
+    parameters = RejectParameters(rejector_distance=0.5, actuator_delay=0.12)
+
+    assert judge(_estimate(), parameters).reject_at == 600_000_000 - 120_000_000
 
 
 def test_a_fault_without_a_belt_speed_is_timed_by_the_speed_of_the_line():
     fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan, line_speed=0.5)
 
-    assert RejectStage(RejectParameters()).judge(fault).reject_at == 1_200_000_000
+    assert judge(fault, RejectParameters()).reject_at == 1_200_000_000
 
 
 @pytest.mark.parametrize('speed', [math.nan, 0.0, -1.0])
 def test_without_any_speed_there_is_no_time_at_the_rejector(speed):
-    verdict = RejectStage(RejectParameters()).judge(_estimate(line_speed=speed))
+    verdict = judge(_estimate(line_speed=speed), RejectParameters())
 
     assert verdict.reject_at is None
 
@@ -78,24 +84,16 @@ def test_without_any_speed_there_is_no_time_at_the_rejector(speed):
 def test_without_t3_there_is_no_time_at_the_rejector():
     fault = MassEstimate(5, 0, 1, None, reasons=('MissingEdge',), line_speed=1.0)
 
-    verdict = RejectStage(RejectParameters()).judge(fault)
+    verdict = judge(fault, RejectParameters())
 
     assert verdict.decision is Decision.FAULT
     assert verdict.reject_at is None
 
 
-def test_limits_may_change_between_two_items():
-    stage = RejectStage(LIMITS)
-    before = stage.judge(_estimate(0.25)).decision
-    stage.parameters = RejectParameters(lower_limit=0.2, upper_limit=0.3)
-
-    assert (before, stage.judge(_estimate(0.25)).decision) == (Decision.OVER, Decision.ACCEPT)
-
-
 def test_equal_limits_are_allowed():
-    stage = RejectStage(RejectParameters(lower_limit=0.0, upper_limit=0.0))
-
-    assert stage.judge(_estimate(0.0)).decision is Decision.ACCEPT
+    assert judge(_estimate(0.0), RejectParameters(lower_limit=0.0, upper_limit=0.0)).decision is (
+        Decision.ACCEPT
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from checkweigher_dsp.records import (
     MassEstimate,
     Reference,
     SampleBlock,
+    StopRequest,
     Verdict,
     WeighWindow,
 )
@@ -221,6 +222,9 @@ def verdict_from(message: Any) -> Verdict:
         lower_limit=float(message.lower_limit),
         upper_limit=float(message.upper_limit),
         reject_at=known_stamp_from(message.reject_at),
+        t1=known_stamp_from(message.t1),
+        estimate_id=int(message.estimate_id),
+        late=bool(message.late),
     )
 
 
@@ -236,6 +240,23 @@ def verdict_to(verdict: Verdict) -> messages.Verdict:
         lower_limit=float(verdict.lower_limit),
         upper_limit=float(verdict.upper_limit),
         reject_at=time_to(verdict.reject_at),
+        t1=time_to(verdict.t1),
+        estimate_id=int(verdict.estimate_id),
+        late=bool(verdict.late),
+    )
+
+
+def stop_request_to(request: StopRequest | None) -> messages.StopRequest:
+    """Return the StopRequest message of a request, or of there being none."""
+    message = messages.StopRequest
+    if request is None:
+        return message(state=message.RUN)
+    return message(
+        header=header_to(request.stamp, 'rejector'),
+        state=message.STOP,
+        reason=request.reason.value,
+        hint=request.reason.hint,
+        item_id=int(request.item_id),
     )
 
 

@@ -1,0 +1,144 @@
+"""The items that wait for their verdict and those that have it, with their numbers."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Protocol
+
+from checkweigher_dsp.records import MassEstimate
+
+_MAX_PENDING = 10_000
+_MAX_JUDGED = 1_000
+# A number that is further ahead than this was not counted by anybody.
+_MAX_AHEAD = 10_000
+
+
+class _Stamped(Protocol):
+    @property
+    def t1(self) -> int | None: ...
+    @property
+    def t2(self) -> int | None: ...
+    @property
+    def t3(self) -> int | None: ...
+
+
+def stamps_of(item: _Stamped) -> list[int]:
+    """Return the known stamps of an item, ns."""
+    return [stamp for stamp in (item.t1, item.t2, item.t3) if stamp is not None]
+
+
+def same(one: _Stamped, other: _Stamped) -> bool:
+    """Tell whether two items are one: an edge belongs to one item only, so one stamp is enough."""
+    return (
+        (one.t1 is not None and one.t1 == other.t1)
+        or (one.t3 is not None and one.t3 == other.t3)
+        or (one.t2 is not None and one.t2 == other.t2)
+    )
+
+
+@dataclass(slots=True, eq=False)
+class RejectItem:
+    """One item on its way to the rejector.
+
+    Attributes
+    ----------
+    t1, t2, t3 : int or None
+        ns.
+    count : int or None
+        Number by the eyes, None as long as they have not shown it.
+    reasons : tuple of str
+        What the eyes say against it.
+    reject_at : int or None
+        ns, when the rejector has to be told.
+    due, late_from : int or None
+        ns on the clock of arrivals: when a verdict can wait no longer, and when it is too late.
+    number, estimate_id : int
+        Of the verdict and of the estimate that it rests on, 0 if there is none.
+    """
+
+    t1: int | None
+    t2: int | None
+    t3: int | None
+    count: int | None = None
+    reasons: tuple[str, ...] = ()
+    reject_at: int | None = None
+    due: int | None = None
+    late_from: int | None = None
+    number: int = 0
+    estimate_id: int = 0
+
+
+class RejectItems:
+    """What is known of the items on the line, each under one number.
+
+    Numbers follow those of the estimates as long as these go forward, so that both are the same
+    in a line whose nodes all run from the start. A number is never given twice while the last
+    thousand items are remembered, nor any below them.
+    """
+
+    def __init__(self) -> None:
+        self.pending: list[RejectItem] = []
+        self._judged: deque[RejectItem] = deque()
+        self._numbers: set[int] = set()
+        self._largest = 0
+        self._forgotten = 0
+        self._ahead = 0  # of the count by the eyes
+
+    def add(self, item: RejectItem) -> RejectItem:
+        """Take an item that has no verdict yet."""
+        self.pending.append(item)
+        return item
+
+    def too_many(self) -> list[RejectItem]:
+        """Return the oldest items that more of have come than can be kept."""
+        return self.pending[: max(0, len(self.pending) - _MAX_PENDING)]
+
+    def find_pending(self, estimate: MassEstimate) -> RejectItem | None:
+        """Return the item without a verdict that an estimate is of."""
+        return next((item for item in self.pending if same(item, estimate)), None)
+
+    def find_judged(self, estimate: MassEstimate) -> RejectItem | None:
+        """Return the item that had its verdict before the estimate came.
+
+        The stamps of a recording come again when it is played again: then the number differs.
+        """
+        for item in reversed(self._judged):
+            if same(item, estimate) and item.estimate_id in (0, estimate.item_id):
+                item.estimate_id = estimate.item_id
+                return item
+        return None
+
+    def has_seen(self, seen: _Stamped) -> bool:
+        """Tell whether an item that the eyes show has its verdict already, and count it as that."""
+        for item in reversed(self._judged):
+            if item.count is None and same(item, seen):
+                item.count = getattr(seen, 'item_id', 0)
+                self._ahead = max(self._ahead, item.number - item.count)
+                return True
+        return False
+
+    def judge(self, item: RejectItem, estimate_id: int) -> int:
+        """Note that an item has its verdict now and return its number."""
+        number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
+        while number in self._numbers:
+            number += 1
+        if item.count is not None:
+            self._ahead = max(self._ahead, number - item.count)
+        item.number, item.estimate_id = number, estimate_id
+        self._largest = max(self._largest, number)
+        self._numbers.add(number)
+        self._judged.append(item)
+        self.pending.remove(item)
+        if len(self._judged) > _MAX_JUDGED:
+            forgotten = self._judged.popleft().number
+            self._numbers.remove(forgotten)
+            self._forgotten = max(self._forgotten, forgotten)
+        return number
+
+    def _wanted_number(self, item: RejectItem, estimate_id: int) -> int:
+        if item.count is None:
+            near = abs(estimate_id - self._largest) <= _MAX_AHEAD
+            return estimate_id if estimate_id > 0 and near else self._largest + 1
+        own = item.count + self._ahead
+        # The first number tells how many items there were before this stage was started.
+        limit = own + _MAX_AHEAD if self._largest else 2**62
+        return estimate_id if own <= estimate_id <= limit else own

@@ -1,0 +1,49 @@
+"""When the rejector has to be told, and how far the time of the stamps has come."""
+
+from checkweigher_dsp.records import NANOSECONDS
+
+
+def reject_time(t3: int | None, speed: float, distance: float, delay: float) -> int | None:
+    """Return when the rejector has to be told for an item, ns, None if nobody knows.
+
+    t3 + distance / speed - delay: the leading edge is at the outfeed eye at t3.
+
+    Parameters
+    ----------
+    t3 : int or None
+        ns.
+    speed : float
+        m/s.
+    distance : float
+        m, from the outfeed eye to the rejector.
+    delay : float
+        s, from telling the rejector to its action.
+    """
+    if t3 is None or not speed > 0:
+        return None
+    return t3 + round(NANOSECONDS * (distance / speed)) - round(NANOSECONDS * delay)
+
+
+class StreamClock:
+    """The time of the stamps, which goes on when no message comes.
+
+    Parameters
+    ----------
+    running : bool
+        Whether it goes on between messages; else it is the newest stamp.
+    """
+
+    def __init__(self, *, running: bool) -> None:
+        self.running = running
+        self._newest: tuple[int, int] | None = None
+
+    def saw(self, stamp: int, now: int) -> None:
+        """Note that a message with `stamp` came at `now`, ns on a clock that never steps back."""
+        self._newest = (stamp, now)
+
+    def at(self, now: int) -> int | None:
+        """Return the time of the stamps at `now`, ns, None before the first message."""
+        if self._newest is None:
+            return None
+        stamp, came = self._newest
+        return stamp + (now - came if self.running else 0)

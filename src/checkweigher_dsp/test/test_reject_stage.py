@@ -1,0 +1,280 @@
+"""Every item that the eyes show has one verdict, with a mass or without, whatever comes when."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from checkweigher_dsp.item_tracking import ItemTracker
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, MassEstimate
+from checkweigher_dsp.rejection import RejectParameters, RejectStage
+
+MILLISECOND = NANOSECONDS // 1000
+BELT = 0.2  # m
+# 0.5 m at 1 m/s: told 500 - 20 ms after t3, judged 50 ms before that.
+PARAMETERS = RejectParameters(
+    lower_limit=0.1, upper_limit=0.2, actuator_delay=0.02, verdict_margin=0.05
+)
+REJECT_TIME, DUE = 480 * MILLISECOND, 430 * MILLISECOND
+
+
+def _item(number, start=NANOSECONDS, pitch=660 * MILLISECOND):
+    """Edges and estimate of an item of 0.1 m at 1 m/s, numbered from 1."""
+    t1 = start + (number - 1) * pitch
+    t2, t3, t4 = t1 + 100 * MILLISECOND, t1 + 200 * MILLISECOND, t1 + 300 * MILLISECOND
+    edges = [
+        EyeEdge(t1, Eye.INFEED, True),
+        EyeEdge(t2, Eye.INFEED, False),
+        EyeEdge(t3, Eye.OUTFEED, True),
+        EyeEdge(t4, Eye.OUTFEED, False),
+    ]
+    return edges, MassEstimate(number, t1, t2, t3, mass=0.15, std_dev=1e-4, line_speed=1.0)
+
+
+def _play(stage, timed):
+    """Give a stage what comes at which time, with the clock looked at every 10 ms besides."""
+    verdicts = []
+    now = min(when for when, _ in timed)
+    for when, what in sorted(timed, key=lambda each: each[0]):
+        while now < when:
+            verdicts += [(now, verdict) for verdict in stage.advance(now)]
+            now += 10 * MILLISECOND
+        add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
+        verdicts += [(when, verdict) for verdict in add(what, when)]
+    for end in range(now, now + 3 * NANOSECONDS, 10 * MILLISECOND):
+        verdicts += [(end, verdict) for verdict in stage.advance(end)]
+    return verdicts
+
+
+def _as_they_happen(count, delay, without=()):
+    """Edges when they happen and estimates `delay` after t3, but for those of `without`."""
+    timed = []
+    for number in range(1, count + 1):
+        edges, estimate = _item(number)
+        timed += [(edge.stamp, edge) for edge in edges]
+        if number not in without:
+            timed.append((estimate.t3 + delay, estimate))
+    return timed
+
+
+def test_what_is_weighed_in_time_is_judged_by_its_mass():
+    verdicts = _play(RejectStage(PARAMETERS, BELT), _as_they_happen(3, 20 * MILLISECOND))
+
+    assert [(v.item_id, v.estimate_id) for _, v in verdicts] == [(1, 1), (2, 2), (3, 3)]
+    for when, verdict in verdicts:
+        assert (verdict.decision, verdict.late) == (Decision.ACCEPT, False)
+        assert verdict.reject_at == verdict.t3 + REJECT_TIME
+        assert when == verdict.t3 + 20 * MILLISECOND
+
+
+def test_what_is_not_weighed_is_a_fault_in_time_and_the_items_after_it_are_weighed():
+    timed = _as_they_happen(4, 20 * MILLISECOND, without=(2, 3))
+
+    verdicts = _play(RejectStage(PARAMETERS, BELT), timed)
+
+    assert [v.item_id for _, v in verdicts] == [1, 2, 3, 4]
+    assert [v.decision for _, v in verdicts] == [
+        Decision.ACCEPT, Decision.FAULT, Decision.FAULT, Decision.ACCEPT
+    ]  # fmt: skip
+    for when, verdict in verdicts[1:3]:
+        _, estimate = _item(verdict.item_id)
+        assert verdict.reasons == ('NoEstimate',)
+        assert (verdict.t1, verdict.t3, verdict.estimate_id) == (estimate.t1, estimate.t3, 0)
+        assert math.isnan(verdict.mass)
+        assert verdict.reject_at == estimate.t3 + REJECT_TIME
+        assert DUE <= when - estimate.t3 <= DUE + 10 * MILLISECOND  # as often as time is looked at
+        assert not verdict.late
+
+
+def test_a_late_mass_is_counted_and_changes_nothing():
+    stage = RejectStage(PARAMETERS, BELT)
+
+    verdicts = _play(stage, _as_they_happen(3, 450 * MILLISECOND))
+
+    assert [v.reasons for _, v in verdicts] == [('NoEstimate',)] * 3
+    assert stage.late_estimates == 3
+
+
+def test_without_time_every_mass_is_waited_for():
+    stage = RejectStage(PARAMETERS, BELT)
+    items = [_item(number) for number in range(1, 4)]
+    assert [stage.add_edge(edge) for edges, _ in items for edge in edges] == [[]] * 12
+
+    verdicts = [verdict for _, estimate in items for verdict in stage.add_estimate(estimate)]
+
+    assert [v.decision for v in verdicts] == [Decision.ACCEPT] * 3
+
+
+def test_a_verdict_after_its_reject_time_says_so():
+    stage = RejectStage(replace(PARAMETERS, verdict_margin=0.0), BELT)
+    edges, estimate = _item(1)
+    for edge in edges:
+        stage.add_edge(edge, edge.stamp)
+    # Nobody looked at the time: the process was not given any.
+    (verdict,) = stage.add_estimate(estimate, estimate.t3 + REJECT_TIME + 1)
+
+    assert verdict.late
+    assert stage.late_verdicts == 1
+
+
+def test_time_runs_from_the_arrival_of_t3_however_fast_the_stamps_come():
+    stage = RejectStage(PARAMETERS, BELT)
+    verdicts = []
+    for number in range(1, 11):  # 6.6 s of stamps in 10 ms
+        edges, _ = _item(number)
+        for edge in edges:
+            verdicts += stage.add_edge(edge, number * MILLISECOND)
+
+    assert verdicts == []
+    assert stage.due == MILLISECOND + DUE
+
+
+def test_a_segmenter_that_counts_from_one_again_spoils_no_number():
+    stage = RejectStage(PARAMETERS, BELT)
+    timed = _as_they_happen(3, 20 * MILLISECOND)
+    for number in (4, 5):
+        edges, estimate = _item(number)
+        timed += [(edge.stamp, edge) for edge in edges]
+        timed.append((estimate.t3 + MILLISECOND, replace(estimate, item_id=number - 3)))
+
+    verdicts = _play(stage, timed)
+
+    assert [v.item_id for _, v in verdicts] == [1, 2, 3, 4, 5]
+    assert [v.estimate_id for _, v in verdicts] == [1, 2, 3, 1, 2]
+    assert [v.t1 for _, v in verdicts] == [_item(number)[1].t1 for number in range(1, 6)]
+    assert stage.late_estimates == 0
+
+
+def test_a_stage_that_is_started_late_takes_up_the_numbers_of_the_segmenter():
+    stage = RejectStage(PARAMETERS, BELT)
+    verdicts = []
+    for number in (51, 52, 53):
+        edges, estimate = _item(number)
+        for edge in edges:
+            verdicts += stage.add_edge(edge, edge.stamp)
+        if number != 52:
+            verdicts += stage.add_estimate(estimate, estimate.t3 + 101 * MILLISECOND)
+
+    assert [v.item_id for v in verdicts] == [51, 52, 53]
+    assert verdicts[1].reasons == ('NoEstimate',)
+
+
+def test_the_same_recording_again_is_a_stream_of_new_items():
+    stage = RejectStage(PARAMETERS, BELT)
+    verdicts = []
+    for run in (0, 5):
+        for number in range(1, 6):
+            edges, estimate = _item(number)
+            for edge in edges:
+                stage.add_edge(edge)
+            verdicts += stage.add_estimate(replace(estimate, item_id=number + run))
+
+    assert [v.item_id for v in verdicts] == list(range(1, 11))
+    assert {v.decision for v in verdicts} == {Decision.ACCEPT}
+
+
+def test_a_mass_of_what_the_eyes_did_not_show_is_a_fault():
+    stage = RejectStage(PARAMETERS, BELT)
+    for number in (1, 2):
+        for edge in _item(number)[0]:
+            stage.add_edge(edge)
+    stranger = MassEstimate(7, 1_300_000_001, 1_400_000_001, 1_500_000_001, mass=0.15)
+
+    verdicts = [*stage.add_estimate(stranger), *stage.add_estimate(_item(2)[1])]
+
+    assert [v.reasons for v in verdicts] == [('UnknownItem',), ()]
+    assert math.isnan(verdicts[0].mass)
+    assert stage.add_estimate(MassEstimate(9, None, None, None, mass=0.15))[0].decision is (
+        Decision.FAULT
+    )
+
+
+@pytest.mark.parametrize('number', [0, 2**64 - 1])
+def test_a_senseless_number_is_not_taken_up(number):
+    stage = RejectStage(PARAMETERS, BELT)
+    stage.add_estimate(MassEstimate(number, None, None, None, reasons=('BadWindow',)))
+    edges, estimate = _item(2)
+    for edge in edges:
+        stage.add_edge(edge)
+
+    assert [v.item_id for v in stage.add_estimate(estimate)] == [2]
+
+
+def test_an_item_taken_off_the_belt_has_one_verdict_too():
+    stage = RejectStage(PARAMETERS, BELT)
+    # After a whole one, which tells how long an item takes.
+    taken_off, _ = _item(1)
+    others = [_item(0)[0], *(_item(number)[0] for number in range(5, 8))]  # 2 s later: given up
+    timed = sorted(
+        ((edge.stamp, edge) for edges in (taken_off[:2], *others) for edge in edges),
+        key=lambda each: each[0],
+    )
+
+    reasons = {verdict.t1: verdict.reasons for _, verdict in _play(stage, timed)}
+
+    assert reasons == {
+        taken_off[0].stamp: ('MissingEdge', 'NoEstimate'),
+        **{edges[0].stamp: ('NoEstimate',) for edges in others},
+    }
+
+
+def test_edges_before_the_load_cell_is_known_are_not_lost():
+    stage = RejectStage(PARAMETERS)
+    for edge in _item(1)[0]:
+        assert stage.add_edge(edge, edge.stamp) == []
+    stage.set_weigh_length(BELT, 3 * NANOSECONDS)
+
+    (verdict,) = stage.advance(3 * NANOSECONDS)
+
+    assert verdict.reasons == ('NoEstimate',)
+    assert verdict.late
+
+
+@given(st.data())
+def test_every_item_has_exactly_one_verdict_whatever_comes_when(data):
+    count = data.draw(st.integers(1, 6))
+    timed = []
+    for number in range(1, count + 1):
+        edges, estimate = _item(number)
+        timed += [(edge.stamp, edge) for edge in edges]
+        # -300: before any edge of it is there; 700: after its reject time. None, once or twice.
+        for delay in data.draw(st.lists(st.integers(-300, 700), max_size=2)):
+            timed.append((estimate.t3 + delay * MILLISECOND, estimate))
+    stage = RejectStage(PARAMETERS, BELT)
+
+    verdicts = [verdict for _, verdict in _play(stage, timed)]
+
+    assert sorted(v.t3 for v in verdicts) == [_item(n)[1].t3 for n in range(1, count + 1)]
+    assert len({v.item_id for v in verdicts}) == count
+    estimates = sum(isinstance(what, MassEstimate) for _, what in timed)
+    assert estimates == stage.late_estimates + sum(v.estimate_id > 0 for v in verdicts)
+    for verdict in verdicts:
+        assert (verdict.decision is Decision.ACCEPT) == (verdict.estimate_id > 0)
+
+
+@given(st.data())
+def test_lost_edges_make_faults_but_neither_two_verdicts_of_an_item_nor_none(data):
+    all_edges = [edge for number in range(1, 7) for edge in _item(number)[0]]
+    lost = data.draw(st.sets(st.sampled_from(all_edges), max_size=6))
+    # What passes at the end brings to light what was taken off before it.
+    edges = [edge for edge in all_edges if edge not in lost] + _item(12)[0]
+    # The segmenter finds its items by the same tracker.
+    tracker = ItemTracker(5 * MILLISECOND, 2 * NANOSECONDS)
+    items = [(edge.stamp, replace(item)) for edge in edges for item in tracker.add(edge)]
+    timed = [(edge.stamp, edge) for edge in edges]
+    for done, item in items:
+        reasons = tuple(reason.value for reason in item.faults)
+        estimate = MassEstimate(
+            item.item_id, item.t1, item.t2, item.t3, reasons, mass=0.15, line_speed=1.0
+        )
+        for delay in data.draw(st.lists(st.integers(0, 700), max_size=2)):
+            timed.append((done + delay * MILLISECOND, estimate))
+    stage = RejectStage(PARAMETERS, BELT)
+
+    verdicts = [verdict for _, verdict in _play(stage, timed)]
+
+    assert len(verdicts) == len(items)
+    assert {(v.t1, v.t3) for v in verdicts} == {(item.t1, item.t3) for _, item in items}
+    assert sorted(v.item_id for v in verdicts) == sorted(item.item_id for _, item in items)

@@ -1,0 +1,204 @@
+"""The reject node over real DDS when masses do not come, and what it asks of the line."""
+
+from collections.abc import Iterator
+import queue
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StopRequest, Verdict
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from test_nodes import publish, wait_for
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import edge_to, estimate_to, load_cell_to, stamp_from
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.nodes.topics import Topic
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
+
+CELL = LoadCell(
+    sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
+    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
+)  # fmt: skip
+START = 1_700_000_000 * NANOSECONDS
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('rejecting') as running:
+        yield running
+
+
+def heard(node: Node, topic: Topic, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
+    """Return where a topic's messages come, each with its time of arrival in ns."""
+    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    node.create_subscription(
+        topic.type,
+        topic.name,
+        lambda message: messages.put((time.monotonic_ns(), message)),
+        topic.qos if latched else topic.stage_qos,
+    )
+    return messages
+
+
+def edges(number: int) -> list[EyeEdge]:
+    """Edges of an item of 0.1 m at 0.5 m/s."""
+    t1 = START + number * NANOSECONDS
+    steps = ((0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True))
+    return [EyeEdge(t1 + step * NANOSECONDS // 10, eye, blocked) for step, eye, blocked in steps]
+
+
+def estimate(number: int, mass: float) -> MassEstimate:
+    """The estimate of an item, numbered from 1."""
+    t1, t2, t3 = (edge.stamp for edge in edges(number))
+    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5)
+
+
+class Line:
+    """A reject node and whatever the test says in the name of the others."""
+
+    def __init__(self, spinner: Spinner, **parameters: object) -> None:
+        self.node = Node('others')
+        self.verdicts = heard(self.node, topics.VERDICT)
+        self.stops = heard(self.node, topics.STOP_REQUEST, latched=True)
+        self.reset = self.node.create_client(Trigger, topics.RESET_STOP_REQUEST)
+        self._edges = self.node.create_publisher(
+            topics.PHOTO_EYES.type, topics.PHOTO_EYES.name, topics.PHOTO_EYES.qos
+        )
+        spinner.add(self.node)
+        spinner.add(RejectNode(parameters))
+        wait_for(lambda: self._edges.get_subscription_count() > 0)
+        publish(self.node, topics.LOAD_CELL_INFO, load_cell_to(CELL, START))
+
+    def pass_item(self, number: int) -> None:
+        """Have an item pass the eyes."""
+        for edge in edges(number):
+            self._edges.publish(edge_to(edge))
+
+    def verdict(self) -> Verdict:
+        """Return the next verdict."""
+        return self.verdicts.get(timeout=10.0)[1]
+
+    def stop(self) -> StopRequest:
+        """Return the next word on whether to stop."""
+        return self.stops.get(timeout=10.0)[1]
+
+
+def start_identifier() -> 'subprocess.Popen[bytes]':
+    return subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'checkweigher_dsp.nodes.identifier'),
+            *('--ros-args', '-r', '__ns:=/rejecting'),
+        ]
+    )
+
+
+def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
+    listener = ResultListener('listener', from_start=False)
+    eyes, verdicts = heard(listener, topics.PHOTO_EYES), heard(listener, topics.VERDICT)
+    # 1 s of way; half of it is for a machine that is busy with something else.
+    reject = RejectNode({'rejector_distance': 1.0, 'verdict_margin': 0.5})
+    for node in (listener, STAGE_NODES['segmenter'](), STAGE_NODES['denoise'](), reject):
+        spinner.add(node)
+    identifier = start_identifier()
+    try:
+        spinner.add(DriverNode({'simulator.count': 0}))
+
+        def judged(decision: int) -> tuple[int, Verdict]:
+            while True:
+                came, verdict = verdicts.get(timeout=20.0)
+                if verdict.decision == decision:
+                    return came, verdict
+
+        judged(Verdict.ACCEPT)
+        identifier.send_signal(signal.SIGKILL)
+        identifier.wait()
+        faults = [judged(Verdict.FAULT) for _ in range(2)]
+        identifier = start_identifier()
+        _, weighed = judged(Verdict.ACCEPT)
+    finally:
+        identifier.kill()
+        identifier.wait()
+    seen = {}
+    while not eyes.empty():
+        came, edge = eyes.get()
+        seen[stamp_from(edge.header.stamp)] = came
+    for came, verdict in faults:
+        assert (list(verdict.reasons), verdict.late) == (['NoEstimate'], False)
+        t3 = stamp_from(verdict.header.stamp)
+        assert came < seen[t3] + stamp_from(verdict.reject_at) - t3
+    assert weighed.item_id > faults[-1][1].item_id
+    # Whoever listens hears of what was not weighed as well.
+    shown = []
+    while not listener.weighings.empty():
+        shown.append(listener.weighings.get().verdict.item_id)
+    assert {verdict.item_id for _, verdict in faults} <= set(shown)
+    assert shown == sorted(set(shown))
+
+
+def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
+    line = Line(spinner)
+    diagnostics = heard(line.node, topics.DIAGNOSTICS)
+    line.pass_item(1)
+    assert list(line.verdict().reasons) == ['NoEstimate']
+    publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+
+    counted: dict[str, str] = {}
+    while 'late estimates' not in counted:
+        _, message = diagnostics.get(timeout=10.0)
+        counted = {value.key: value.value for value in message.status[0].values}
+
+    assert counted['late estimates'] == '1'
+    assert line.verdicts.empty()
+    publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    assert line.verdict().decision == Verdict.ACCEPT
+
+
+def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
+    line = Line(spinner, deadlines=False, rejector_distance=0.0)
+    line.pass_item(1)
+    line.pass_item(2)
+    publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+
+    assert [line.verdict().item_id, line.verdict().item_id] == [2, 1]
+
+
+def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinner):
+    line = Line(spinner, max_rejects_in_a_row=2)
+    assert line.stop().state == StopRequest.RUN
+    for number in (1, 2):
+        line.pass_item(number)
+
+    request = line.stop()
+
+    assert (request.state, request.reason) == (StopRequest.STOP, 'TooManyRejects')
+    assert request.item_id == 2
+    assert request.hint
+    assert line.reset.wait_for_service(timeout_sec=10.0)
+    answer = line.reset.call_async(Trigger.Request())
+    assert line.stop().state == StopRequest.RUN
+    wait_for(answer.done)
+    assert answer.result().success
+
+
+def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
+    line = Line(spinner, confirmation_time=0.1)
+    assert line.stop().state == StopRequest.RUN
+    line.pass_item(1)
+    verdict = line.verdict()
+    seen = EyeEdge(stamp_from(verdict.reject_at) + NANOSECONDS // 20, Eye.INFEED, True)
+    publish(line.node, topics.REJECT_EYE, edge_to(seen))
+    line.pass_item(2)
+
+    request = line.stop()
+
+    assert (request.reason, request.item_id) == ('UnconfirmedReject', 2)
