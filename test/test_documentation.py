@@ -13,18 +13,23 @@ import yaml
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_driver.driver_node import DriverParameters
 from checkweigher_driver.sources import SOURCES, source_class
+from checkweigher_dsp import audit_trail
+from checkweigher_dsp.audit_log import TORN
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.estimators.base import EstimatorParameters
 from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.product import ProductParameters
 from checkweigher_dsp.parameters import Parameters, describe
+from checkweigher_dsp.recipes import Product, read_recipes
 from checkweigher_dsp.records import Reason
 
 INTERFACES = ROOT / 'docs/interfaces.md'
 
 SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{entry.name: ('', entry.type) for entry in fields(LineParameters)},
+    'product': ('', ProductParameters),
     'driver': ('', DriverParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
     'identifier, every estimator': ('NAME.', EstimatorParameters),
@@ -117,6 +122,24 @@ def test_every_message_is_documented():
     text = INTERFACES.read_text()
     for path in (ROOT / 'src/checkweigher_msgs/msg').glob('*.msg'):
         assert f'`{path.stem}`' in text, path.stem
+
+
+def test_every_service_is_documented():
+    text = INTERFACES.read_text()
+    for path in (ROOT / 'src/checkweigher_msgs/srv').glob('*.srv'):
+        assert f'| {path.stem} |' in text, path.stem
+
+
+def test_every_key_of_a_recipe_and_every_kind_of_audit_entry_is_documented():
+    text = INTERFACES.read_text()
+    kinds = [value for name, value in vars(audit_trail).items() if name.isupper()]
+    for name in (*Product('any', 1.0).as_mapping(), *kinds, TORN):
+        assert f'`{name}`' in text, name
+
+
+def test_the_recipes_to_begin_with_can_be_read():
+    products = read_recipes(ROOT / 'src/checkweigher_bringup/config/recipes.yaml')
+    assert products['crisps_150g'].lower_limit == pytest.approx(0.14325, rel=1e-12)
 
 
 @pytest.mark.parametrize('reason', Reason)

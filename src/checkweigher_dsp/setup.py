@@ -24,6 +24,7 @@ setup(
             'denoise = checkweigher_dsp.nodes.denoise:main',
             'identifier = checkweigher_dsp.nodes.identifier:main',
             'reject = checkweigher_dsp.nodes.reject:main',
+            'product = checkweigher_dsp.nodes.product:main',
         ],
     },
 )

@@ -24,6 +24,8 @@ COMMANDS = (
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
     ('evaluate', 'evaluate', 'show the accuracy of the estimators on passes of known mass',
      'evaluate --protocol paper --html report.html'),
+    ('audit', 'audit', 'verify the chain of an audit log and show what was changed',
+     'audit /var/log/checkweigher/lane1.log'),
     ('import', 'import_csv', 'turn a CSV log of a scale into a bag',
      'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
 )  # fmt: skip

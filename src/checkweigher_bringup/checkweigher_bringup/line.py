@@ -1,4 +1,4 @@
-"""The whole line in one process: five nodes on one executor."""
+"""The whole line in one process: six nodes on one executor."""
 
 from collections.abc import Sequence
 
@@ -7,6 +7,7 @@ from rclpy.node import Node
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.identifier import IdentifierNode
+from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
 from checkweigher_dsp.nodes.shell import run_all
@@ -21,7 +22,7 @@ STAGE_NODES = {
 
 def make_line() -> list[Node]:
     """Make all nodes of the line, the driver last."""
-    return [*(node() for node in STAGE_NODES.values()), DriverNode()]
+    return [*(node() for node in STAGE_NODES.values()), ProductNode(), DriverNode()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Start the checkweigher line: driver, segmenter, denoise, identifier and reject.
+"""Start the checkweigher line: driver, segmenter, denoise, identifier, reject and product.
 
 The arguments set what differs from run to run; everything else is in the parameter file, and so
 is what the arguments leave out.
@@ -14,12 +14,13 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-# Each stage with its package; the executable has the name of the node.
+# Each node with its package; the executable has the name of the node.
 STAGES = {
     'segmenter': 'checkweigher_dsp',
     'denoise': 'checkweigher_dsp',
     'identifier': 'checkweigher_dsp',
     'reject': 'checkweigher_dsp',
+    'product': 'checkweigher_dsp',
     'driver': 'checkweigher_driver',
 }
 
@@ -72,11 +73,12 @@ def make_line(context):
         'on_exit': Shutdown(reason='a node of the line has ended'),
     }
     for_driver = [params_file, driver_parameters(context)]
+    for_reject = [params_file, reject_parameters(context)]
     return [
         Node(
             package='checkweigher_bringup',
             executable='line',
-            parameters=for_driver,
+            parameters=[*for_driver, *for_reject[1:]],
             condition=IfCondition(one_process),
             **common,
         ),
@@ -85,7 +87,7 @@ def make_line(context):
                 package=package,
                 executable=name,
                 name=name,
-                parameters=for_driver if name == 'driver' else [params_file],
+                parameters={'driver': for_driver, 'reject': for_reject}.get(name, [params_file]),
                 condition=UnlessCondition(one_process),
                 **common,
             )
@@ -110,3 +112,9 @@ def driver_parameters(context):
         except ValueError:
             raise RuntimeError(f'rate: {rate!r} is not a number') from None
     return parameters
+
+
+def reject_parameters(context):
+    """Return no deadlines where the time of the stamps is not that of the clock."""
+    rate = LaunchConfiguration('rate').perform(context)
+    return {'deadlines': False} if rate and float(rate) != 1 else {}

@@ -16,11 +16,11 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.rejection import SHARED_WITH_SEGMENTER, RejectParameters, RejectStage
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
-_OTHER_NODES = ('driver',)
+_OTHER_NODES = ('product', 'driver')
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class LineParameters:
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
         values = read_parameter_file(path, sets, _OTHER_NODES)
         try:
+            _share(values)
             made = {node: sets[node].from_mapping(values[node]) for node in sets}
             return cls(**cast(dict[str, Any], made))
         except ParameterError as error:
@@ -64,6 +65,7 @@ class LineParameters:
             if node not in nodes:
                 raise ParameterError(f'{name!r} addresses none of {", ".join(nodes)}')
             by_node.setdefault(node, {})[rest] = value
+        _share(by_node)
         made = {}
         for node, values in by_node.items():
             own: Parameters = getattr(self, node)
@@ -73,6 +75,26 @@ class LineParameters:
     def with_estimator(self, name: str) -> Self:
         """Return the same parameters with another estimator."""
         return replace(self, identifier=replace(self.identifier, estimator=name))
+
+
+def _share(values: dict[str, dict[str, object]]) -> None:
+    """Have the reject stage find the same items as the segmenter.
+
+    Raises
+    ------
+    ParameterError
+        If both are given a value and the two differ.
+    """
+    of_segmenter = values.get('segmenter', {})
+    for name in SHARED_WITH_SEGMENTER:
+        if name not in of_segmenter:
+            continue
+        own = values.setdefault('reject', {}).setdefault(name, of_segmenter[name])
+        if own != of_segmenter[name]:
+            raise ParameterError(
+                f'reject.{name}: {own} is not the {of_segmenter[name]} of segmenter; the two count '
+                'the same items'
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +123,13 @@ class WeighingLine:
         self._segmenter = Segmenter(load_cell, parameters.segmenter)
         self._denoiser = Denoiser(parameters.denoise)
         self._identifier = Identifier(parameters.identifier)
-        self._reject_stage = RejectStage(parameters.reject)
+        self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
         """Take a block or an edge and return the items that it completes."""
         if isinstance(event, SampleBlock):
             return self._weigh(self._segmenter.add_samples(event))
+        self._reject_stage.add_edge(event)  # gives no verdict: no time runs here
         return self._weigh(self._segmenter.add_edge(event))
 
     def finish(self) -> list[Weighing]:
@@ -117,5 +140,6 @@ class WeighingLine:
         weighings = []
         for window in windows:
             estimate = self._identifier.estimate(self._denoiser.denoise(window))
-            weighings.append(Weighing(estimate, self._reject_stage.judge(estimate)))
+            verdicts = self._reject_stage.add_estimate(estimate)
+            weighings += [Weighing(estimate, verdict) for verdict in verdicts]
         return weighings

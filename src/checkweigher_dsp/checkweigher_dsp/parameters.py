@@ -213,7 +213,7 @@ def read_parameter_file(
         node = str(address).rsplit('/', 1)[-1]
         if node != '**' and node not in own:
             raise ParameterError(f'{path}: section {address!r} addresses none of {", ".join(own)}')
-        (shared if node == '**' else own[node]).update(_flatten(values))
+        (shared if node == '**' else own[node]).update(flatten(values))
     result = {}
     for node, parameters in sets.items():
         known = parameters.entries()
@@ -238,12 +238,12 @@ def _load_yaml(path: Path) -> dict[object, object]:
     return content
 
 
-def _flatten(values: Mapping[str, object], prefix: str = '') -> dict[str, object]:
+def flatten(values: Mapping[str, object], prefix: str = '') -> dict[str, object]:
     """Join nested names by dots, as ROS does."""
     flat: dict[str, object] = {}
     for name, value in values.items():
         if isinstance(value, dict):
-            flat.update(_flatten(value, f'{prefix}{name}.'))
+            flat.update(flatten(value, f'{prefix}{name}.'))
         else:
             flat[f'{prefix}{name}'] = value
     return flat

@@ -11,6 +11,8 @@ from checkweigher_msgs.msg import (
     MassEstimate,
     PhotoEyeEvent,
     ReferenceMass,
+    Statistics,
+    StopRequest,
     StreamStatus,
     Verdict,
     WeighWindow,
@@ -61,11 +63,18 @@ DENOISED_WINDOW = _topic('denoised_window', WeighWindow, _STREAM)
 # Results are kept for whoever looks later and asks for them; the stages do not.
 MASS_ESTIMATE = _topic('mass_estimate', MassEstimate, _kept(1000), _STREAM)
 VERDICT = _topic('verdict', Verdict, _kept(1000), _STREAM)
+REJECT_EYE = _topic('reject_eye', PhotoEyeEvent, _STREAM)
+STOP_REQUEST = _topic('stop_request', StopRequest, _kept(1))
+STATISTICS = _topic('statistics', Statistics, _kept(1))
 DRIVER_STATUS = _topic('load_cell/status', StreamStatus, _kept(1))
 SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
+# Of type std_srvs/srv/Trigger.
+RESET_STOP_REQUEST = 'reset_stop_request'
 DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
 
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
-    SEGMENTER_STATUS, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, DIAGNOSTICS,
+    SEGMENTER_STATUS, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE, STOP_REQUEST,
+    DIAGNOSTICS,
+    SEGMENTER_STATUS, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, STATISTICS, DIAGNOSTICS,
 )  # fmt: skip

@@ -8,7 +8,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from checkweigher_validation import prepackages
+from checkweigher_dsp import prepackages
 from checkweigher_validation.accuracy import Evaluation, Example
 from checkweigher_validation.accuracy_classes import AccuracyClass
 from checkweigher_validation.report import accuracy_figures, content, signal_figures

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_validation.prepackages import judge_batch, limits, tolerable_negative_error
+from checkweigher_dsp.prepackages import judge_batch, limits, tolerable_negative_error
 
 EXACT = 1e-12  # relative
 

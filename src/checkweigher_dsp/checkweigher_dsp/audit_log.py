@@ -1,0 +1,392 @@
+"""The audit log: what was changed when, in a file in which every line is chained to the one before.
+
+One entry a line, JSON in one fixed form. An entry holds the SHA-256 of the entry before it and its
+own, over all that it says; so a line that was changed, removed, inserted or moved breaks the
+chain. How far the log went stands in a second file beside it, `LOG.head`, written after each entry:
+lines cut off at the end are missed by it. A power loss can leave the beginning of an entry that
+`LOG.head` never knew: such a torn end is no tampering, and the next entry says that it was there.
+
+The chain has no key. Who may write both files can write them anew from the changed entry on;
+whoever noted a hash elsewhere finds that out (`verify` with `known_hash`).
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+import fcntl
+import hashlib
+import json
+import math
+import os
+from pathlib import Path
+import tempfile
+from typing import Any, Self
+
+FIRST_PREVIOUS = '0' * 64
+TORN = 'torn'
+
+
+class AuditError(ValueError):
+    """An audit log that cannot be used; one line that says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One entry.
+
+    Attributes
+    ----------
+    sequence : int
+        From 1, without gaps.
+    time : str
+        ISO 8601, UTC.
+    source : str
+        Who wrote it down: the node with its namespace.
+    kind : str
+        ``parameter``, ``recipe``, ``calibration``, ...
+    subject : str
+        What was changed.
+    old, new : JSON value
+        NaN and infinities stand as ``'nan'``, ``'inf'`` and ``'-inf'``. None: there is none.
+    previous, hash : str
+        SHA-256 of the entry before and of this one, hexadecimal.
+    """
+
+    sequence: int
+    time: str
+    source: str
+    kind: str
+    subject: str
+    old: Any
+    new: Any
+    previous: str
+    hash: str = ''
+
+    def line(self) -> bytes:
+        """Return the entry as it stands in the file, with its end of line."""
+        return _canonical(asdict(self)) + b'\n'
+
+    def digest(self) -> str:
+        """Return the SHA-256 over all but ``hash``."""
+        values = asdict(self)
+        del values['hash']
+        return hashlib.sha256(_canonical(values)).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What a log turned out to be.
+
+    Attributes
+    ----------
+    entries : tuple of Entry
+        Those before the first bad line.
+    bad_line : int
+        Number of the first bad line, from 1; 0 if there is none.
+    problem : str
+        ``changed``, ``removed``, ``inserted`` or ``cut``; empty if the chain is whole.
+    reason : str
+        What is wrong, for the user.
+    torn : bytes
+        Beginning of an entry at the end that was never finished.
+    """
+
+    entries: tuple[Entry, ...]
+    bad_line: int = 0
+    problem: str = ''
+    reason: str = ''
+    torn: bytes = b''
+
+    @property
+    def whole(self) -> bool:
+        """Whether the chain is whole."""
+        return not self.problem
+
+
+def head_path(path: Path) -> Path:
+    """Return the file beside a log that says how far it went."""
+    return path.with_name(path.name + '.head')
+
+
+def read_log(path: Path, known_hash: str = '') -> Verification:
+    """Read a log and the file beside it and verify both.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    known_hash : str
+        Hash of an entry that was noted elsewhere and has to be in the log.
+
+    Raises
+    ------
+    AuditError
+        If the log cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise AuditError(f'{path}: {error.strerror or error}') from None
+    try:
+        head = head_path(path).read_bytes()
+    except OSError:
+        head = b''
+    return verify(data, head, known_hash)
+
+
+def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
+    """Verify a log.
+
+    Parameters
+    ----------
+    data : bytes
+        The log.
+    head : bytes
+        What stands in the file beside it, empty if there is none.
+    known_hash : str
+        Hash of an entry that has to be there.
+    """
+    found = _follow_chain(data)
+    if found.whole:
+        found = _hold_to_head(found, head)
+    if found.whole and known_hash and known_hash not in {e.hash for e in found.entries}:
+        reason = f'no entry has the hash {known_hash}: the log is not the one it was taken from'
+        return Verification(found.entries, len(found.entries) + 1, 'cut', reason)
+    return found
+
+
+def _follow_chain(data: bytes) -> Verification:
+    """Verify all but the end; `Verification.torn` is what comes after the last entry."""
+    lines = data.split(b'\n')
+    parsed = [_parse(line) for line in lines]
+    entries: list[Entry] = []
+    previous, torn = FIRST_PREVIOUS, b''
+    begin = 0
+    while begin < len(lines):
+        entry = None if begin == len(lines) - 1 else parsed[begin]
+        if entry is None:
+            end = next((n for n in range(begin, len(lines) - 1) if parsed[n]), len(lines))
+            torn = b'\n'.join(lines[begin:end])
+            if end == len(lines) and _may_be_torn(torn, len(entries) + 1):
+                return Verification(tuple(entries), torn=torn)
+            if end == len(lines) or not _tells_of(parsed[end], torn):
+                reason = 'it is no entry, or not as it was written'
+                return Verification(tuple(entries), begin + 1, 'changed', reason)
+            begin = end
+            continue
+        problem, reason = _misplaced(entry, len(entries) + 1, previous, torn)
+        if problem:
+            return Verification(tuple(entries), begin + 1, problem, reason)
+        entries.append(entry)
+        previous, torn = entry.hash, b''
+        begin += 1
+    return Verification(tuple(entries))
+
+
+def _misplaced(entry: Entry, expected: int, previous: str, torn: bytes) -> tuple[str, str]:
+    """Tell what is wrong with an entry at its place; two empty strings if nothing is."""
+    if entry.kind == TORN and not (torn and _tells_of(entry, torn)):
+        return 'removed', 'the torn entry before it, of which it tells, is not there'
+    if entry.sequence > expected:
+        return 'removed', f'entry {entry.sequence} stands where entry {expected} should be'
+    if entry.sequence < expected or entry.previous != previous:
+        return 'inserted', f'entry {entry.sequence} does not follow the entry before it'
+    return '', ''
+
+
+def _may_be_torn(end: bytes, expected: int) -> bool:
+    """Tell whether power loss or a full disk may have left this of the entry `expected`."""
+    beginning = b'{"sequence":%d,' % expected
+    first = end.split(b'\n')[0]
+    begun = first.startswith(beginning) or (first != b'' and beginning.startswith(first))
+    # Some file systems leave zeros, or what stood there before. A file without any entry, though,
+    # is rather no log at all.
+    return begun or not end.strip(b'\0') or (expected > 1 and not end.endswith(b'\n'))
+
+
+def _hold_to_head(found: Verification, head: bytes) -> Verification:
+    """Find what was cut off at the end; an entry or two more than the head knows are no harm."""
+    count = len(found.entries)
+    after = count + 1
+    if not head:
+        # Power may be lost between the first entry and its head.
+        if count <= 1:
+            return found
+        reason = 'the file LOG.head is missing, so nobody knows how far the log went'
+        return Verification(found.entries, after, 'cut', reason)
+    try:
+        known = json.loads(head)
+        sequence, digest = int(known['sequence']), str(known['hash'])
+        if _head_text(sequence, digest) != head:
+            raise ValueError
+    except (ValueError, TypeError, KeyError):
+        reason = 'the file LOG.head is not as it was written'
+        return Verification(found.entries, after, 'changed', reason)
+    if sequence > count:
+        problem = 'changed' if found.torn.endswith(b'\n') else 'cut'
+        reason = f'the log ends with entry {count}, but went on to entry {sequence}'
+        return Verification(found.entries, after, problem, reason)
+    if sequence < 1 or found.entries[sequence - 1].hash != digest:
+        reason = f'entry {sequence} is not the one that LOG.head knows'
+        return Verification(found.entries, max(sequence, 1), 'changed', reason)
+    if count - sequence > 1:
+        reason = f'LOG.head knows {sequence} entries, the log has {count}'
+        return Verification(found.entries, sequence + 1, 'inserted', reason)
+    return found
+
+
+class AuditLog:
+    """A log that is open for appending; nobody else can open it meanwhile.
+
+    Parameters
+    ----------
+    path : Path
+        The log; its folder must exist.
+
+    Attributes
+    ----------
+    entries : tuple of Entry
+        Those that were there when it was opened.
+    last_hash : str
+        Of the last entry.
+
+    Raises
+    ------
+    AuditError
+        If it cannot be opened, another process has it open, or its chain is broken.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise AuditError(f'{path}: {error.strerror or error}') from None
+        try:
+            self._open()
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise AuditError(f'{self.path}: another process writes to this log') from None
+        found = read_log(self.path)
+        if not found.whole:
+            raise AuditError(
+                f'{self.path}: line {found.bad_line}: {found.problem}: {found.reason}; keep this '
+                'log as it is and name another file'
+            )
+        self.entries = found.entries
+        self._count = len(found.entries)
+        self.last_hash = found.entries[-1].hash if found.entries else FIRST_PREVIOUS
+        self._torn = found.torn
+        # Where power was lost between an entry and its head, the head is one behind.
+        if self._count:
+            self._write_head()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the log."""
+        os.close(self._file)
+
+    def append(
+        self, time: str, source: str, kind: str, subject: str, old: object, new: object
+    ) -> Entry:
+        """Append an entry; once this returns, it is on the disk.
+
+        Raises
+        ------
+        AuditError
+            If it cannot be written.
+        """
+        try:
+            if self._torn:
+                # First the end of the torn line, then what it was: a reader needs both.
+                what = {'bytes': len(self._torn), 'sha256': hashlib.sha256(self._torn).hexdigest()}
+                self._write(self._next(time, source, TORN, 'last entry', None, what), b'\n')
+            return self._write(self._next(time, source, kind, subject, old, new))
+        except OSError as error:
+            raise AuditError(f'{self.path}: {error.strerror or error}') from None
+
+    def _next(self, *values: Any) -> Entry:
+        time, source, kind, subject, old, new = values
+        entry = Entry(
+            self._count + 1, time, source, kind, subject, plain(old), plain(new), self.last_hash
+        )
+        return Entry(**{**asdict(entry), 'hash': entry.digest()})
+
+    def _write(self, entry: Entry, before: bytes = b'') -> Entry:
+        line = before + entry.line()
+        written = os.write(self._file, line)
+        if written < len(line):
+            self._torn = self._torn + line[:written]
+            raise OSError(0, 'the disk is full')
+        os.fsync(self._file)
+        self._count, self.last_hash, self._torn = entry.sequence, entry.hash, b''
+        self._write_head()
+        return entry
+
+    def _write_head(self) -> None:
+        path = head_path(self.path)
+        number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
+        try:
+            with open(number, 'wb') as file:
+                file.write(_head_text(self._count, self.last_hash))
+                file.flush()
+                os.fsync(file.fileno())
+            os.chmod(name, 0o644)
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+
+
+def plain(value: object) -> Any:
+    """Return a value as JSON has it: sequences as lists, NaN and infinities as strings."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, (str, bool, int, float)) or value is None:
+        return value
+    if hasattr(value, '__iter__'):
+        return [plain(each) for each in value]
+    return str(value)
+
+
+def _parse(line: bytes) -> Entry | None:
+    """Return the entry of a line, None if it is not byte for byte as it was written."""
+    try:
+        entry = Entry(**json.loads(line))
+        good = entry.line() == line + b'\n' and entry.digest() == entry.hash
+    except (ValueError, TypeError, RecursionError):
+        return None
+    return entry if good and type(entry.sequence) is int else None
+
+
+def _tells_of(entry: Entry | None, torn: bytes) -> bool:
+    return (
+        entry is not None
+        and entry.kind == TORN
+        and entry.new
+        == {
+            'bytes': len(torn),
+            'sha256': hashlib.sha256(torn).hexdigest(),
+        }
+    )
+
+
+def _canonical(values: Mapping[str, Any]) -> bytes:
+    text = json.dumps(values, ensure_ascii=True, allow_nan=False, separators=(',', ':'))
+    return text.encode('ascii')
+
+
+def _head_text(sequence: int, digest: str) -> bytes:
+    return _canonical({'sequence': sequence, 'hash': digest}) + b'\n'

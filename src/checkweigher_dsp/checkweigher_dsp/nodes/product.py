@@ -1,0 +1,307 @@
+"""The product node: recipes, statistics of production, and the audit log."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, ClassVar
+
+from checkweigher_msgs.msg import Statistics
+from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import qos_profile_parameter_events
+
+from checkweigher_dsp import audit_trail
+from checkweigher_dsp.audit_log import AuditError, AuditLog
+from checkweigher_dsp.audit_trail import AuditTrail
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import (
+    estimate_from,
+    header_to,
+    load_cell_from,
+    verdict_from,
+)
+from checkweigher_dsp.nodes.line_parameters import (
+    LineParametersClient,
+    RefusedError,
+    Values,
+    python_value,
+)
+from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_dsp.nodes.topics import Topic
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.production_statistics import ProductionRecord, ProductionStatistics
+from checkweigher_dsp.recipes import NODES, Product, RecipeError, read_recipes
+from checkweigher_dsp.records import NANOSECONDS, Decision
+
+_PATIENCE = 2.0  # s, for an answer of another node
+_POLL_PERIOD = 0.5  # s
+_AUDITED = ('segmenter', 'denoise', 'identifier', 'reject', 'product', 'driver')
+_PARAMETER_EVENTS = Topic(
+    '/parameter_events', ParameterEvent, qos_profile_parameter_events, qos_profile_parameter_events
+)
+
+
+@dataclass(frozen=True)
+class ProductParameters(Parameters):
+    """Where the recipes are, and what is on the line at the start."""
+
+    node: ClassVar[str] = 'product'
+
+    recipes: str = parameter('', 'recipe file; empty for none')
+    product: str = parameter('', 'product that is selected at the start; empty for none')
+    batch: str = parameter('', 'name of the batch at the start')
+    audit_log: str = parameter('', 'file to which changes are appended; empty for none')
+
+
+class ProductNode(StageNode[ProductParameters]):
+    """Select the product, count what passes, note down what is changed."""
+
+    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        super().__init__(ProductParameters, read_only=True, overrides=overrides)
+        self._log: AuditLog | None = None
+        try:
+            if self.parameters.product:
+                self._find(self.parameters.product)
+            if self.parameters.audit_log:
+                self._log = AuditLog(Path(self.parameters.audit_log))
+            elif self.parameters.recipes:
+                self.get_logger().warning('product.audit_log is empty: no change is written down')
+        except (AuditError, RecipeError) as error:
+            self.destroy_node()
+            raise ParameterError(str(error)) from None
+        self._trail = AuditTrail(self._log, self.get_fully_qualified_name())
+        self._record = ProductionRecord(self.parameters.batch)
+        # What stood before the first recipe that set it: products that leave it out get it back.
+        self._base: dict[str, Values] = {}
+        self._stale = set(_AUDITED)
+        self._events = 0
+        self._line = LineParametersClient(self, _PATIENCE)
+        self._statistics = self.create_publisher(
+            topics.STATISTICS.type, topics.STATISTICS.name, topics.STATISTICS.qos
+        )
+        self.subscribe(topics.VERDICT, self._on_verdict)
+        self.subscribe(topics.MASS_ESTIMATE, self._on_estimate)
+        self._serve()
+        if self._log is not None:
+            self.subscribe(_PARAMETER_EVENTS, self._on_parameter_event)
+            self.subscribe(topics.LOAD_CELL_INFO, self._on_load_cell)
+            self.create_timer(
+                _POLL_PERIOD, self._take_inventory, callback_group=MutuallyExclusiveCallbackGroup()
+            )
+
+    def destroy_node(self) -> None:
+        """Close the log as well."""
+        if self._log is not None:
+            self._log.close()
+            self._log = None
+        super().destroy_node()
+
+    def _serve(self) -> None:
+        """Offer the services: one at a time, for each waits for the others of the line."""
+        group = MutuallyExclusiveCallbackGroup()
+        for kind, name, callback in (
+            (SelectProduct, 'select_product', self._on_select),
+            (NewBatch, 'new_batch', self._on_new_batch),
+            (ResetStatistics, 'reset_statistics', self._on_reset),
+        ):
+            self.create_service(kind, name, callback, callback_group=group)
+        if self.parameters.product:
+            self._start_timer = self.create_timer(
+                _POLL_PERIOD, self._select_at_start, callback_group=group
+            )
+
+    def _now(self) -> str:
+        seconds = self.get_clock().now().nanoseconds / NANOSECONDS
+        return datetime.fromtimestamp(seconds, UTC).isoformat(timespec='microseconds')
+
+    # Recipes
+
+    def _find(self, name: str) -> tuple[dict[str, Product], Product]:
+        path = self.parameters.recipes
+        if not path:
+            raise RecipeError('the parameter recipes of the node product names no file')
+        products = read_recipes(Path(path))
+        if name not in products:
+            raise RecipeError(f'{path}: has no product {name!r}; it has {", ".join(products)}')
+        return products, products[name]
+
+    async def _on_select(
+        self, request: SelectProduct.Request, response: SelectProduct.Response
+    ) -> SelectProduct.Response:
+        try:
+            await self._select(str(request.product))
+            response.success = True
+        except (AuditError, RecipeError, RefusedError) as error:
+            response.message = str(error)
+            self.warn(f'product {request.product!r} was not selected: {error}')
+        return response
+
+    async def _select_at_start(self) -> None:
+        if not all(self._line.ready(node) for node in NODES):
+            self.warn(f'product {self.parameters.product!r} waits for the nodes of the line')
+            return
+        if self._log is not None and self._stale.intersection(NODES):
+            return  # the log has to have the values that the product changes
+        try:
+            if self._record.product is None:
+                await self._select(self.parameters.product)
+            self._start_timer.cancel()
+        except (AuditError, RecipeError, RefusedError) as error:
+            self.warn(f'product {self.parameters.product!r} was not selected: {error}')
+
+    async def _select(self, name: str) -> None:
+        products, product = self._find(name)
+        self._trail.recipes(self._now(), {n: p.as_mapping() for n, p in products.items()})
+        # Written before it is done: what cannot be written down is not done.
+        old = self._record.product.name if self._record.product else None
+        self._trail.note(self._now(), audit_trail.SELECTION, 'product', old, name)
+        try:
+            base = await self._with_base(product.changes())
+            changes = {node: {**base[node], **product.changes().get(node, {})} for node in base}
+            await self._line.set(changes)
+        except RefusedError as error:
+            self._trail.note(self._now(), audit_trail.REFUSED, 'product', name, str(error))
+            raise
+        self._base = base
+        self._record.product = product
+        self.count('products selected')
+        self._publish()
+
+    async def _with_base(self, changes: dict[str, Values]) -> dict[str, Values]:
+        """Return the values of the line itself for all that any product has set or will set."""
+        base = {node: dict(values) for node, values in self._base.items()}
+        for node, values in changes.items():
+            if not self._line.ready(node):
+                raise RefusedError(f'{node}: is not there')
+            own = base.setdefault(node, {})
+            own.update(await self._line.get(node, [name for name in values if name not in own]))
+        return base
+
+    # Statistics
+
+    def _on_verdict(self, message: Any) -> None:
+        self._record.current.add(verdict_from(message))
+        self._publish()
+
+    def _on_estimate(self, message: Any) -> None:
+        statistics = self._record.current
+        before = statistics.length_faults, statistics.speed_faults
+        statistics.add_estimate(estimate_from(message))
+        if before != (statistics.length_faults, statistics.speed_faults):
+            self.warn(f'item {message.item_id}: length or belt speed is not that of the product')
+
+    def _publish(self) -> None:
+        self._statistics.publish(self._message())
+
+    def _message(self) -> Statistics:
+        return statistics_to(self._record.current, self._record.batch)
+
+    def _on_new_batch(
+        self, request: NewBatch.Request, response: NewBatch.Response
+    ) -> NewBatch.Response:
+        name = str(request.batch).strip()
+        if not name or self._record.has_batch(name):
+            response.message = f'batch {name!r}: a name that was not used before is needed'
+            return response
+        return self._end_count(response, audit_trail.BATCH, name)
+
+    def _on_reset(
+        self, request: ResetStatistics.Request, response: ResetStatistics.Response
+    ) -> ResetStatistics.Response:
+        return self._end_count(response, audit_trail.RESET, None)
+
+    def _end_count(self, response: Any, kind: str, batch: str | None) -> Any:
+        finished = self._message()
+        try:
+            self._trail.note(self._now(), kind, 'statistics', _summary(finished), batch)
+        except AuditError as error:
+            response.message = str(error)
+            self.warn(str(error))
+            return response
+        if batch is None:
+            self._record.reset()
+        else:
+            self._record.batch = batch
+        response.success, response.finished = True, finished
+        self._publish()
+        return response
+
+    # Audit
+
+    def _on_parameter_event(self, message: Any) -> None:
+        namespace, _, name = message.node.rpartition('/')
+        if namespace != self.get_namespace().rstrip('/'):
+            return
+        self._events += 1
+        if message.new_parameters and name in _AUDITED:
+            self._stale.add(name)  # it has just been started
+        for change in message.changed_parameters:
+            value = python_value(change.value)
+            self._trail.parameter(self._now(), message.node, change.name, value)
+
+    def _on_load_cell(self, message: Any) -> None:
+        cell = asdict(load_cell_from(message))
+        self._trail.state(self._now(), audit_trail.CALIBRATION, topics.LOAD_CELL_INFO.name, cell)
+
+    async def _take_inventory(self) -> None:
+        """Compare the parameters of nodes that were started with those that they had last."""
+        namespace = self.get_namespace().rstrip('/')
+        for node in _AUDITED:
+            if node not in self._stale or not self._line.ready(node):
+                continue
+            events = self._events
+            try:
+                values = await self._line.get_all(node)
+                if events == self._events:  # else the values may be those from before the event
+                    self._trail.found(self._now(), f'{namespace}/{node}', values)
+                    self._stale.discard(node)
+            except (AuditError, RefusedError) as error:
+                self.warn(str(error))
+
+
+def statistics_to(statistics: ProductionStatistics, batch: str) -> Statistics:
+    """Return the Statistics message of one product in one batch."""
+    product, decisions = statistics.product, statistics.decisions
+    unknown = float('nan')
+    return Statistics(
+        header=header_to(statistics.last),
+        product=product.name if product else '',
+        batch=batch,
+        items=statistics.items,
+        accepted=decisions[Decision.ACCEPT],
+        under=decisions[Decision.UNDER],
+        over=decisions[Decision.OVER],
+        faults=decisions[Decision.FAULT],
+        reasons=sorted(statistics.reasons),
+        reason_counts=[statistics.reasons[reason] for reason in sorted(statistics.reasons)],
+        length_faults=int(statistics.length_faults),
+        speed_faults=int(statistics.speed_faults),
+        nominal=product.nominal if product else unknown,
+        tare=float(statistics.tare),
+        mean=float(statistics.mean),
+        std_dev=float(statistics.std_dev),
+        giveaway=float(statistics.giveaway),
+        tu1=product.tu1 if product else unknown,
+        tu2=product.tu2 if product else unknown,
+        below_tu1=int(statistics.below_tu1),
+        below_tu2=int(statistics.below_tu2),
+        share_below_tu1=float(statistics.share_below_tu1),
+        throughput=float(statistics.throughput),
+    )
+
+
+def _summary(message: Statistics) -> dict[str, object]:
+    """Return what the audit log keeps of statistics that end."""
+    names = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
+    return {name: getattr(message, name) for name in names}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    run(ProductNode, arguments)
+
+
+if __name__ == '__main__':
+    main()
