@@ -11,6 +11,7 @@ from checkweigher_dsp.estimators.base import raw_plateau
 from checkweigher_dsp.fir_model import fit_fir
 from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.segmentation import SegmenterParameters
+from checkweigher_dsp.shrinkage_table import TABLE_1
 from checkweigher_validation.evaluating import weigh_passes
 from checkweigher_validation.passes import SpeedGroup, group_by_speed, known_passes
 from checkweigher_validation.tuning.calibration import folds
@@ -141,3 +142,19 @@ def test_all_that_is_searched_can_be_written_and_gives_masses_or_none(group, nam
 
 def test_every_estimator_of_the_line_can_be_tuned():
     assert set(TUNABLES) == set(ESTIMATORS)
+
+
+def test_thresholds_are_searched_where_the_table_has_them_and_stay_off_where_not(group):
+    table_1 = {f'denoise.gamma{level}': TABLE_1.gains[level - 5] for level in (5, 6, 7)}
+    table_1 |= {f'denoise.lambda{level}': TABLE_1.thresholds[level - 5] for level in (5, 6, 7)}
+    base = LineParameters().with_values(table_1)
+    with_them, without = (
+        tune([group], ['iswd_eksi'], known, budget=30, workers=1)['iswd_eksi'].parameters.denoise
+        for known in (base, LineParameters())
+    )
+    searched = ('gamma5', 'lambda5', 'lambda6', 'lambda7')
+    starts = [float(np.interp(group.speed, base.denoise.speeds, getattr(base.denoise, name)))
+              for name in searched]  # fmt: skip
+    found = [getattr(with_them, name)[0] for name in searched]
+    assert all(abs(one - start) > 1e-3 * start for one, start in zip(found, starts, strict=True))
+    assert [getattr(without, name)[0] for name in searched] == [0.0] * 4

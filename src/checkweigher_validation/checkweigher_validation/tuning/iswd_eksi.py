@@ -16,13 +16,15 @@ from checkweigher_validation.tuning.search import Axis
 from checkweigher_validation.tuning.tunable import Tunable
 
 _BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+_THRESHOLD_FACTOR = 1000.0  # how far below and above the start a threshold is looked for
 _PLATFORM = ('natural_frequency', 'damping_ratio')
 
 
 class TunedIswdEksi(Tunable):
     """ISWD-EKSI: what of its parameters matters, as docs/method.md has measured it.
 
-    The thresholds and the gain of band 5 stay as they are, and so do R, Q and P0.
+    Band 5 and thresholds are searched where the table of `base` has them, as Table 1 has; where it
+    has none they stay off. R, Q and P0 stay as they are.
     """
 
     name: ClassVar[str] = 'iswd_eksi'
@@ -38,6 +40,20 @@ class TunedIswdEksi(Tunable):
         super().__init__(group, base)
         windows = [each.window for each in group.passes]
         self._stacks = stack_passes(windows, base.denoise.stretch)
+
+    def searched(self) -> tuple[Axis, ...]:
+        """Return the axes, those of band 5 and of thresholds that the table has among them."""
+        found = list(self.axes)
+        for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
+            at_speed = self.start(Axis(name, 0.0, 0.0, 0.0))
+            if at_speed > 0 and name == 'gamma5':
+                found.append(Axis(name, 0.0, 1.2, at_speed))
+            elif at_speed > 0:
+                factor = _THRESHOLD_FACTOR
+                found.append(
+                    Axis(name, at_speed / factor, at_speed * factor, at_speed, logarithmic=True)
+                )
+        return tuple(found)
 
     def start(self, axis: Axis) -> float:
         """Return what `base` says at this speed, for denoise as well."""
@@ -86,6 +102,5 @@ class TunedIswdEksi(Tunable):
         for name in _BANDS:
             at_speed = np.interp(self.group.speed, known.speeds, getattr(known, name))
             changes[name] = (float(at_speed),)
-        for name in ('gamma6', 'gamma7', *_PLATFORM):
-            changes[name] = (values[name],)
+        changes.update({name: (values[name],) for name in (*_BANDS, *_PLATFORM) if name in values})
         return replace(known, **changes)

@@ -64,8 +64,12 @@ class Tunable(ABC):
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
         """Return the best values and their badness."""
-        axes = [replace(axis, start=self.start(axis)) for axis in self.axes]
+        axes = [replace(axis, start=self.start(axis)) for axis in self.searched()]
         return search(axes, badness, budget)
+
+    def searched(self) -> tuple[Axis, ...]:
+        """Return what is searched from where `base` stands."""
+        return self.axes
 
     def start(self, axis: Axis) -> float:
         """Return what `base` says at this speed: a search goes on from there."""
