@@ -70,7 +70,6 @@ class AeksiParameters(AdaptiveParameters):
 class Aid(Estimator):
     """Estimate by adaptively prefiltered least-squares identification (reconstruction)."""
 
-    parameters_class = AidParameters
     parameters: AidParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:
@@ -88,7 +87,6 @@ class Aid(Estimator):
 class Aeksi(Estimator):
     """Estimate by adaptively prefiltered extended Kalman identification (reconstruction)."""
 
-    parameters_class = AeksiParameters
     parameters: AeksiParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:

@@ -31,8 +31,6 @@ class HannParameters(EstimatorParameters):
 class Mean(Estimator):
     """Estimate by the mean of the raw window."""
 
-    parameters_class = MeanParameters
-
     def estimate(self, window: WeighWindow) -> Plateau:
         """Return the mean of a window."""
         samples = raw_plateau(window)
@@ -41,8 +39,6 @@ class Mean(Estimator):
 
 class Hann(Estimator):
     """Estimate by the Hann-weighted mean of the raw window."""
-
-    parameters_class = HannParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:
         """Return the Hann-weighted mean of a window."""

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from itertools import pairwise
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,11 +90,8 @@ class Estimator(ABC):
     Parameters
     ----------
     parameters : EstimatorParameters
-        Of the class that `parameters` names.
+        Of the field of IdentifierParameters that has the estimator's name.
     """
-
-    # Class of its parameters; their field name in IdentifierParameters is the estimator's name.
-    parameters_class: ClassVar[type[EstimatorParameters]]
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters

@@ -43,7 +43,6 @@ class FirModelParameters(EstimatorParameters):
 class FirModel(Estimator):
     """Estimate by a weighted sum of the samples, the weights learned (reconstruction)."""
 
-    parameters_class = FirModelParameters
     parameters: FirModelParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:

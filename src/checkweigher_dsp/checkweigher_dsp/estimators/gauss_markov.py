@@ -139,7 +139,6 @@ def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretc
 class GaussMarkov(Estimator):
     """Estimate by generalised least squares on a learned model of the machine."""
 
-    parameters_class = GaussMarkovParameters
     parameters: GaussMarkovParameters
 
     def __init__(self, parameters: GaussMarkovParameters) -> None:

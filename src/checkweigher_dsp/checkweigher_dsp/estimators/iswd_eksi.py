@@ -42,7 +42,6 @@ class IswdEksiParameters(EstimatorParameters):
 class IswdEksi(Estimator):
     """Estimate by extended Kalman identification of the denoised pass, from t1 or t2 to t3."""
 
-    parameters_class = IswdEksiParameters
     parameters: IswdEksiParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:

@@ -39,7 +39,6 @@ class TvlpfParameters(EstimatorParameters):
 class Tvlpf(Estimator):
     """Estimate by the last output of a low-pass filter whose cut-off falls (reconstruction)."""
 
-    parameters_class = TvlpfParameters
     parameters: TvlpfParameters
 
     def estimate(self, window: WeighWindow) -> Plateau:

@@ -51,6 +51,15 @@ class Tunable(ABC):
             rows = np.flatnonzero(lengths == length)
             self.batches.append((rows, np.stack([samples[row] for row in rows])))
 
+    def of_windows(
+        self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return what a kernel on windows of one length, (k, n), makes of every window: (n,)."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = kernel(samples)
+        return result
+
     @abstractmethod
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the load of every pass, before gain and offset: (n,) float64, kg."""

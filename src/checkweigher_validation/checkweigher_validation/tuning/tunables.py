@@ -32,10 +32,7 @@ class TunedMean(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the mean of every window."""
-        result = np.empty(len(self.group.passes))
-        for rows, samples in self.batches:
-            result[rows] = window_mean(samples)
-        return result
+        return self.of_windows(window_mean)
 
 
 class TunedHann(Tunable):
@@ -45,10 +42,7 @@ class TunedHann(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the Hann-weighted mean of every window."""
-        result = np.empty(len(self.group.passes))
-        for rows, samples in self.batches:
-            result[rows] = hann_mean(samples)
-        return result
+        return self.of_windows(hann_mean)
 
 
 class TunedTvlpf(Tunable):
@@ -64,14 +58,13 @@ class TunedTvlpf(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the last output of the filter for every window."""
-        result = np.empty(len(self.group.passes))
-        for rows, samples in self.batches:
-            result[rows] = time_varying_lowpass(
+        return self.of_windows(
+            lambda samples: time_varying_lowpass(
                 samples, round(values['sections']), values['initial_cutoff'],
                 values['final_cutoff'], decay_of(values['half_life'], samples.shape[1]),
                 self.sample_rate,
-            )  # fmt: skip
-        return result
+            )
+        )  # fmt: skip
 
 
 class TunedAid(Tunable):
@@ -86,10 +79,10 @@ class TunedAid(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the steady state that least squares identify in every window."""
-        result = np.empty(len(self.group.passes))
-        for rows, samples in self.batches:
-            result[rows] = identify_adaptive(samples, _settings(values), self.sample_rate).mass
-        return result
+        settings = _settings(values)
+        return self.of_windows(
+            lambda samples: identify_adaptive(samples, settings, self.sample_rate).mass
+        )
 
 
 class TunedAeksi(Tunable):
@@ -108,12 +101,12 @@ class TunedAeksi(Tunable):
         noise = FilterNoise(
             values['measurement_noise'], values['process_noise'], values['coefficient_variance']
         )
-        result = np.empty(len(self.group.passes))
-        for rows, samples in self.batches:
-            result[rows] = identify_adaptive_by_ekf(
-                samples, _settings(values), noise, self.sample_rate
-            ).mass
-        return result
+        settings = _settings(values)
+        return self.of_windows(
+            lambda samples: (
+                identify_adaptive_by_ekf(samples, settings, noise, self.sample_rate).mass
+            )
+        )
 
 
 def _settings(values: Mapping[str, float]) -> AdaptiveSettings:
