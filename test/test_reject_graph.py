@@ -74,7 +74,8 @@ class Line:
             topics.PHOTO_EYES.type, topics.PHOTO_EYES.name, topics.PHOTO_EYES.qos
         )
         spinner.add(self.node)
-        spinner.add(RejectNode(parameters))
+        self.reject = RejectNode(parameters)
+        spinner.add(self.reject)
         wait_for(lambda: self._edges.get_subscription_count() > 0)
         publish(self.node, topics.LOAD_CELL_INFO, load_cell_to(CELL, START))
 

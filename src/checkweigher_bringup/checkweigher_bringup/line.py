@@ -21,8 +21,11 @@ STAGE_NODES = {
 
 
 def make_line() -> list[Node]:
-    """Make all nodes of the line, the driver last."""
-    return [*(node() for node in STAGE_NODES.values()), ProductNode(), DriverNode()]
+    """Make all nodes of the line, in the order opposite to that in which they shut down.
+
+    The driver ends first, so that the items on the belt still get their verdict, and reject last.
+    """
+    return [*(STAGE_NODES[name]() for name in reversed(STAGE_NODES)), ProductNode(), DriverNode()]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

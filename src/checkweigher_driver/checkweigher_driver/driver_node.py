@@ -1,12 +1,15 @@
 """The driver node: publishes what a source of samples and photo-eye edges delivers."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 import threading
 import time
 from typing import Any, ClassVar
 
 from checkweigher_msgs.msg import StreamStatus
+from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 
 from checkweigher_driver.pacing import FlowControl, Pacer
@@ -15,17 +18,30 @@ from checkweigher_driver.sources import SOURCES, Source, source_class
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     edge_to,
+    fill_history,
     header_to,
     load_cell_to,
     reference_to,
     samples_to,
+    verdict_from,
 )
-from checkweigher_dsp.nodes.shell import StageNode, declare, run
+from checkweigher_dsp.nodes.managed import ManagedStageNode
+from checkweigher_dsp.nodes.shell import declare, run
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_dsp.records import (
+    EyeEdge,
+    LineHistory,
+    Reference,
+    SampleBlock,
+    StopReason,
+    Verdict,
+)
 
-_PATIENCE = 5.0  # s without a segmenter before that is said
+_PATIENCE = 5.0  # s without the line behind it before that is said
+# What line_history has to tell: 20 s and more at five items a second.
+_MAX_EDGES = 400
+_MAX_VERDICTS = 200
 
 
 @dataclass(frozen=True)
@@ -45,34 +61,33 @@ class DriverParameters(Parameters):
         True, 'hold a recorded or simulated source back until the segmenter has taken what was '
         'sent; false runs it without a segmenter',
     )  # fmt: skip
+    autostart: bool = parameter(
+        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
+    )
 
 
-class DriverNode(StageNode[DriverParameters]):
+class DriverNode(ManagedStageNode[DriverParameters]):
     """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
 
-    The source is read in a thread of its own, by blocking reads.
+    The source is read in a thread of its own, by blocking reads. Each activation is a stream of
+    its own. What was sent of it the service line_history tells.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
-        make_source = source_class(self.parameters.source)
+        self._source: Source | None = None
         try:
-            self._source: Source = make_source(
-                declare(self, make_source.parameters, f'{self.parameters.source}.', read_only=True)
+            self._make_source = source_class(self.parameters.source)
+            self._source_parameters = declare(
+                self, self._make_source.parameters, f'{self.parameters.source}.', read_only=True
             )
-        except ValueError as error:
+        except ParameterError:
             self.destroy_node()
-            if isinstance(error, ParameterError):
-                raise
-            # The bag is damaged, or whatever else keeps the source from being opened.
-            raise ParameterError(f'driver.source: {error}') from None
+            raise
         self._changed = threading.Condition()
-        self._stopping = False
-        self._flow = FlowControl()
-        self._stream_number = time.time_ns()  # no other driver's
-        self._answered = False
-        self._edges_sent = 0
-        self._last_stamp = 0
+        self._thread: threading.Thread | None = None
+        self._begin_stream(0)
+        self._reject_ready = False
         self._info = self._publisher_of(topics.LOAD_CELL_INFO)
         self._samples = self._publisher_of(topics.LOAD_CELL_SAMPLES)
         self._eyes = self._publisher_of(topics.PHOTO_EYES)
@@ -80,21 +95,77 @@ class DriverNode(StageNode[DriverParameters]):
         self._status = self._publisher_of(topics.DRIVER_STATUS)
         self.subscribe(topics.SEGMENTER_STATUS, self._on_segmenter_status)
         self.subscribe(topics.VERDICT, self._on_verdict)
-        self._thread = threading.Thread(target=self._run, name='source', daemon=True)
-        self._thread.start()
+        self.subscribe(topics.STOP_REQUEST, self._on_stop_request)
+        self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
+        self.begin()
 
     def _publisher_of(self, topic: Topic) -> Publisher:
         return self.create_publisher(topic.type, topic.name, topic.qos)
 
+    def _begin_stream(self, number: int) -> None:
+        self._stopping = False
+        self._flow = FlowControl()
+        self._stream_number = number
+        self._answered = False
+        self._edges_sent = 0
+        self._last_stamp = 0
+        self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
+        self._verdicts: deque[Verdict] = deque(maxlen=_MAX_VERDICTS)
+
+    def configure(self) -> None:
+        """Open the source."""
+        try:
+            self._source = self._make_source(self._source_parameters)
+        except ParameterError:
+            raise
+        except ValueError as error:
+            # The bag is damaged, or whatever else keeps the source from being opened.
+            raise ParameterError(f'driver.source: {error}') from None
+
+    def activate(self) -> None:
+        """Begin a new stream."""
+        if self._source is None:  # deactivated, which closes what blocks
+            self.configure()
+        with self._changed:
+            self._begin_stream(time.time_ns())  # no other driver's number
+        self._thread = threading.Thread(target=self._run, name='source', daemon=True)
+        self._thread.start()
+
+    def deactivate(self) -> None:
+        """End the stream: what is on the belt becomes a fault."""
+        if self._thread is not None and self._stop_reading():
+            self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
+
+    def clean_up(self) -> None:
+        """Close the source."""
+        if self._source is not None:
+            self._source.close()
+            self._source = None
+
+    def last_words(self) -> list[Publisher]:
+        """Return the publisher of the end of the stream."""
+        return [self._status]
+
     def destroy_node(self) -> None:
         """Stop reading the source, then destroy the node."""
         if hasattr(self, '_thread'):
-            with self._changed:
-                self._stopping = True
-                self._changed.notify_all()
-            self._source.close()
-            self._thread.join(timeout=2.0)
+            self._stop_reading()
+            self.clean_up()
         super().destroy_node()
+
+    def _stop_reading(self) -> bool:
+        """End the thread; return whether the stream was still going on."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return False
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
+        going_on = thread.is_alive()
+        if self._source is not None and not self._source.paced:
+            self.clean_up()  # only that ends a read that blocks
+        thread.join(timeout=2.0)
+        return going_on
 
     def _on_segmenter_status(self, message: Any) -> None:
         with self._changed:
@@ -107,15 +178,36 @@ class DriverNode(StageNode[DriverParameters]):
             self._changed.notify_all()
 
     def _on_verdict(self, message: Any) -> None:
+        verdict = verdict_from(message)
         with self._changed:
-            number = int(message.estimate_id) or int(message.item_id)  # as the segmenter counts
+            self._verdicts.append(verdict)
+            number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
             self._flow.items_judged = max(self._flow.items_judged, number)
             self._changed.notify_all()
 
+    def _on_stop_request(self, message: Any) -> None:
+        with self._changed:
+            self._reject_ready = message.reason != StopReason.NOT_READY
+            self._changed.notify_all()
+
+    def _on_line_history(self, request: Any, response: Any) -> Any:
+        """Tell what was sent and what verdicts came of it."""
+        with self._changed:
+            history = LineHistory(
+                stream=self._stream_number,
+                stamp=self._last_stamp,
+                first_edge=self._edges_sent - len(self._edges),
+                edges=tuple(self._edges),
+                verdicts=tuple(self._verdicts),
+            )
+        return fill_history(history, response)
+
     def _run(self) -> None:
         """Publish until the source ends, and say how it ended."""
+        source = self._source
+        assert source is not None
         try:
-            self._stream(self._source.load_cell)
+            self._stream(source)
         except Exception as error:
             if self._stopping:
                 return
@@ -126,24 +218,55 @@ class DriverNode(StageNode[DriverParameters]):
             if not self._stopping:
                 self._publish_status(StreamStatus.FINISHED)
 
-    def _stream(self, load_cell: LoadCell) -> None:
-        self._info.publish(load_cell_to(load_cell, self._source.start_stamp))
+    def _stream(self, source: Source) -> None:
+        self._info.publish(load_cell_to(source.load_cell, source.start_stamp))
         self._publish_status(StreamStatus.RUNNING)
-        held_back = self._source.paced and self.parameters.lossless
-        if held_back and not self._wait_for(self._has_listeners, 'a segmenter'):
+        held_back = source.paced and self.parameters.lossless
+        if not self._line_is_there(source):
             return
-        pacer = Pacer(self.parameters.rate, load_cell.sample_rate, time.monotonic())
-        for event in self._source:
-            if self._source.paced and not self._wait_until(pacer.due(event)):
+        rate = source.load_cell.sample_rate
+        pacer = Pacer(self.parameters.rate, rate, time.monotonic())
+        for event in source:
+            if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
                 return
             if held_back and isinstance(event, SampleBlock):
                 block = event
                 if not self._wait_for(
-                    lambda: self._flow.may_send(block, load_cell.sample_rate),  # noqa: B023
+                    lambda: self._flow.may_send(block, rate),  # noqa: B023
                     'segmenter and verdicts to catch up',
                 ):
                     return
             self._publish(event)
+
+    def _line_is_there(self, source: Source) -> bool:
+        """Wait for the line behind the driver; return whether to go on.
+
+        A recording waits for a segmenter as long as it takes. Nothing waits for ever for the
+        reject node, for whoever feeds only the segmenter has none.
+        """
+        if source.paced and not self.parameters.lossless:
+            return True
+        if source.paced and not self._wait_for(self._has_listeners, 'a segmenter'):
+            return False
+        ready = self._wait_for(self._has_line, '', patience=_PATIENCE)
+        missing = [] if self._has_listeners() else ['a segmenter']
+        if not self._has_reject():
+            missing.append('an active reject node')
+        if ready and missing:
+            self.warn(f'the stream begins without {" and ".join(missing)}')
+        return ready
+
+    def _has_line(self) -> bool:
+        return self._has_listeners() and self._has_reject()
+
+    def _has_reject(self) -> bool:
+        """Tell whether a reject node says that it is active, and takes the edges."""
+        return (
+            self._reject_ready
+            and self.count_publishers(self.resolve_topic_name(topics.STOP_REQUEST.name)) > 0
+            and self._eyes.get_subscription_count()
+            >= self.count_subscribers(self.resolve_topic_name(topics.PHOTO_EYES.name))
+        )
 
     def _has_listeners(self) -> bool:
         """Tell whether driver and segmenter have found each other, both of them."""
@@ -152,14 +275,17 @@ class DriverNode(StageNode[DriverParameters]):
             for publisher in (self._samples, self._eyes, self._status)
         )
 
-    def _wait_for(self, condition: Any, what: str) -> bool:
-        """Wait until a condition holds; return whether to go on."""
+    def _wait_for(self, condition: Any, what: str, patience: float = math.inf) -> bool:
+        """Wait until a condition holds or `patience` s are over; return whether to go on."""
         with self._changed:
-            asked = time.monotonic()
+            began = asked = time.monotonic()
             while not self._stopping and not condition():
                 self._changed.wait(timeout=0.02)
-                if time.monotonic() - asked > _PATIENCE:
-                    asked = time.monotonic()
+                now = time.monotonic()
+                if now - began > patience:
+                    break
+                if now - asked > _PATIENCE and what:
+                    asked = now
                     self.warn(f'the source is held back: waiting for {what}')
             return not self._stopping
 
@@ -177,7 +303,9 @@ class DriverNode(StageNode[DriverParameters]):
             self._samples.publish(samples_to(event))
             self.count('blocks')
         elif isinstance(event, EyeEdge):
-            self._edges_sent += 1
+            with self._changed:
+                self._edges.append(event)
+                self._edges_sent += 1
             self._eyes.publish(edge_to(event))
             self.count('edges')
         elif isinstance(event, Reference):

@@ -99,6 +99,7 @@ class StopReason(StrEnum):
     TOO_MANY_REJECTS = 'TooManyRejects'
     UNCONFIRMED_REJECT = 'UnconfirmedReject'
     CONFIRMED_ACCEPT = 'ConfirmedAccept'
+    NOT_READY = 'NotReady'
 
     @property
     def hint(self) -> str:
@@ -110,6 +111,7 @@ _STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
+    StopReason.NOT_READY: 'no verdicts come: reject is not active; activate it or start it again',
 }
 
 
@@ -344,3 +346,28 @@ class StopRequest:
     reason: StopReason
     item_id: int
     stamp: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LineHistory:
+    """What the driver remembers of its stream.
+
+    Attributes
+    ----------
+    stream : int
+        Its number.
+    stamp : int
+        ns, how far the stream has come.
+    first_edge : int
+        Edges before ``edges[0]``.
+    edges : tuple of EyeEdge
+        The latest, as they were sent.
+    verdicts : tuple of Verdict
+        The latest that came.
+    """
+
+    stream: int
+    stamp: int
+    first_edge: int = 0
+    edges: tuple[EyeEdge, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()

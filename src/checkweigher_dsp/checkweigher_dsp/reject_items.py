@@ -1,15 +1,17 @@
 """The items that wait for their verdict and those that have it, with their numbers."""
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from checkweigher_dsp.records import MassEstimate
+from checkweigher_dsp.records import MassEstimate, Verdict
 
 _MAX_PENDING = 10_000
 _MAX_JUDGED = 1_000
 # A number that is further ahead than this was not counted by anybody.
 _MAX_AHEAD = 10_000
+_MAX_NUMBER = 2**62
 
 
 class _Stamped(Protocol):
@@ -125,14 +127,33 @@ class RejectItems:
             self._ahead = max(self._ahead, number - item.count)
         item.number, item.estimate_id = number, estimate_id
         self._largest = max(self._largest, number)
-        self._numbers.add(number)
-        self._judged.append(item)
         self.pending.remove(item)
+        self._remember(item)
+        return number
+
+    def recall(self, verdicts: Iterable[Verdict]) -> None:
+        """Note what others have judged and count anew by the eyes; numbers go on above all."""
+        for verdict in verdicts:
+            number = verdict.item_id
+            if number not in self._numbers and 0 < number < _MAX_NUMBER:
+                self._largest = max(self._largest, number)
+                self._remember(
+                    RejectItem(
+                        verdict.t1, None, verdict.t3, number=number, estimate_id=verdict.estimate_id
+                    )
+                )
+        for item in self._judged:
+            item.count = None  # the eyes may show it once more
+        self._forgotten = max(self._forgotten, self._largest)
+        self._ahead = 0
+
+    def _remember(self, item: RejectItem) -> None:
+        self._numbers.add(item.number)
+        self._judged.append(item)
         if len(self._judged) > _MAX_JUDGED:
             forgotten = self._judged.popleft().number
             self._numbers.remove(forgotten)
             self._forgotten = max(self._forgotten, forgotten)
-        return number
 
     def _wanted_number(self, item: RejectItem, estimate_id: int) -> int:
         if item.count is None:
@@ -140,5 +161,5 @@ class RejectItems:
             return estimate_id if estimate_id > 0 and near else self._largest + 1
         own = item.count + self._ahead
         # The first number tells how many items there were before this stage was started.
-        limit = own + _MAX_AHEAD if self._largest else 2**62
+        limit = own + _MAX_AHEAD if self._largest else _MAX_NUMBER
         return estimate_id if own <= estimate_id <= limit else own

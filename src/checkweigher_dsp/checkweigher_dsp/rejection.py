@@ -5,6 +5,7 @@ before it hung or died, is a FAULT in time for the rejector all the same.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import Field, dataclass, replace
 import math
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
+    LineHistory,
     MassEstimate,
     Reason,
     Verdict,
@@ -33,6 +35,7 @@ _PATIENCE = NANOSECONDS // 10
 _PATIENCE_GIVEN_UP = NANOSECONDS
 _MAX_EARLY = 10_000
 _MAX_STAMPS = 4_000
+_MAX_ARRIVALS = 400
 
 
 def _shared(name: str) -> Any:
@@ -78,6 +81,9 @@ class RejectParameters(Parameters):
     )  # fmt: skip
     max_rejects_in_a_row: int = parameter(
         0, 'so many raise a stop request; 0 for none', minimum=0, maximum=1_000_000
+    )
+    autostart: bool = parameter(
+        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
 
     def __post_init__(self) -> None:
@@ -130,10 +136,16 @@ class RejectStage:
         self._tracker: ItemTracker | None = None
         self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
         self._stamps: dict[int, None] = {}  # of the latest edges, an ordered set
+        self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
         self._first: int | None = None
         self._newest: int | None = None
         if weigh_length is not None:
             self._tracker = self._new_tracker(weigh_length, 0)
+
+    @property
+    def weigh_length(self) -> float | None:
+        """Between the eyes, m; None while it is not known."""
+        return self._weigh_length
 
     @property
     def due(self) -> int | None:
@@ -169,6 +181,7 @@ class RejectStage:
             self.restart(now)
         self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
         self._newest = edge.stamp if self._newest is None else max(self._newest, edge.stamp)
+        self._arrivals.append((edge, now))
         self._stamps[edge.stamp] = None
         if len(self._stamps) > _MAX_STAMPS:
             del self._stamps[next(iter(self._stamps))]
@@ -199,6 +212,77 @@ class RejectStage:
         ]
         overdue += [item for item in self._items.too_many() if item not in overdue]
         return [self._give(item, self._without_estimate(item), now) for item in overdue]
+
+    def stop(self, now: int | None = None) -> list[Verdict]:
+        """Give whatever the eyes have shown its verdict: no mass is waited for any more."""
+        if self._tracker is not None:
+            for item in self._tracker.give_up(Reason.NO_ESTIMATE):
+                self._see(item, now)
+        self.restart(now)
+        self._arrivals.clear()
+        return self._give_up_pending(now)
+
+    def recall(
+        self,
+        history: LineHistory,
+        live: Sequence[tuple[EyeEdge, int | None]] = (),
+        now: int | None = None,
+    ) -> list[Verdict]:
+        """Take what happened before this stage was there.
+
+        An item that had passed the eyes by then and has no verdict is a FAULT now: its mass, if
+        there was one, went to nobody. One that is still on the belt goes on as usual.
+
+        Parameters
+        ----------
+        history : LineHistory
+            What the driver remembers. With other stages judging before this one, their verdicts.
+        live : sequence of (EyeEdge, int or None)
+            Edges that have come and were kept back until now, each with its time.
+        now : int, optional
+            ns.
+        """
+        live = [*self._arrivals, *live]
+        known = {edge for edge, _ in live}
+        begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
+        missed = history.edges[:begin]
+        self._items.recall(history.verdicts)
+        verdicts: list[Verdict] = []
+        if missed and self._weigh_length is not None:
+            self._items.pending.clear()  # they are found again, with all their edges
+            self._tracker = self._new_tracker(self._weigh_length, 0)
+            self._first = self._newest = None
+            self._arrivals.clear()
+            for edge in missed:
+                self.add_edge(edge)
+            self._arrivals.clear()
+            if history.first_edge:
+                self._forget_cut(missed[0].stamp)
+            verdicts = self._give_up_pending(now, history.stamp)
+        else:
+            live = live[len(self._arrivals) :]
+        for edge, came in live:
+            verdicts += self.add_edge(edge, came)
+        return verdicts
+
+    def _forget_cut(self, begin: int) -> None:
+        """Forget items whose first edges the history lacks: the oldest, long past the rejector."""
+        assert self._weigh_length is not None
+        end = begin + round(NANOSECONDS * self._weigh_length / self.parameters.min_belt_speed)
+        self._items.pending = [
+            item
+            for item in self._items.pending
+            if item.t1 is not None or min(stamps_of(item), default=begin) > end
+        ]
+
+    def _give_up_pending(self, now: int | None, stamp: int | None = None) -> list[Verdict]:
+        """Return the verdicts on all that wait; `stamp` is the time of the stamps at `now`."""
+        verdicts = []
+        for item in list(self._items.pending):
+            if now is not None and stamp is not None and item.reject_at is not None:
+                item.late_from = now + item.reject_at - stamp
+            verdicts.append(self._give(item, self._without_estimate(item), now))
+        return verdicts
 
     def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
         return ItemTracker(
@@ -251,7 +335,7 @@ class RejectStage:
             0,
             item.t3,
             Decision.FAULT,
-            (*item.reasons, Reason.NO_ESTIMATE.value),
+            tuple(dict.fromkeys((*item.reasons, Reason.NO_ESTIMATE.value))),
             lower_limit=self.parameters.lower_limit,
             upper_limit=self.parameters.upper_limit,
             reject_at=item.reject_at,

@@ -20,6 +20,7 @@ from checkweigher_dsp.records import (
     Decision,
     Eye,
     EyeEdge,
+    LineHistory,
     LoadCell,
     MassEstimate,
     Reference,
@@ -258,6 +259,27 @@ def stop_request_to(request: StopRequest | None) -> messages.StopRequest:
         hint=request.reason.hint,
         item_id=int(request.item_id),
     )
+
+
+def history_from(response: Any) -> LineHistory:
+    """Return the history of a LineHistory response; ValueError for an eye that does not exist."""
+    return LineHistory(
+        stream=int(response.stream),
+        stamp=stamp_from(response.header.stamp),
+        first_edge=int(response.first_edge),
+        edges=tuple(edge_from(edge) for edge in response.edges),
+        verdicts=tuple(verdict_from(verdict) for verdict in response.verdicts),
+    )
+
+
+def fill_history(history: LineHistory, response: Any) -> Any:
+    """Write a history into a LineHistory response and return it."""
+    response.header = header_to(history.stamp)
+    response.stream = int(history.stream)
+    response.first_edge = int(history.first_edge)
+    response.edges = [edge_to(edge) for edge in history.edges]
+    response.verdicts = [verdict_to(verdict) for verdict in history.verdicts]
+    return response
 
 
 def _array(typecode: str, values: NDArray[Any]) -> 'array.array[Any]':

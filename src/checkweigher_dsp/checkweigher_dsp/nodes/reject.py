@@ -4,27 +4,45 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
+from checkweigher_msgs.msg import StreamStatus
+from checkweigher_msgs.srv import LineHistory as LineHistoryService
+from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     edge_from,
     estimate_from,
+    history_from,
     load_cell_from,
     stop_request_to,
     verdict_to,
 )
-from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
-from checkweigher_dsp.records import Reason, StopRequest, Verdict
+from checkweigher_dsp.nodes.managed import ManagedStageNode
+from checkweigher_dsp.nodes.recall import Recall
+from checkweigher_dsp.nodes.shell import HeldPublisher, run
+from checkweigher_dsp.records import (
+    LineHistory,
+    MassEstimate,
+    Reason,
+    StopReason,
+    StopRequest,
+    Verdict,
+)
 from checkweigher_dsp.reject_monitoring import RejectMonitor
 from checkweigher_dsp.reject_timing import StreamClock
 from checkweigher_dsp.rejection import RejectParameters, RejectStage
 
 _TICK = 0.005  # s, well below verdict_margin
+_NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
-class RejectNode(StageNode[RejectParameters]):
-    """Give every item that the eyes show its verdict, in time for the rejector."""
+class RejectNode(ManagedStageNode[RejectParameters]):
+    """Give every item that the eyes show its verdict, in time for the rejector.
+
+    Only while it is active: else it asks the line to stop. When it becomes active in the middle of
+    a stream, it asks the driver what it has missed.
+    """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(RejectParameters, overrides=overrides)
@@ -33,18 +51,50 @@ class RejectNode(StageNode[RejectParameters]):
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
         self._stream = 0
+        self._stream_ended = False
+        self._active = False
+        self._recall: Recall | None = None
+        self._history = self.create_client(LineHistoryService, topics.LINE_HISTORY)
         self._stop_requests = self.create_publisher(
             topics.STOP_REQUEST.type, topics.STOP_REQUEST.name, topics.STOP_REQUEST.qos
         )
-        self._stop_request: StopRequest | None = None
-        self._stop_requests.publish(stop_request_to(None))
+        self._shown: StopRequest | None = None
         self.create_service(Trigger, topics.RESET_STOP_REQUEST, self._reset)
         self._timer = self.create_timer(_TICK, self._tick)
+        self._timer.cancel()
         self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
         self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
         self.subscribe(topics.PHOTO_EYES, self._on_edge)
         self.subscribe(topics.MASS_ESTIMATE, self._on_estimate)
         self.subscribe(topics.REJECT_EYE, self._on_reject_eye)
+        self.begin()
+        if self.state == 'unconfigured':
+            self._show_stop_request()
+
+    def activate(self) -> None:
+        """Begin to judge, and say that the line may run."""
+        self._stage.restart()
+        self._monitor.restart()
+        self._recall = Recall()
+        if self._stream:
+            self._recall.hear_driver(ended=self._stream_ended)
+        self._active = True
+        self._stop_requests.publish(stop_request_to(self._monitor.request))
+        self._shown = self._monitor.request
+        self._timer.reset()
+
+    def deactivate(self) -> None:
+        """Ask the line to stop, and reject what is on it."""
+        was_active, self._active = self._active, False
+        self._show_stop_request()
+        if was_active:
+            self._settle(None)
+            self._publish(self._stage.stop(self._now()))
+        self._timer.cancel()
+
+    def last_words(self) -> list[Publisher]:
+        """Return the publishers of the request to stop and of the last verdicts."""
+        return [self._stop_requests, self._verdicts.publisher]
 
     def on_parameters(self) -> None:
         """Begin to use changed limits."""
@@ -59,22 +109,40 @@ class RejectNode(StageNode[RejectParameters]):
         self._stage.set_weigh_length(load_cell_from(message).weigh_length, self._now())
 
     def _on_driver_status(self, message: Any) -> None:
-        if message.stream == self._stream:
-            return
-        # The first one heard tells of the stream whose edges may be here already.
-        if self._stream:
-            self._stage.restart(self._now())
-            self._monitor.restart()
-        self._stream = int(message.stream)
+        if message.stream != self._stream:
+            # The first one heard tells of the stream whose edges may be here already.
+            if self._stream:
+                self._settle(None)
+                self._stage.restart(self._now())
+                self._monitor.restart()
+            self._stream = int(message.stream)
+        self._stream_ended = message.state != StreamStatus.RUNNING
+        if self._recall is not None:
+            self._recall.hear_driver(ended=self._stream_ended)
+            self._timer.reset()
 
     def _on_edge(self, message: Any) -> None:
         edge = edge_from(message)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
-        self._publish(self._stage.add_edge(edge, self._now()))
+        if not self._active:
+            return
+        if (recall := self._recall) is not None and self._holds_back():
+            recall.edges.append((edge, self._now()))
+        else:
+            self._publish(self._stage.add_edge(edge, self._now()))
         self._timer.reset()
 
     def _on_estimate(self, message: Any) -> None:
         estimate = estimate_from(message)
+        if not self._active:
+            return
+        if (recall := self._recall) is not None and self._holds_back():
+            recall.estimates.append(estimate)
+            self._timer.reset()
+        else:
+            self._judge(estimate)
+
+    def _judge(self, estimate: MassEstimate) -> None:
         late = self._stage.late_estimates
         self._publish(self._stage.add_estimate(estimate, self._now()))
         if self._stage.late_estimates > late:
@@ -84,12 +152,65 @@ class RejectNode(StageNode[RejectParameters]):
     def _on_reject_eye(self, message: Any) -> None:
         edge = edge_from(message)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
-        self._monitor.add_edge(edge)
+        if self._active:
+            self._monitor.add_edge(edge)
+            self._timer.reset()
+
+    def _holds_back(self) -> bool:
+        """Tell whether a driver will say, or has said, what stream this is."""
+        recall = self._recall
+        if recall is None:
+            return False
+        if not recall.waiting:
+            name = self.resolve_topic_name(topics.DRIVER_STATUS.name)
+            if self.count_publishers(name) == 0:
+                return False
+            recall.begin()
+        return True
+
+    def _ask_for_history(self) -> None:
+        """Ask the driver once, as soon as that can be done, and stop waiting in time."""
+        recall = self._recall
+        if recall is None:
+            return
+        if recall.driver_heard and not recall.asked and self._history.service_is_ready():
+            recall.asked = True
+            answer = self._history.call_async(LineHistoryService.Request())
+            answer.add_done_callback(lambda done: self._on_history(recall, done))
+        if recall.is_over(self._stage.weigh_length):
+            self._settle(recall.history)
+
+    def _on_history(self, recall: Recall, answer: Any) -> None:
+        try:
+            recall.answer(history_from(answer.result()))
+        except Exception as error:
+            self.warn(f'{topics.LINE_HISTORY}: {type(error).__name__}: {error}')
+            recall.answer(None)
         self._timer.reset()
+
+    def _settle(self, history: LineHistory | None) -> None:
+        """Judge what was missed, then go on with what was kept back meanwhile."""
+        recall, self._recall = self._recall, None
+        if recall is None:
+            return
+        if history is not None and history.stream == self._stream:
+            missed = self._stage.recall(history, recall.edges, self._now())
+            if missed:
+                self.count('recalls')
+                self.warn(f'{len(missed)} items were on their way when this node was not active')
+            self._publish(missed)
+            if recall.ended:  # what is on the belt will not get any further
+                self._stage.restart(self._now())
+        else:
+            for edge, came in recall.edges:
+                self._publish(self._stage.add_edge(edge, came))
+        for estimate in recall.estimates:
+            self._judge(estimate)
 
     def _tick(self) -> None:
         """Do what time alone brings, as long as there is something to wait for."""
         now = time.monotonic_ns()
+        self._ask_for_history()
         if self.parameters.deadlines:
             self._publish(self._stage.advance(now))
         strays = self._monitor.strays
@@ -100,7 +221,8 @@ class RejectNode(StageNode[RejectParameters]):
             self.count('reject_eye strays')
             self.warn('reject_eye saw something near no reject time')
         self._show_stop_request()
-        if self._stage.due is None and not self._monitor.waiting:
+        waiting = self._recall is not None and self._recall.waiting
+        if self._stage.due is None and not self._monitor.waiting and not waiting:
             self._timer.cancel()
 
     def _publish(self, verdicts: list[Verdict]) -> None:
@@ -122,12 +244,14 @@ class RejectNode(StageNode[RejectParameters]):
             self._timer.reset()
 
     def _show_stop_request(self) -> None:
-        request = self._monitor.request
-        if request == self._stop_request:
+        request = self._monitor.request if self._active else _NOT_READY
+        if request == self._shown:
             return
-        self._stop_request = request
+        self._shown = request
         self._stop_requests.publish(stop_request_to(request))
-        if request is not None:
+        if request is _NOT_READY:
+            self.get_logger().info(f'stop: {request.reason}: {request.reason.hint}')
+        elif request is not None:
             self.count(request.reason)
             self.warn(f'stop: item {request.item_id}: {request.reason}: {request.reason.hint}')
 

@@ -21,6 +21,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
@@ -33,6 +34,7 @@ _CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consu
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _LOG_PERIOD = 1.0  # s
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
+_FAREWELL = 0.1  # s, for what the end of one node is to the others of its process
 # More than this is not kept for a consumer that has not appeared yet.
 _MAX_HELD = 10_000
 
@@ -113,6 +115,11 @@ class HeldPublisher:
         self._open = False
         self._first_seen: float | None = None
 
+    @property
+    def publisher(self) -> Publisher:
+        """The publisher behind."""
+        return self._publisher
+
     def publish(self, message: Any) -> None:
         """Publish a message now, or as soon as somebody listens."""
         if self._open:
@@ -134,12 +141,12 @@ class HeldPublisher:
             self._publisher.publish(self._held.popleft())
 
     def _has_consumer(self, matched: int) -> bool:
-        if self._answer is None:
-            return True
-        kind = f'{self._answer.type.__module__.split(".")[0]}/msg/{self._answer.type.__name__}'
         readers = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
         # The graph may know of a reader that the publisher has yet to match.
-        return matched >= len(readers) and any(
+        if matched < len(readers) or self._answer is None:
+            return matched >= len(readers)
+        kind = f'{self._answer.type.__module__.split(".")[0]}/msg/{self._answer.type.__name__}'
+        return any(
             kind in self._types_published_by(reader.node_name, reader.node_namespace)
             for reader in readers
         )
@@ -195,6 +202,10 @@ class StageNode(Node, Generic[P]):
             DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
         )
         self.create_timer(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+
+    def shut_down(self) -> bool:
+        """Leave in order before the process ends; return whether others have to hear of it."""
+        return False
 
     def on_parameters(self) -> None:
         """Use `self.parameters`, which have changed."""
@@ -260,6 +271,7 @@ def run_all(
 ) -> None:
     """Run several nodes in one process until SIGINT or SIGTERM; see `run`.
 
+    On the way out the nodes shut down in the order opposite to that in which they were made.
     Signals stay with Python and only end the loop. Those of rclpy take the context away from
     whatever is under way, and KeyboardInterrupt comes up in the middle of a message.
     """
@@ -274,6 +286,7 @@ def run_all(
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
     nodes: Sequence[Node] = ()
+    executor: SingleThreadedExecutor | None = None
     try:
         _initialise(arguments)
         executor = SingleThreadedExecutor()
@@ -294,10 +307,25 @@ def run_all(
         # Ctrl-C comes twice to a node of ros2 launch, from the terminal and from launch: the
         # second one must find nothing that it could break.
         running = True
+        _shut_down(nodes, executor)
         for node in reversed(nodes):
             node.destroy_node()
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _shut_down(nodes: Sequence[Node], executor: SingleThreadedExecutor | None) -> None:
+    """Have each node leave in order, the last one first, while the others still work."""
+    for node in reversed(nodes):
+        if not isinstance(node, StageNode):
+            continue
+        try:
+            told = node.shut_down()
+            end = time.monotonic() + _FAREWELL
+            while told and executor is not None and len(nodes) > 1 and time.monotonic() < end:
+                executor.spin_once(timeout_sec=_FAREWELL)
+        except Exception as error:  # the others have to be shut down all the same
+            print(f'checkweigher: {type(error).__name__}: {error}', file=sys.stderr)
 
 
 def _initialise(arguments: Sequence[str] | None) -> None:

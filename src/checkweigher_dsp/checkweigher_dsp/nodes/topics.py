@@ -70,6 +70,8 @@ DRIVER_STATUS = _topic('load_cell/status', StreamStatus, _kept(1))
 SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
 # Of type std_srvs/srv/Trigger.
 RESET_STOP_REQUEST = 'reset_stop_request'
+# Of type LineHistory.
+LINE_HISTORY = 'line_history'
 DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
 
 ALL = (

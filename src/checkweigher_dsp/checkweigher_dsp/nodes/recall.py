@@ -1,0 +1,75 @@
+"""What the reject node keeps back while it asks the driver what it has missed."""
+
+from dataclasses import dataclass, field
+import time
+
+from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
+
+_PATIENCE = 1.0  # s in all: what is on the belt cannot wait longer
+_NO_SERVICE = 0.2  # s, after which a driver that is heard but offers no history has none
+_ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
+
+
+@dataclass
+class Recall:
+    """One question to the driver, and what comes while the answer is not there.
+
+    Attributes
+    ----------
+    driver_heard, asked : bool
+        Whether the driver has said what stream this is, and whether it was asked.
+    ended : bool
+        Whether it said that the stream is over.
+    edges, estimates : list
+        What has been kept back, edges with the time at which they came.
+    history : LineHistory or None
+        The answer.
+    """
+
+    driver_heard: bool = False
+    asked: bool = False
+    ended: bool = False
+    edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
+    estimates: list[MassEstimate] = field(default_factory=list)
+    history: LineHistory | None = None
+    _began: float | None = None
+    _answered: float | None = None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether time alone may end it."""
+        return self._began is not None
+
+    def hear_driver(self, *, ended: bool) -> None:
+        """Note what the driver says of its stream."""
+        self.driver_heard, self.ended = True, ended
+        self.begin()
+
+    def begin(self) -> None:
+        """Keep back what comes from now on."""
+        self._began = time.monotonic() if self._began is None else self._began
+
+    def answer(self, history: LineHistory | None) -> None:
+        """Take the answer, None if there will be none."""
+        self.history, self._answered = history, time.monotonic()
+
+    def is_over(self, weigh_length: float | None) -> bool:
+        """Tell whether to go on, with the answer or without.
+
+        Parameters
+        ----------
+        weigh_length : float or None
+            Without it edges are no items.
+        """
+        if self._began is None:
+            return False
+        now = time.monotonic()
+        if now - self._began > _PATIENCE:
+            return True
+        if self._answered is None:
+            return not self.asked and now - self._began > _NO_SERVICE
+        if self.history is None or not self.history.edges:
+            return True
+        # From the first edge on that has come, none is missing: before that, some may be due.
+        complete = bool(self.edges) or now - self._answered > _ON_THE_WAY
+        return complete and weigh_length is not None
