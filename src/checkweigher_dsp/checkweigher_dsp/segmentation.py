@@ -23,7 +23,7 @@ from checkweigher_dsp.records import (
 from checkweigher_dsp.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmenter_parameters import SegmenterParameters
 from checkweigher_dsp.zero_setting import ZeroAnswer, ZeroSetting
-from checkweigher_dsp.zero_tracking import ZeroLimits, ZeroTracker
+from checkweigher_dsp.zero_tracking import Zero, ZeroLimits, ZeroTracker
 
 __all__ = ['Segmenter', 'SegmenterParameters']
 
@@ -215,6 +215,26 @@ class Segmenter:
             self._check_start(waiting)
             self._motion.check(waiting)
             self._waiting.append(waiting)
+
+    @property
+    def zero(self) -> Zero:
+        """The zero as it stands."""
+        return self._zero_tracker.zero
+
+    def idle_belt(self) -> NDArray[np.int32]:
+        """Return the last samples of a belt that surely is empty and settled, (n,); none if not."""
+        nothing = np.zeros(0, np.int32)
+        if self._buffer.empty or not self._tracker.is_empty:
+            return nothing
+        rate, known = self.load_cell.sample_rate, self._parameters
+        end = self._buffer.end - round(known.edge_lateness * rate)
+        begin = max(self._buffer.start, end - round(known.zero_time * rate))
+        left = self._tracker.empty_since
+        if left is not None:
+            settled = left + round(NANOSECONDS * known.settle_time)
+            begin = max(begin, self._buffer.index_at(settled))
+        whole = begin < end and self._buffer.is_whole(begin, end)
+        return self._buffer.read(begin, end) if whole else nothing
 
     def finish(self) -> list[WeighWindow]:
         """Return what is still on the belt, as faults: the stream has ended."""

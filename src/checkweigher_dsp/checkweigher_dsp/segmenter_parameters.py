@@ -51,6 +51,10 @@ class SegmenterParameters(Parameters):
         0.1, 'an empty belt whose halves differ by more is not read', unit='kg',
         minimum=0, maximum=1e6,
     )  # fmt: skip
+    max_belt_noise: float = parameter(
+        0.0, 'standard deviation of the empty belt that is warned of in the diagnostics; 0: none',
+        unit='kg', minimum=0, maximum=1e6,
+    )  # fmt: skip
     min_belt_speed: float = parameter(
         0.1, 'slowest belt; an item that takes longer is given up', unit='m/s',
         minimum=1e-3, maximum=100,

@@ -1,9 +1,12 @@
 """The denoise node: weigh_window to denoised_window."""
 
 from collections.abc import Sequence
+import time
 from typing import Any
 
 from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
+from checkweigher_dsp.health import Finding
+from checkweigher_dsp.item_health import WorkloadWatch
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import window_from, window_to
 from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
@@ -15,6 +18,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DenoiseParameters, overrides=overrides)
         self._windows = HeldPublisher(self, topics.DENOISED_WINDOW, topics.MASS_ESTIMATE)
+        self._workload = WorkloadWatch()
         self.on_parameters()
         self.subscribe(topics.WEIGH_WINDOW, self._on_window)
 
@@ -23,7 +27,14 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._denoiser = Denoiser(self.parameters)
 
     def _on_window(self, message: Any) -> None:
+        began = time.monotonic()
         self._windows.publish(window_to(self._denoiser.denoise(window_from(message))))
+        now = time.monotonic()
+        self._workload.add(now, now - began)
+
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return how long the windows take."""
+        return [self._workload.finding(now)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

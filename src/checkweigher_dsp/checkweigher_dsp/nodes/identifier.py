@@ -1,9 +1,12 @@
 """The identifier node: denoised_window to mass_estimate."""
 
 from collections.abc import Sequence
+import time
 from typing import Any
 
 from checkweigher_dsp.estimation import Identifier, IdentifierParameters
+from checkweigher_dsp.health import Finding
+from checkweigher_dsp.item_health import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import estimate_to, window_from
 from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
@@ -16,14 +19,18 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(IdentifierParameters, overrides=overrides)
         self._estimates = HeldPublisher(self, topics.MASS_ESTIMATE, topics.VERDICT)
+        self._workload = WorkloadWatch()
         self.on_parameters()
         self.subscribe(topics.DENOISED_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
         """Begin to use a changed estimator."""
         self._identifier = Identifier(self.parameters)
+        # What was usual of the estimator before is not of this one.
+        self._convergence = ConvergenceWatch()
 
     def _on_window(self, message: Any) -> None:
+        began = time.monotonic()
         window = window_from(message)
         estimate = self._identifier.estimate(window)
         if not window.reasons:  # those the segmenter has told already
@@ -31,6 +38,15 @@ class IdentifierNode(StageNode[IdentifierParameters]):
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
         self.count('weighed' if estimate.weighed else 'faults')
         self._estimates.publish(estimate_to(estimate))
+        now = time.monotonic()
+        self._workload.add(now, now - began)
+        if not window.reasons:
+            self._convergence.add(now, estimate)
+
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return how sure the masses are, and how long they take."""
+        limit = self.parameters.max_relative_std_dev
+        return [self._convergence.finding(now, limit), self._workload.finding(now)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

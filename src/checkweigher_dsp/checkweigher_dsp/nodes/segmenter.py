@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+import time
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
@@ -9,6 +10,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     edge_from,
@@ -20,6 +22,7 @@ from checkweigher_dsp.nodes.conversion import (
 from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
 from checkweigher_dsp.records import EyeEdge, LoadCell, Reason, SampleBlock, WeighWindow
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmenter_health import SegmenterWatch
 
 # Samples and edges that come before load_cell/info are kept: it is latched and soon there.
 _MAX_EARLY = 10_000
@@ -38,6 +41,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
         self._load_cell: LoadCell | None = None
         self._segmenter: Segmenter | None = None
+        self._watch = SegmenterWatch(self.parameters, time.monotonic())
         self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
         self._items_before = 0
         self._last_stamp = 0
@@ -93,6 +97,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._load_cell is not None:
             self.warn('load_cell/info has changed: what is on the belt is a fault')
         self._load_cell = load_cell
+        self.diagnostics.set_hardware(load_cell)
         self._start()
         while self._early:
             self._take(self._early.popleft())
@@ -101,6 +106,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         """Begin a new stream; what is on the belt of the one before is a fault."""
         if self._load_cell is None:
             return
+        self._watch.begin_stream(time.monotonic(), self._load_cell)
         count = 0
         if self._segmenter is not None:
             self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
@@ -119,6 +125,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _take(self, event: SampleBlock | EyeEdge) -> None:
         segmenter = self._segmenter
         assert segmenter is not None
+        self._watch.add(time.monotonic(), event)
         if isinstance(event, SampleBlock):
             self._publish(segmenter.add_samples(event))
             self._last_stamp = event.stamp
@@ -142,12 +149,15 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._stream = int(message.stream)
             self._end = None
             self._end_timer.cancel()
+            if self._load_cell is not None:
+                self._watch.begin_stream(time.monotonic(), self._load_cell)
             if self._segmenter is not None and self._segmenter.samples > 0:
                 self._start()
             self._announced = True
             self._answer_timer.reset()
         else:
             self._stream = int(message.stream)
+            self._watch.end_stream(well=message.state == StreamStatus.FINISHED, text=message.text)
             self._end = (int(message.samples), int(message.edges))
             self._end_timer.reset()
             self._finish_if_ended()
@@ -194,11 +204,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
 
     def _publish(self, windows: list[WeighWindow]) -> None:
         for window in windows:
+            self._windows.publish(window_to(window))
             self.count('windows')
+            if self._segmenter is not None:
+                self._watch.add_window(time.monotonic(), window, self._segmenter)
             for reason in window.reasons:
                 self.count(reason)
                 self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
-            self._windows.publish(window_to(window))
+
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return how samples, clock, eyes, zero, belt and items are."""
+        if self._segmenter is not None:
+            self._watch.look(now, self._segmenter)
+        return self._watch.findings(now, time.time() - time.monotonic())
 
     def _publish_status(self, state: int) -> None:
         if self._segmenter is None:

@@ -1,7 +1,7 @@
-"""What all nodes of the line have in common: parameters, publishing, diagnostics, start and end."""
+"""What all nodes of the line have in common: parameters, publishing, start and end."""
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field
 import math
 import signal
@@ -9,7 +9,6 @@ import sys
 import time
 from typing import Any, Generic, TypeVar, cast
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
@@ -22,17 +21,19 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
-from checkweigher_dsp.nodes.topics import DIAGNOSTICS, Topic
+from checkweigher_dsp.health import Finding
+from checkweigher_dsp.nodes.connections import MAKERS
+from checkweigher_dsp.nodes.diagnostics import Diagnostics
+from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
 _LARGEST_INTEGER = 2**63 - 1
 _POLL_PERIOD = 0.01  # s
 _CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
-_DIAGNOSTICS_PERIOD = 1.0  # s
-_LOG_PERIOD = 1.0  # s
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
 _FAREWELL = 0.1  # s, for what the end of one node is to the others of its process
 # More than this is not kept for a consumer that has not appeared yet.
@@ -172,6 +173,8 @@ class StageNode(Node, Generic[P]):
         Values that win over those from the command line.
     """
 
+    _health: Diagnostics | None = None  # Node itself makes publishers before there is any
+
     def __init__(
         self,
         parameters: type[P],
@@ -189,19 +192,14 @@ class StageNode(Node, Generic[P]):
             )
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
-        self._counters: dict[str, int] = {}
-        self._warning = ''
-        self._last_logged = ('', 0.0)
+        self._health = self.diagnostics = Diagnostics(self, self.diagnose)
         try:
             self.parameters = declare(self, parameters, read_only=read_only)
         except ParameterError:
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_parameters)
-        self._diagnostics = self.create_publisher(
-            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
-        )
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self.diagnostics.start()
 
     def shut_down(self) -> bool:
         """Leave in order before the process ends; return whether others have to hear of it."""
@@ -210,8 +208,29 @@ class StageNode(Node, Generic[P]):
     def on_parameters(self) -> None:
         """Use `self.parameters`, which have changed."""
 
-    def subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
-        """Subscribe to a topic; a message that the callback cannot use is counted, not fatal."""
+    def diagnose(self, now: float) -> Iterable[Finding]:
+        """Return how the aspects of this stage are at `now`, s of the monotonic clock."""
+        return ()
+
+    def create_publisher(
+        self, msg_type: Any, topic: str, qos_profile: QoSProfile | int, **options: Any
+    ) -> Publisher:
+        """Create a publisher that tells of subscribers whose QoS does not fit."""
+        if self._health is None or not isinstance(qos_profile, QoSProfile):
+            return super().create_publisher(msg_type, topic, qos_profile, **options)
+        connections = self._health.connections
+        options.setdefault('event_callbacks', connections.output_events(topic))
+        publisher = super().create_publisher(msg_type, topic, qos_profile, **options)
+        connections.add_output(topic, publisher, qos_profile)
+        return publisher
+
+    def subscribe(
+        self, topic: Topic, callback: Callable[[Any], None], *, needed: bool | None = None
+    ) -> Subscription:
+        """Subscribe to a topic; a message that the callback cannot use is counted, not fatal.
+
+        `needed` says whether somebody has to publish there; by default where the stages do.
+        """
 
         def guarded(message: Any) -> None:
             self.count(f'{topic.name} received')
@@ -220,20 +239,25 @@ class StageNode(Node, Generic[P]):
             except Exception as error:
                 self.warn(f'refused a message on {topic.name}: {type(error).__name__}: {error}')
                 self.count(f'{topic.name} refused')
+                self.diagnostics.connections.refused(time.monotonic(), topic.name, str(error))
 
-        return self.create_subscription(topic.type, topic.name, guarded, topic.stage_qos)
+        connections = self.diagnostics.connections
+        subscription = self.create_subscription(
+            topic.type, topic.name, guarded, topic.stage_qos,
+            event_callbacks=connections.input_events(topic.name),
+        )  # fmt: skip
+        if needed is None:
+            needed = topic.name in MAKERS
+        connections.add_input(topic.name, subscription, topic.stage_qos, needed=needed)
+        return subscription
 
     def count(self, name: str) -> None:
         """Count something for the diagnostics."""
-        self._counters[name] = self._counters.get(name, 0) + 1
+        self.diagnostics.count(name)
 
     def warn(self, text: str) -> None:
         """Log a warning, the same one at most once a second, and show it in the diagnostics."""
-        self._warning = text
-        now = time.monotonic()
-        if text != self._last_logged[0] or now - self._last_logged[1] > _LOG_PERIOD:
-            self._last_logged = (text, now)
-            self.get_logger().warning(text)
+        self.diagnostics.warn(text)
 
     def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
         values = self.parameters.as_mapping()
@@ -246,19 +270,6 @@ class StageNode(Node, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
         self.on_parameters()
         return SetParametersResult(successful=True)
-
-    def _publish_diagnostics(self) -> None:
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if self._warning else DiagnosticStatus.OK,
-            name=self.get_fully_qualified_name().lstrip('/'),
-            message=self._warning or 'running',
-            hardware_id='checkweigher',
-            values=[KeyValue(key=k, value=str(v)) for k, v in self._counters.items()],
-        )
-        self._warning = ''
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:

@@ -1,0 +1,216 @@
+"""What a technician is told of the line: findings with a level, and what was seen lately.
+
+Times are seconds on a clock that never steps back; the caller has it, nothing here does.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+MINUTE = 60.0  # s, what is called lately
+_MAX_VALUES = 10_000
+
+
+class Level(IntEnum):
+    """How bad it is; the numbers of DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Concern:
+    """One thing that is wrong: what is, and what to check."""
+
+    level: Level
+    text: str
+    hint: str
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """How one aspect of a node is.
+
+    Attributes
+    ----------
+    aspect : str
+        As in docs/interfaces.md.
+    level : Level
+        How bad it is.
+    text, hint : str
+        What is, in one sentence, and what to check; no hint where all is well.
+    values : mapping of str to float or str
+        The figures behind it, the unit in the key.
+    """
+
+    aspect: str
+    level: Level
+    text: str
+    hint: str = ''
+    values: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def message(self) -> str:
+        """Text and hint in one line."""
+        return f'{self.text}; {self.hint}' if self.hint else self.text
+
+
+def conclude(
+    aspect: str,
+    well: str,
+    concerns: Iterable[Concern],
+    values: Mapping[str, float | str] | None = None,
+) -> Finding:
+    """Return the finding of the worst concern, of the first of these; `well` if there is none."""
+    worst = max(concerns, key=lambda concern: concern.level, default=None)
+    if worst is None:
+        return Finding(aspect, Level.OK, well, values=values or {})
+    return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
+
+
+class RecentValues:
+    """The values of the last `duration` seconds, at most `limit` of them.
+
+    Parameters
+    ----------
+    duration : float
+        s.
+    limit : int
+        Values.
+    """
+
+    def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
+        self._duration = duration
+        self._entries: deque[tuple[float, float]] = deque(maxlen=limit)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def add(self, time: float, value: float) -> None:
+        """Take a value seen at `time`, s; one that is not finite is passed over."""
+        if math.isfinite(value):
+            self._entries.append((time, value))
+
+    def forget(self, now: float) -> None:
+        """Drop what is older than the duration at `now`, s."""
+        while self._entries and self._entries[0][0] <= now - self._duration:
+            self._entries.popleft()
+
+    def clear(self) -> None:
+        """Drop all."""
+        self._entries.clear()
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """When the values were seen, s, the oldest first."""
+        return np.array([time for time, _ in self._entries])
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The values, the oldest first."""
+        return np.array([value for _, value in self._entries])
+
+    @property
+    def total(self) -> float:
+        """Sum of the values."""
+        return math.fsum(value for _, value in self._entries)
+
+    @property
+    def median(self) -> float:
+        """Median of the values, NaN without any."""
+        return float(np.median(self.values)) if self._entries else math.nan
+
+    @property
+    def largest(self) -> float:
+        """Largest value, NaN without any."""
+        return max((value for _, value in self._entries), default=math.nan)
+
+    @property
+    def smallest(self) -> float:
+        """Smallest value, NaN without any."""
+        return min((value for _, value in self._entries), default=math.nan)
+
+    def quantile(self, share: float) -> float:
+        """Return the value that a share of all does not exceed, NaN without any."""
+        return float(np.quantile(self.values, share)) if self._entries else math.nan
+
+    @property
+    def slope(self) -> float:
+        """Change of the values in a second, the median over all pairs; NaN with fewer than two.
+
+        Of Theil and Sen: up to 29 % of the values may be anything.
+        """
+        if len(self._entries) < 2:
+            return math.nan
+        times, values = self.times, self.values
+        first, second = np.triu_indices(len(times), 1)
+        elapsed = times[second] - times[first]
+        moved = elapsed > 0
+        if not moved.any():
+            return math.nan
+        return float(np.median((values[second] - values[first])[moved] / elapsed[moved]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    time: float
+    reasons: tuple[str, ...]
+
+
+class RecentItems:
+    """What became of the last items, and why those that failed did.
+
+    Parameters
+    ----------
+    count : int
+        Items that are remembered.
+    duration : float
+        s, for which they are.
+    """
+
+    def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
+        self._duration = duration
+        self._items: deque[_Outcome] = deque(maxlen=count)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def add(self, time: float, reasons: Iterable[str] = ()) -> None:
+        """Take an item and why it failed; with no reason it did not."""
+        self._items.append(_Outcome(time, tuple(reasons)))
+
+    def forget(self, now: float) -> None:
+        """Drop what is older than the duration at `now`, s."""
+        while self._items and self._items[0].time <= now - self._duration:
+            self._items.popleft()
+
+    @property
+    def failed(self) -> int:
+        """How many of them failed."""
+        return sum(bool(item.reasons) for item in self._items)
+
+    @property
+    def failed_in_a_row(self) -> int:
+        """How many failed since the last one that did not."""
+        count = 0
+        for item in reversed(self._items):
+            if not item.reasons:
+                break
+            count += 1
+        return count
+
+    @property
+    def main_reason(self) -> str:
+        """The first reason of most of those that failed, empty if none did."""
+        counts: dict[str, int] = {}
+        for item in self._items:
+            for reason in item.reasons[:1]:
+                counts[reason] = counts.get(reason, 0) + 1
+        return max(counts, key=lambda reason: counts[reason], default='')
