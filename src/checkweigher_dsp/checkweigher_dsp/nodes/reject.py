@@ -9,6 +9,8 @@ from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
+from checkweigher_dsp.health import Finding
+from checkweigher_dsp.item_health import RejectorWatch, VerdictWatch
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     edge_from,
@@ -22,6 +24,7 @@ from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.recall import Recall
 from checkweigher_dsp.nodes.shell import HeldPublisher, run
 from checkweigher_dsp.records import (
+    Eye,
     LineHistory,
     MassEstimate,
     Reason,
@@ -55,6 +58,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._active = False
         self._recall: Recall | None = None
         self._history = self.create_client(LineHistoryService, topics.LINE_HISTORY)
+        self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
         self._stop_requests = self.create_publisher(
             topics.STOP_REQUEST.type, topics.STOP_REQUEST.name, topics.STOP_REQUEST.qos
         )
@@ -106,7 +110,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return time.monotonic_ns() if self.parameters.deadlines else None
 
     def _on_info(self, message: Any) -> None:
-        self._stage.set_weigh_length(load_cell_from(message).weigh_length, self._now())
+        load_cell = load_cell_from(message)
+        self.diagnostics.set_hardware(load_cell)
+        self._stage.set_weigh_length(load_cell.weigh_length, self._now())
 
     def _on_driver_status(self, message: Any) -> None:
         if message.stream != self._stream:
@@ -123,6 +129,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_edge(self, message: Any) -> None:
         edge = edge_from(message)
+        if edge.eye == Eye.OUTFEED and edge.blocked:
+            self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if not self._active:
             return
@@ -219,6 +227,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._monitor.advance(stream_time)
         if self._monitor.strays > strays:
             self.count('reject_eye strays')
+            self._rejector_watch.add_strays(time.monotonic(), self._monitor.strays - strays)
             self.warn('reject_eye saw something near no reject time')
         self._show_stop_request()
         waiting = self._recall is not None and self._recall.waiting
@@ -228,6 +237,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _publish(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
             self._verdicts.publish(verdict_to(verdict))  # before all else: the rejector waits
+            self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
             if not verdict.estimate_id:
                 self.count(Reason.NO_ESTIMATE)
@@ -254,6 +264,18 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         elif request is not None:
             self.count(request.reason)
             self.warn(f'stop: item {request.item_id}: {request.reason}: {request.reason.hint}')
+
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return how the verdicts, the line before this node and the rejector are."""
+        known = self.parameters
+        watch = self._verdict_watch
+        confirmed = known.confirmation_time > 0
+        no_masses = self.diagnostics.connections.lacks_input(topics.MASS_ESTIMATE.name)
+        return [
+            watch.verdicts(now, known.verdict_margin, deadlines=known.deadlines),
+            watch.line(now, 'identifier' if no_masses else ''),
+            self._rejector_watch.finding(now, self._monitor.request, confirmed=confirmed),
+        ]
 
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request."""
