@@ -12,9 +12,11 @@ from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 
+from checkweigher_driver.driver_health import DriverWatch
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import SOURCES, Source, source_class
+from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     edge_to,
@@ -84,6 +86,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ParameterError:
             self.destroy_node()
             raise
+        self._watch = DriverWatch(self.parameters.source)
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._begin_stream(0)
@@ -94,8 +97,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._references = self._publisher_of(topics.REFERENCE_MASS)
         self._status = self._publisher_of(topics.DRIVER_STATUS)
         self.subscribe(topics.SEGMENTER_STATUS, self._on_segmenter_status)
-        self.subscribe(topics.VERDICT, self._on_verdict)
-        self.subscribe(topics.STOP_REQUEST, self._on_stop_request)
+        self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
+        self.subscribe(topics.STOP_REQUEST, self._on_stop_request, needed=False)
         self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
         self.begin()
 
@@ -128,6 +131,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self.configure()
         with self._changed:
             self._begin_stream(time.time_ns())  # no other driver's number
+        load_cell = self._source.load_cell
+        self.diagnostics.set_hardware(load_cell)
+        self._watch.begin(load_cell, time.monotonic())
         self._thread = threading.Thread(target=self._run, name='source', daemon=True)
         self._thread.start()
 
@@ -135,6 +141,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """End the stream: what is on the belt becomes a fault."""
         if self._thread is not None and self._stop_reading():
             self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
+        self._watch.stop()
 
     def clean_up(self) -> None:
         """Close the source."""
@@ -212,10 +219,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             if self._stopping:
                 return
             # Whatever breaks the source, the line must hear of it: items on the belt are faults.
+            self._watch.end(str(error))
             self.get_logger().error(f'source {self.parameters.source}: {error}')
             self._publish_status(StreamStatus.FAILED, str(error))
         else:
             if not self._stopping:
+                self._watch.end()
                 self._publish_status(StreamStatus.FINISHED)
 
     def _stream(self, source: Source) -> None:
@@ -286,6 +295,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                     break
                 if now - asked > _PATIENCE and what:
                     asked = now
+                    self._watch.waits_for(what)
                     self.warn(f'the source is held back: waiting for {what}')
             return not self._stopping
 
@@ -296,7 +306,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 self._changed.wait(timeout=remaining)
             return not self._stopping
 
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return how the source, its samples, clock and eyes are."""
+        return self._watch.findings(now, time.time() - time.monotonic())
+
     def _publish(self, event: Event) -> None:
+        self._watch.add(time.monotonic(), event)
         if isinstance(event, SampleBlock):
             self._flow.samples_sent += len(event.counts)
             self._last_stamp = event.stamp
