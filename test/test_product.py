@@ -38,6 +38,8 @@ products:
     upper_limit: 0.165
     parameters: {identifier: {estimator: hann}}
   nuts: {nominal: 0.2, lower_limit: 0.19}
+  bars: {nominal: 0.1, length: [0.05, 0.15], speed: [0.5, 1.5]}
+  snails: {nominal: 0.1, speed: [0.01, 0.05]}
   half_trained:
     nominal: 0.1
     parameters:
@@ -64,7 +66,12 @@ class Line:
         self.recipes = folder / 'recipes.yaml'
         self.recipes.write_text(RECIPES, encoding='utf-8')
         self.log = folder / 'audit.log'
-        self.stages = {name: make() for name, make in STAGE_NODES.items() if name != without}
+        self.stages = {
+            # A bag comes faster than its time.
+            name: make({'deadlines': False} if name == 'reject' else None)
+            for name, make in STAGE_NODES.items()
+            if name != without
+        }
         self.product = ProductNode(
             {'recipes': str(self.recipes), 'audit_log': str(self.log), **parameters}
         )
@@ -91,7 +98,7 @@ class Line:
     def select(self, product: str) -> Any:
         return self.call(SelectProduct, 'select_product', product=product)
 
-    def judge(self, mass: float) -> Any:
+    def judge(self, mass: float, length: float = 0.1) -> Any:
         """Have an item of a mass pass the eyes and be judged, and return its verdict."""
         self.judged += 1
         begin = (1_700_000_000 + 5 * self.judged) * NANOSECONDS
@@ -103,7 +110,15 @@ class Line:
         ):  # fmt: skip
             self.publish(topics.PHOTO_EYES, edge_to(EyeEdge(stamp, eye, blocked)))
         estimate = MassEstimate(
-            self.judged, t1, t2, t3, mass=mass, std_dev=1e-4, belt_speed=1.0, line_speed=1.0
+            self.judged,
+            t1,
+            t2,
+            t3,
+            mass=mass,
+            std_dev=1e-4,
+            belt_speed=1.0,
+            line_speed=1.0,
+            product_length=length,
         )
         self.publish(topics.MASS_ESTIMATE, estimate_to(estimate))
         return self.verdicts.get(timeout=10.0)
@@ -151,6 +166,28 @@ def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinne
     assert counted.giveaway == pytest.approx(0.148 - 0.154, rel=1e-9)
 
 
+def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path)
+    assert line.select('bars').success
+    assert line.judge(0.1).decision == 1  # ACCEPT
+    verdict = line.judge(0.1, length=0.16)
+    assert (verdict.decision, list(verdict.reasons)) == (verdict.FAULT, ['ProductTooLong'])
+    wait_for(lambda: bool(line.statistics) and line.statistics[-1].items == 2)
+    counted = line.statistics[-1]
+    assert (list(counted.reasons), list(counted.reason_counts)) == (['ProductTooLong'], [1])
+    assert line.select('nuts').success
+    assert line.judge(0.2, length=0.16).decision == verdict.ACCEPT
+
+
+def test_a_speed_at_which_the_line_weighs_nothing_is_refused(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path)
+    before = line.parameters()
+    answer = line.select('snails')
+    assert not answer.success
+    assert answer.message.startswith('reject: reject.max_speed: 0.05 is below min_belt_speed 0.1')
+    assert line.parameters() == before
+
+
 def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path: Path):
     line = Line(spinner, tmp_path)
     before = line.parameters()
@@ -184,7 +221,7 @@ def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinne
 @pytest.mark.parametrize(
     ('change', 'product', 'complaint'),
     [
-        (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts"),
+        (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts, bars, "),
         (('nominal: 0.2', 'nominal: heavy'), 'crisps', "nuts.nominal: 'heavy' is not a number"),
     ],
 )

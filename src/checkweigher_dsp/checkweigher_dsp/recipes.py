@@ -38,6 +38,7 @@ NODES: dict[str, type[Parameters]] = {
 }
 _READ_ONLY = ('segmenter', 'driver')
 _LIMITS = ('lower_limit', 'upper_limit')
+_RANGES = ('min_length', 'max_length', 'min_speed', 'max_speed')
 _KEYS = ('nominal', 'tare', *_LIMITS, 'length', 'speed', 'parameters')
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
@@ -86,7 +87,12 @@ class Product:
         """Return the parameters that the product sets, by node and name."""
         made = {node: dict(values) for node, values in self.parameters.items()}
         made.setdefault('reject', {}).update(
-            lower_limit=self.tare + self.lower_limit, upper_limit=self.tare + self.upper_limit
+            lower_limit=self.tare + self.lower_limit,
+            upper_limit=self.tare + self.upper_limit,
+            min_length=self.length[0],
+            max_length=self.length[1],
+            min_speed=self.speed[0],
+            max_speed=self.speed[1],
         )
         return made
 
@@ -185,7 +191,12 @@ def _range(key: str, value: object, unit: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise RecipeError(f'{key}: {value!r} is not [smallest, largest] in {unit}')
     smallest = _number(key, value[0], 0, _NO_MORE, unit)
-    return (smallest, _number(key, value[1], smallest, _NO_MORE, unit))
+    largest = _number(key, value[1], smallest, _NO_MORE, unit)
+    if smallest == largest:
+        raise RecipeError(
+            f'{key}: from {smallest:g} to {largest:g} {unit} nothing would be weighed'
+        )
+    return (smallest, largest)
 
 
 def _parameters(key: str, value: object) -> Changes:
@@ -205,8 +216,10 @@ def _parameters(key: str, value: object) -> Changes:
         known = NODES[node].entries()
         made[node] = {}
         for name, each in flatten(cast(Mapping[str, object], section)).items():
-            if node == 'reject' and name in _LIMITS:
-                raise RecipeError(f'{key}.reject.{name}: the limits stand beside nominal')
+            if node == 'reject' and name in (*_LIMITS, *_RANGES):
+                raise RecipeError(
+                    f'{key}.reject.{name}: limits, length and speed stand beside nominal'
+                )
             if name not in known:
                 raise RecipeError(f'{key}.{node}.{name}: {node} has no such parameter')
             try:

@@ -71,7 +71,7 @@ _HINTS = {
     Reason.CHATTERING_EYE: 'a photo-eye switched too often; check for reflections and loose film',
     Reason.PRODUCT_TOO_LONG: 'longer than the recipe allows, or never fully on the weigh belt',
     Reason.PRODUCT_TOO_SHORT: 'shorter than the recipe or min_product_length allows',
-    Reason.BELT_SPEED: 'the belt speed from the eyes is outside min_belt_speed..max_belt_speed',
+    Reason.BELT_SPEED: 'the belt speed is outside the recipe or min_belt_speed..max_belt_speed',
     Reason.WINDOW_TOO_SHORT: 'the product was fully on the belt for too few samples',
     Reason.SAMPLES_LOST: 'samples are missing; check the load on the machine and the QoS depth',
     Reason.SATURATION: 'the converter was at its limit; check overload and load-cell wiring',

@@ -85,6 +85,21 @@ class RejectParameters(Parameters):
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
+    min_length: float = parameter(
+        0.0, 'shortest product, a shorter one is ProductTooShort; 0 for any', unit='m', minimum=0
+    )
+    max_length: float = parameter(
+        math.inf, 'longest product, a longer one is ProductTooLong; .inf for any', unit='m',
+        minimum=0,
+    )  # fmt: skip
+    min_speed: float = parameter(
+        0.0, 'slowest belt for the product, a slower one is BeltSpeed; 0 for any', unit='m/s',
+        minimum=0,
+    )  # fmt: skip
+    max_speed: float = parameter(
+        math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any',
+        unit='m/s', minimum=0,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,9 +109,17 @@ class RejectParameters(Parameters):
                 raise ParameterError(
                     f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
                 )
-        if self.lower_limit > self.upper_limit:
+        for low, high in (
+            ('lower_limit', 'upper_limit'), ('min_length', 'max_length'), ('min_speed', 'max_speed')
+        ):  # fmt: skip
+            if getattr(self, low) > getattr(self, high):
+                raise ParameterError(
+                    f'reject.{low}: {getattr(self, low)} is above {high} {getattr(self, high)}'
+                )
+        if self.max_speed < self.min_belt_speed:
             raise ParameterError(
-                f'reject.lower_limit: {self.lower_limit} is above upper_limit {self.upper_limit}'
+                f'reject.max_speed: {self.max_speed} is below min_belt_speed '
+                f'{self.min_belt_speed}, slower than what is weighed at all'
             )
 
 
@@ -350,12 +373,18 @@ class RejectStage:
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
-    """Judge an estimate by the limits of the product. What was not weighed is a FAULT."""
+    """Judge an estimate by the limits of the product.
+
+    What was not weighed is a FAULT, and what was weighed but is too long or too fast as well: the
+    mass of the latter stays.
+    """
+    reasons = estimate.reasons or tuple(why.value for why in objections(estimate, parameters))
+    decision = decide(estimate, parameters.lower_limit, parameters.upper_limit)
     return Verdict(
         estimate.item_id,
         estimate.t3,
-        decide(estimate, parameters.lower_limit, parameters.upper_limit),
-        estimate.reasons,
+        Decision.FAULT if reasons else decision,
+        reasons,
         estimate.mass,
         estimate.std_dev,
         parameters.lower_limit,
@@ -369,6 +398,28 @@ def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
         estimate.t1,
         estimate.item_id,
     )
+
+
+def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Reason]:
+    """Return what speaks against an item that was weighed, whatever its mass.
+
+    A length or speed that is not known is not within a range that is asked for.
+    """
+    limits, length = parameters, estimate.product_length
+    found = []
+    if _outside(length, limits.min_length, limits.max_length):
+        if math.isnan(length):
+            found.append(Reason.BAD_WINDOW)
+        else:
+            short = length < limits.min_length
+            found.append(Reason.PRODUCT_TOO_SHORT if short else Reason.PRODUCT_TOO_LONG)
+    if _outside(estimate.belt_speed, limits.min_speed, limits.max_speed):
+        found.append(Reason.BELT_SPEED)
+    return found
+
+
+def _outside(value: float, low: float, high: float) -> bool:
+    return (low > 0 or high < math.inf) and not low <= value <= high  # NaN is outside
 
 
 def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:

@@ -229,3 +229,16 @@ def test_a_change_of_what_there_is_not_is_refused(name, complaint):
 def test_a_change_of_a_node_that_there_is_not_is_refused(name):
     with pytest.raises(ParameterError, match=f'{name!r} addresses none of segmenter'):
         LineParameters().with_values({name: 1.0})
+
+
+def test_items_outside_length_and_speed_are_faults_that_keep_their_mass(make_line):
+    wanted = STIFF.with_values({'reject.max_length': 0.15, 'reject.min_speed': 0.8})
+
+    good = _weigh(make_line(MASSES, length=0.14), wanted)
+    long_and_slow = _weigh(make_line(MASSES, length=0.16, speed=0.75), wanted)
+
+    assert {weighing.verdict.decision for weighing in good} == {Decision.ACCEPT}
+    for weighing, mass in zip(long_and_slow, MASSES, strict=True):
+        assert weighing.verdict.decision is Decision.FAULT
+        assert weighing.verdict.reasons == ('ProductTooLong', 'BeltSpeed')
+        assert weighing.verdict.mass == pytest.approx(mass, abs=2 * COUNT)

@@ -39,6 +39,12 @@ def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, ne
     assert reject['upper_limit'] == pytest.approx(0.169, rel=EXACT)
 
 
+def test_the_reject_node_gets_the_length_and_the_speed():
+    reject = make_product('crisps', GOOD).changes()['reject']
+    assert (reject['min_length'], reject['max_length']) == (0.08, 0.12)
+    assert (reject['min_speed'], reject['max_speed']) == (0.5, 1.5)
+
+
 def test_tu1_and_tu2_are_known_even_if_the_limits_are_given_directly():
     product = make_product('crisps', {'nominal': 0.15, 'lower_limit': 0.149})
     assert (product.tu1, product.tu2) == pytest.approx((0.14325, 0.1365), rel=EXACT)
@@ -52,7 +58,12 @@ def test_where_the_directive_has_no_row_there_is_no_tu1():
 
 def test_what_is_not_given_is_no_limit():
     product = make_product('crisps', {'nominal': 0.15})
-    assert product.changes() == {'reject': {'lower_limit': -math.inf, 'upper_limit': math.inf}}
+    assert product.changes() == {
+        'reject': {
+            'lower_limit': -math.inf, 'upper_limit': math.inf,
+            'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
+        }
+    }  # fmt: skip
     assert product.length == product.speed == (0.0, math.inf)
 
 
@@ -76,6 +87,9 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is not in 0.15..10000 kg'),
         ('length', 0.1, 'crisps.length: 0.1 is not [smallest, largest] in m'),
         ('length', [0.12, 0.08], 'crisps.length: 0.08 is not in 0.12..1000 m'),
+        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 m nothing would be weighed'),
+        ('length', [0, 0], 'crisps.length: from 0 to 0 m nothing would be weighed'),
+        ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
         ('colour', 'red', 'crisps.colour: no such key'),
         ('parameters', 3, 'crisps.parameters: 3 is not'),
@@ -83,6 +97,7 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no such node'),
         ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
         ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
+        ('parameters', {'reject': {'max_length': 0.1}}, 'crisps.parameters.reject.max_length'),
         ('parameters', {'denoise': {'strech': 9}}, 'crisps.parameters.denoise.strech: denoise has'),
         ('parameters', {'denoise': {'stretch': 9}}, 'crisps.parameters.denoise.stretch: 9 is not'),
         (

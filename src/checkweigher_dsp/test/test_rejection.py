@@ -90,6 +90,44 @@ def test_without_t3_there_is_no_time_at_the_rejector():
     assert verdict.reject_at is None
 
 
+RANGES = RejectParameters(
+    lower_limit=0.1, min_length=0.08, max_length=0.12, min_speed=0.5, max_speed=1.5
+)
+
+
+@pytest.mark.parametrize(
+    ('length', 'speed', 'reasons'),
+    [
+        (0.1, 1.0, ()),
+        (0.08, 0.5, ()),
+        (0.12, 1.5, ()),
+        (math.nextafter(0.08, 0), 1.0, ('ProductTooShort',)),
+        (math.nextafter(0.12, 1), 1.0, ('ProductTooLong',)),
+        (0.1, math.nextafter(0.5, 0), ('BeltSpeed',)),
+        (0.1, math.nextafter(1.5, 2), ('BeltSpeed',)),
+        (0.2, 2.0, ('ProductTooLong', 'BeltSpeed')),
+        (math.nan, 1.0, ('BadWindow',)),
+        (0.1, math.nan, ('BeltSpeed',)),
+    ],
+)
+def test_a_product_of_another_length_or_speed_is_a_fault(length, speed, reasons):
+    verdict = judge(_estimate(product_length=length, belt_speed=speed), RANGES)
+
+    assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
+    assert verdict.reasons == reasons
+    assert verdict.mass == 0.15
+
+
+def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
+    fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan)
+
+    assert judge(fault, RANGES).reasons == ('MissingEdge',)
+
+
+def test_a_product_of_another_length_is_no_underweight():
+    assert judge(_estimate(0.05, product_length=0.2), RANGES).decision is Decision.FAULT
+
+
 def test_equal_limits_are_allowed():
     assert judge(_estimate(0.0), RejectParameters(lower_limit=0.0, upper_limit=0.0)).decision is (
         Decision.ACCEPT
@@ -107,6 +145,11 @@ def test_equal_limits_are_allowed():
         ({'upper_limit': -math.inf}, 'upper_limit'),
         ({'lower_limit': 0.3, 'upper_limit': 0.2}, 'lower_limit'),
         ({'lower_limit': '0.1'}, 'lower_limit'),
+        ({'min_length': 0.2, 'max_length': 0.1}, 'min_length'),
+        ({'max_length': math.nan}, 'max_length'),
+        ({'min_speed': -0.1}, 'min_speed'),
+        ({'min_speed': 0.2, 'max_speed': 0.1}, 'min_speed'),
+        ({'min_belt_speed': 0.3, 'max_speed': 0.2}, 'max_speed'),
         ({'rejector_distance': -1.0}, 'rejector_distance'),
         ({'rejector_distance': math.nan}, 'rejector_distance'),
         ({'rejector_distance': math.inf}, 'rejector_distance'),
