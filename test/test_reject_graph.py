@@ -70,19 +70,19 @@ class Line:
         self.verdicts = heard(self.node, topics.VERDICT)
         self.stops = heard(self.node, topics.STOP_REQUEST, latched=True)
         self.reset = self.node.create_client(Trigger, topics.RESET_STOP_REQUEST)
-        self._edges = self.node.create_publisher(
+        self.edges = self.node.create_publisher(
             topics.PHOTO_EYES.type, topics.PHOTO_EYES.name, topics.PHOTO_EYES.qos
         )
         spinner.add(self.node)
         self.reject = RejectNode(parameters)
         spinner.add(self.reject)
-        wait_for(lambda: self._edges.get_subscription_count() > 0)
+        wait_for(lambda: self.edges.get_subscription_count() > 0)
         publish(self.node, topics.LOAD_CELL_INFO, load_cell_to(CELL, START))
 
     def pass_item(self, number: int) -> None:
         """Have an item pass the eyes."""
         for edge in edges(number):
-            self._edges.publish(edge_to(edge))
+            self.edges.publish(edge_to(edge))
 
     def verdict(self) -> Verdict:
         """Return the next verdict."""
@@ -159,6 +159,20 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
 
     assert counted['late estimates'] == '1'
     assert line.verdicts.empty()
+    publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    assert line.verdict().decision == Verdict.ACCEPT
+
+
+def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner: Spinner):
+    line = Line(spinner, min_belt_speed=0.4, edge_lateness=0.2)
+    for edge in edges(1)[:2]:
+        line.edges.publish(edge_to(edge))
+
+    verdict = line.verdict()
+
+    assert list(verdict.reasons) == ['MissingEdge', 'NoEstimate']
+    assert stamp_from(verdict.t1) == edges(1)[0].stamp
+    line.pass_item(2)  # the first one has not stopped the line
     publish(line.node, topics.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
     assert line.verdict().decision == Verdict.ACCEPT
 

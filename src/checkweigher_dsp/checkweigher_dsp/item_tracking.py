@@ -76,6 +76,11 @@ class ItemTracker:
         """When the last item had left, ns; None if none was there."""
         return None if self._newest is None else self._last_departure(self._newest)
 
+    @property
+    def overdue_after(self) -> int | None:
+        """Until when the next item to leave may yet come to the outfeed eye, ns; None if empty."""
+        return self._on_belt[0].entered + self._max_transit if self._on_belt else None
+
     def add(self, edge: EyeEdge) -> list[Item]:
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)

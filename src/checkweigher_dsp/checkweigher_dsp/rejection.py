@@ -26,7 +26,7 @@ from checkweigher_dsp.reject_timing import reject_time
 from checkweigher_dsp.segmentation import SegmenterParameters
 
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
-SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time')
+SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time', 'edge_lateness')
 
 # Edges further back than this belong to a new stream.
 _RESTART = 2 * NANOSECONDS
@@ -75,6 +75,7 @@ class RejectParameters(Parameters):
     )
     min_belt_speed: float = _shared('min_belt_speed')
     debounce_time: float = _shared('debounce_time')
+    edge_lateness: float = _shared('edge_lateness')
     confirmation_time: float = parameter(
         0.0, 'how far from its reject time a rejected item passes reject_eye; 0 without that eye',
         unit='s', minimum=0, maximum=60,
@@ -130,8 +131,9 @@ class RejectStage:
     segmenter that was started again counts from 1. Edges and estimates may come in any order.
 
     The methods take the time at which something came, in ns on any clock that never steps back.
-    An item's time runs from the arrival of its t3 edge. Without a time nothing is ever overdue:
-    the result is then one of stamps alone.
+    An item's time runs from the arrival of its t3 edge. One that never gets there is given up by
+    the rule of the segmenter, once that time has gone by: nothing more has to come for it. Without
+    a time nothing is ever overdue: the result is then one of stamps alone.
 
     Parameters
     ----------
@@ -162,6 +164,7 @@ class RejectStage:
         self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
         self._first: int | None = None
         self._newest: int | None = None
+        self._came: int | None = None  # when the newest edge came
         if weigh_length is not None:
             self._tracker = self._new_tracker(weigh_length, 0)
 
@@ -172,8 +175,12 @@ class RejectStage:
 
     @property
     def due(self) -> int | None:
-        """When the next verdict is due that needs no estimate, on the clock of the arguments."""
-        return min((i.due for i in self._items.pending if i.due is not None), default=None)
+        """When time alone brings something next, on the clock of the arguments."""
+        times = [item.due for item in self._items.pending if item.due is not None]
+        overdue = self._tracker.overdue_after if self._tracker is not None else None
+        if overdue is not None and self._newest is not None and self._came is not None:
+            times.append(self._came + overdue + self._lateness - self._newest + 1)
+        return min(times, default=None)
 
     def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
         """Take the distance between the eyes, m; with a change of it a new stream begins."""
@@ -193,7 +200,7 @@ class RejectStage:
                 self._see(item, now)
         if self._weigh_length is not None:
             self._tracker = self._new_tracker(self._weigh_length, count)
-        self._first = self._newest = None
+        self._first = self._newest = self._came = None
 
     def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
         """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
@@ -203,7 +210,8 @@ class RejectStage:
         if self._newest is not None and edge.stamp < self._newest - _RESTART:
             self.restart(now)
         self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
-        self._newest = edge.stamp if self._newest is None else max(self._newest, edge.stamp)
+        if self._newest is None or edge.stamp >= self._newest:
+            self._newest, self._came = edge.stamp, now
         self._arrivals.append((edge, now))
         self._stamps[edge.stamp] = None
         if len(self._stamps) > _MAX_STAMPS:
@@ -228,6 +236,8 @@ class RejectStage:
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
+        if now is not None:
+            self._give_up_overdue(now)
         overdue = [
             item
             for item in self._items.pending
@@ -274,10 +284,12 @@ class RejectStage:
         if missed and self._weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges
             self._tracker = self._new_tracker(self._weigh_length, 0)
-            self._first = self._newest = None
+            self._first = self._newest = self._came = None
             self._arrivals.clear()
             for edge in missed:
                 self.add_edge(edge)
+            if now is not None and self._newest is not None:
+                self._came = now - (history.stamp - self._newest)
             self._arrivals.clear()
             if history.first_edge:
                 self._forget_cut(missed[0].stamp)
@@ -306,6 +318,18 @@ class RejectStage:
                 item.late_from = now + item.reject_at - stamp
             verdicts.append(self._give(item, self._without_estimate(item), now))
         return verdicts
+
+    def _give_up_overdue(self, now: int) -> None:
+        """Give up what should have reached the outfeed eye, as if an edge had come that late."""
+        if self._tracker is None or self._newest is None or self._came is None:
+            return
+        stream_time = self._newest + now - self._came
+        for item in self._tracker.expire(stream_time - self._lateness):
+            self._see(item, now)
+
+    @property
+    def _lateness(self) -> int:
+        return round(NANOSECONDS * self.parameters.edge_lateness)
 
     def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
         return ItemTracker(

@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 
@@ -43,7 +43,7 @@ def _play(stage, timed):
             now += 10 * MILLISECOND
         add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
         verdicts += [(when, verdict) for verdict in add(what, when)]
-    for end in range(now, now + 3 * NANOSECONDS, 10 * MILLISECOND):
+    for end in range(now, now + 6 * NANOSECONDS, 10 * MILLISECOND):
         verdicts += [(end, verdict) for verdict in stage.advance(end)]
     return verdicts
 
@@ -220,6 +220,54 @@ def test_an_item_taken_off_the_belt_has_one_verdict_too():
     }
 
 
+# 0.2 m at 0.1 m/s, and 2 s in which its edge may yet come.
+GIVEN_UP = 4 * NANOSECONDS
+
+
+@pytest.mark.parametrize('seen', [1, 2])
+def test_an_item_that_nothing_comes_after_is_given_up_by_time_alone(seen):
+    stage = RejectStage(PARAMETERS, BELT)
+    edges, _ = _item(1)
+
+    ((when, verdict),) = _play(stage, [(edge.stamp, edge) for edge in edges[:seen]])
+
+    assert verdict.reasons == ('MissingEdge', 'NoEstimate')
+    assert (verdict.item_id, verdict.t1, verdict.t3) == (1, edges[0].stamp, None)
+    # A second more for its estimate.
+    assert 0 <= when - edges[0].stamp - GIVEN_UP - NANOSECONDS <= 20 * MILLISECOND
+    assert stage.due is None
+
+
+def test_the_time_at_which_an_item_is_given_up_is_known_before():
+    stage = RejectStage(PARAMETERS, BELT)
+    edges, _ = _item(1)
+    for edge in edges[:2]:
+        stage.add_edge(edge, edge.stamp + MILLISECOND)
+
+    assert stage.due == edges[0].stamp + MILLISECOND + GIVEN_UP + 1
+    assert stage.advance(stage.due) == []
+    assert stage.due == edges[0].stamp + MILLISECOND + GIVEN_UP + 1 + NANOSECONDS
+
+
+@pytest.mark.parametrize('estimated', [False, True])
+def test_an_item_that_comes_after_it_was_given_up_has_no_second_verdict(estimated):
+    stage = RejectStage(PARAMETERS, BELT)
+    edges, estimate = _item(1)
+    later = [replace(edge, stamp=edge.stamp + 8 * NANOSECONDS) for edge in edges[2:]]
+    timed = [(edge.stamp, edge) for edge in (*edges[:2], *later)]
+    if estimated:  # as the segmenter does it, by the samples
+        fault = replace(estimate, t3=None, reasons=('MissingEdge',), mass=math.nan)
+        timed.append((edges[0].stamp + GIVEN_UP + 10 * MILLISECOND, fault))
+    next_edges, next_estimate = _item(1, start=12 * NANOSECONDS)
+    timed += [(edge.stamp, edge) for edge in next_edges]
+    timed.append((next_estimate.t3 + MILLISECOND, replace(next_estimate, item_id=2)))
+
+    verdicts = [verdict for _, verdict in _play(stage, timed)]
+
+    reasons = ('MissingEdge',) if estimated else ('MissingEdge', 'NoEstimate')
+    assert [(v.item_id, v.reasons) for v in verdicts] == [(1, reasons), (2, ())]
+
+
 def test_edges_before_the_load_cell_is_known_are_not_lost():
     stage = RejectStage(PARAMETERS)
     for edge in _item(1)[0]:
@@ -258,11 +306,13 @@ def test_every_item_has_exactly_one_verdict_whatever_comes_when(data):
 def test_lost_edges_make_faults_but_neither_two_verdicts_of_an_item_nor_none(data):
     all_edges = [edge for number in range(1, 7) for edge in _item(number)[0]]
     lost = data.draw(st.sets(st.sampled_from(all_edges), max_size=6))
-    # What passes at the end brings to light what was taken off before it.
-    edges = [edge for edge in all_edges if edge not in lost] + _item(12)[0]
+    edges = [edge for edge in all_edges if edge not in lost]
+    assume(edges)
     # The segmenter finds its items by the same tracker.
     tracker = ItemTracker(5 * MILLISECOND, 2 * NANOSECONDS)
     items = [(edge.stamp, replace(item)) for edge in edges for item in tracker.add(edge)]
+    end = edges[-1].stamp + 4 * NANOSECONDS
+    items += [(end, replace(item)) for item in tracker.expire(end)]
     timed = [(edge.stamp, edge) for edge in edges]
     for done, item in items:
         reasons = tuple(reason.value for reason in item.faults)

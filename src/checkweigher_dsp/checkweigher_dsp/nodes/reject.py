@@ -85,7 +85,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._active = True
         self._stop_requests.publish(stop_request_to(self._monitor.request))
         self._shown = self._monitor.request
-        self._timer.reset()
+        self._wake()
 
     def deactivate(self) -> None:
         """Ask the line to stop, and reject what is on it."""
@@ -113,6 +113,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         load_cell = load_cell_from(message)
         self.diagnostics.set_hardware(load_cell)
         self._stage.set_weigh_length(load_cell.weigh_length, self._now())
+        self._wake()
 
     def _on_driver_status(self, message: Any) -> None:
         if message.stream != self._stream:
@@ -121,11 +122,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
                 self._settle(None)
                 self._stage.restart(self._now())
                 self._monitor.restart()
+                self._wake()
             self._stream = int(message.stream)
         self._stream_ended = message.state != StreamStatus.RUNNING
         if self._recall is not None:
             self._recall.hear_driver(ended=self._stream_ended)
-            self._timer.reset()
+            self._wake()
 
     def _on_edge(self, message: Any) -> None:
         edge = edge_from(message)
@@ -138,7 +140,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             recall.edges.append((edge, self._now()))
         else:
             self._publish(self._stage.add_edge(edge, self._now()))
-        self._timer.reset()
+        self._wake()
 
     def _on_estimate(self, message: Any) -> None:
         estimate = estimate_from(message)
@@ -146,7 +148,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             return
         if (recall := self._recall) is not None and self._holds_back():
             recall.estimates.append(estimate)
-            self._timer.reset()
+            self._wake()
         else:
             self._judge(estimate)
 
@@ -156,13 +158,14 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
+        self._publish(self._stage.advance(self._now()))
 
     def _on_reject_eye(self, message: Any) -> None:
         edge = edge_from(message)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if self._active:
             self._monitor.add_edge(edge)
-            self._timer.reset()
+            self._wake()
 
     def _holds_back(self) -> bool:
         """Tell whether a driver will say, or has said, what stream this is."""
@@ -194,7 +197,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         except Exception as error:
             self.warn(f'{topics.LINE_HISTORY}: {type(error).__name__}: {error}')
             recall.answer(None)
-        self._timer.reset()
+        self._wake()
+
+    def _wake(self) -> None:
+        """Let the timer run; one that does so is left alone, or messages would keep it from it."""
+        if self._timer.is_canceled():
+            self._timer.reset()
 
     def _settle(self, history: LineHistory | None) -> None:
         """Judge what was missed, then go on with what was kept back meanwhile."""
@@ -251,7 +259,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._monitor.add_verdict(verdict)
         if verdicts:
             self._show_stop_request()
-            self._timer.reset()
+            self._wake()
 
     def _show_stop_request(self) -> None:
         request = self._monitor.request if self._active else _NOT_READY
