@@ -9,7 +9,7 @@ IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 
 PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/)
 
-.PHONY: help setup demo test lint format clean
+.PHONY: help setup demo test soak lint format clean
 
 help: ## Show this list.
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -23,6 +23,10 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
 	  python3 -m pytest $(PYTEST_ARGS)
+
+soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
+	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
+	  python3 -m pytest -m soak -s $(SOAK_ARGS)
 
 lint: ## Check style and types.
 	@$(IN_ENVIRONMENT) ruff check $(PYTHON_SOURCES)
