@@ -2,6 +2,11 @@
 
 from checkweigher_dsp.records import NANOSECONDS
 
+# Faster than any clock of a machine runs away from another one.
+_DRIFT = 500e-6
+# Stamps further back than this are of a new stream.
+_RESTART = 2 * NANOSECONDS
+
 
 def reject_time(t3: int | None, speed: float, distance: float, delay: float) -> int | None:
     """Return when the rejector has to be told for an item, ns, None if nobody knows.
@@ -47,3 +52,33 @@ class StreamClock:
             return None
         stamp, came = self._newest
         return stamp + (now - came if self.running else 0)
+
+
+class ArrivalClock:
+    """When an edge would have come if nothing had held it up on its way.
+
+    A process that stood still, or a network that was away for a while, hands edges over when their
+    products have long passed the rejector. Measured is against the fastest edge so far: the clocks
+    of stamps and arrivals may differ by anything, and drift.
+    """
+
+    def __init__(self) -> None:
+        self._least = 0  # of arrival less stamp
+        self._newest: tuple[int, int] | None = None
+
+    def came(self, stamp: int, now: int) -> int:
+        """Return when an edge with `stamp` that came at `now` should have come, never after `now`.
+
+        Both in ns, `now` on a clock that never steps back.
+        """
+        lag = now - stamp
+        if self._newest is None or stamp < self._newest[0] - _RESTART:
+            self._least = lag
+        else:
+            self._least = min(lag, self._least + round(_DRIFT * (now - self._newest[1])))
+        self._newest = stamp, now
+        return stamp + self._least
+
+    def at(self, stamp: int) -> int | None:
+        """Return when the time of the stamps is `stamp`, ns, None before the first edge."""
+        return None if self._newest is None else stamp + self._least

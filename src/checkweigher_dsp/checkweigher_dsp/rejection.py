@@ -22,7 +22,7 @@ from checkweigher_dsp.records import (
     Verdict,
 )
 from checkweigher_dsp.reject_items import RejectItem, RejectItems, stamps_of
-from checkweigher_dsp.reject_timing import reject_time
+from checkweigher_dsp.reject_timing import ArrivalClock, reject_time
 from checkweigher_dsp.segmentation import SegmenterParameters
 
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
@@ -131,9 +131,10 @@ class RejectStage:
     segmenter that was started again counts from 1. Edges and estimates may come in any order.
 
     The methods take the time at which something came, in ns on any clock that never steps back.
-    An item's time runs from the arrival of its t3 edge. One that never gets there is given up by
-    the rule of the segmenter, once that time has gone by: nothing more has to come for it. Without
-    a time nothing is ever overdue: the result is then one of stamps alone.
+    An item's time runs from the arrival of its t3 edge, or if that was held up on its way, from
+    when it should have come. One that never gets there is given up by the rule of the segmenter,
+    once that time has gone by: nothing more has to come for it. Without a time nothing is ever
+    overdue: the result is then one of stamps alone.
 
     Parameters
     ----------
@@ -159,6 +160,7 @@ class RejectStage:
         self._weigh_length = weigh_length
         self._items = RejectItems()
         self._tracker: ItemTracker | None = None
+        self._arrival_clock = ArrivalClock()
         self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
         self._stamps: dict[int, None] = {}  # of the latest edges, an ordered set
         self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
@@ -201,6 +203,7 @@ class RejectStage:
         if self._weigh_length is not None:
             self._tracker = self._new_tracker(self._weigh_length, count)
         self._first = self._newest = self._came = None
+        self._arrival_clock = ArrivalClock()
 
     def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
         """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
@@ -216,8 +219,9 @@ class RejectStage:
         self._stamps[edge.stamp] = None
         if len(self._stamps) > _MAX_STAMPS:
             del self._stamps[next(iter(self._stamps))]
+        came = None if now is None else self._arrival_clock.came(edge.stamp, now)
         for item in self._tracker.add(edge):
-            self._see(item, now)
+            self._see(item, came)
         return self.advance(now)
 
     def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
@@ -390,7 +394,12 @@ class RejectStage:
         )
 
     def _give(self, item: RejectItem, verdict: Verdict, now: int | None) -> Verdict:
-        late = now is not None and item.late_from is not None and now > item.late_from
+        late_from = item.late_from
+        if (
+            late_from is None and verdict.reject_at is not None
+        ):  # its mass was faster than its edges
+            late_from = self._arrival_clock.at(verdict.reject_at)
+        late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
         number = self._items.judge(item, verdict.estimate_id)
         return replace(verdict, item_id=number, late=late)
