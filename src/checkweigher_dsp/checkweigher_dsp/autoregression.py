@@ -36,12 +36,7 @@ class AutoregressiveModels:
 
 
 def burg(signal: NDArray[np.float64], max_order: int) -> AutoregressiveModels:
-    r"""Fit AR models by Burg's method: minimise forward and backward prediction error together.
-
-    .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
-       {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2},\quad c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
-
-    with the order of the coefficients reversed in the last term. All models are stable.
+    """Fit AR models of all orders by Burg's method, see `burg_reflections`.
 
     Parameters
     ----------
@@ -58,36 +53,138 @@ def burg(signal: NDArray[np.float64], max_order: int) -> AutoregressiveModels:
     ------
     ValueError
         If `max_order` does not fit the length of the signal.
+    """
+    signal = np.asarray(signal, np.float64)
+    reflections = burg_reflections(signal, max_order)
+    shape = signal.shape[:-1]
+    powers = np.empty((*shape, max_order + 1))
+    powers[..., 0] = np.mean(signal * signal, axis=-1)
+    coefficients = np.zeros((*shape, max_order + 1, max_order + 1))
+    coefficients[..., 0, 0] = 1
+    for order in range(1, max_order + 1):
+        reflection = reflections[..., order - 1]
+        powers[..., order] = powers[..., order - 1] * (1 - reflection * reflection)
+        coefficients[..., order, :] = coefficients[..., order - 1, :]
+        _raise_order(coefficients[..., order, :], reflection, order)
+    return AutoregressiveModels(coefficients, powers, reflections)
+
+
+def burg_reflections(signal: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    r"""Return the reflection coefficients of Burg's method.
+
+    It minimises the forward and the backward prediction error together:
+
+    .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
+       {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2}
+
+    Parameters
+    ----------
+    signal : ndarray, (..., n) float64
+        Without its mean, time on the last axis.
+    order : int
+        p, 0 to n - 1.
+
+    Returns
+    -------
+    ndarray, (..., p) float64
+        Each within -1..1, so that the model is stable.
+
+    Raises
+    ------
+    ValueError
+        If `order` does not fit the length of the signal.
 
     References
     ----------
     J. P. Burg, Maximum entropy spectral analysis, 1975.
     """
-    signal = np.asarray(signal, np.float64)
     count, shape = signal.shape[-1], signal.shape[:-1]
-    if not 0 <= max_order < count:
-        raise ValueError(f'order {max_order} does not fit a signal of {count} samples')
-    coefficients = np.zeros((*shape, max_order + 1, max_order + 1))
-    powers = np.empty((*shape, max_order + 1))
-    reflections = np.empty((*shape, max_order))
-    coefficients[..., :, 0] = 1
-    powers[..., 0] = np.mean(signal * signal, axis=-1)
-    forward, backward = signal[..., 1:], signal[..., :-1]
-    for order in range(1, max_order + 1):
-        energy = np.sum(forward * forward + backward * backward, axis=-1)
+    if not 0 <= order < count:
+        raise ValueError(f'order {order} does not fit a signal of {count} samples')
+    rows = signal.reshape(-1, count)
+    # Forward errors, then backward errors one sample earlier, one after the other in memory.
+    errors = np.concatenate([rows[:, 1:], rows[:, :-1]], axis=-1)
+    if len(rows) == 1:
+        return np.reshape(_reflections_of_one(errors[0], order), (*shape, order))
+    result = np.empty((len(rows), order))
+    for m in range(order):
+        length = errors.shape[-1] // 2
+        # As `_reflections_of_one`, to the last bit: these are the same dot products.
+        energy = _dots(errors, errors)
+        cross = _dots(errors[:, :length], errors[:, length:])
+        reflection = -2.0 * cross / np.where(energy > 0, energy, 1.0)
+        result[:, m] = reflection
+        pairs = errors.reshape(-1, 2, length)
+        following = pairs[:, ::-1] * reflection[:, None, None]
+        following += pairs
+        errors = following.reshape(-1, 2 * length)[:, 1:-1]
+    return result.reshape(*shape, order)
+
+
+def _dots(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    products: NDArray[np.float64] = (left[:, None, :] @ right[:, :, None])[:, 0, 0]
+    return products
+
+
+def _reflections_of_one(errors: NDArray[np.float64], order: int) -> list[float]:
+    """Return those of one signal: most of the time goes into calls, so there are few of them."""
+    result = []
+    for _ in range(order):
+        length = len(errors) // 2
+        energy = errors.dot(errors).item()
         # What is predicted to the last bit has nothing left to reflect.
-        safe = np.where(energy > 0, energy, 1.0)
-        reflection = -2 * np.sum(forward * backward, axis=-1) / safe
-        reflections[..., order - 1] = reflection
-        powers[..., order] = powers[..., order - 1] * (1 - reflection * reflection)
-        last, scale = coefficients[..., order - 1, :order], reflection[..., None]
-        coefficients[..., order, 1:order] = last[..., 1:]
-        coefficients[..., order, 1 : order + 1] += scale * last[..., ::-1]
-        forward, backward = (
-            (forward + scale * backward)[..., 1:],
-            (backward + scale * forward)[..., :-1],
-        )
-    return AutoregressiveModels(coefficients, powers, reflections)
+        safe = energy if energy > 0 else 1.0
+        reflection = -2.0 * errors[:length].dot(errors[length:]).item() / safe
+        result.append(reflection)
+        pair = errors.reshape(2, length)
+        following = pair[::-1] * reflection
+        following += pair
+        # The first forward and the last backward error have no partner in the next order.
+        errors = following.reshape(-1)[1:-1]
+    return result
+
+
+def prediction_error_filter(reflections: NDArray[np.float64]) -> NDArray[np.float64]:
+    r"""Return the coefficients of an AR model from its reflection coefficients.
+
+    .. math:: c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
+
+    with the order of the coefficients reversed in the last term (Levinson's recursion).
+
+    Parameters
+    ----------
+    reflections : ndarray, (..., p) float64
+        From order 1 on.
+
+    Returns
+    -------
+    ndarray, (..., p + 1) float64
+        From the leading 1 on.
+    """
+    order = reflections.shape[-1]
+    if reflections.size == order:
+        # The same sums; plain floats are faster than arrays of a few.
+        taps = [1.0]
+        for reflection in reflections.ravel().tolist():
+            reverse = taps[::-1]
+            taps.append(0.0)
+            taps[1:] = [
+                tap + reflection * last for tap, last in zip(taps[1:], reverse, strict=True)
+            ]
+        return np.reshape(taps, (*reflections.shape[:-1], order + 1))
+    coefficients = np.zeros((*reflections.shape[:-1], order + 1))
+    coefficients[..., 0] = 1
+    for m in range(1, order + 1):
+        _raise_order(coefficients, reflections[..., m - 1], m)
+    return coefficients
+
+
+def _raise_order(
+    coefficients: NDArray[np.float64], reflection: NDArray[np.float64], order: int
+) -> None:
+    """Make the model of an order, in place, from that of the order before."""
+    reverse = coefficients[..., order - 1 :: -1]
+    coefficients[..., 1 : order + 1] += reflection[..., None] * reverse
 
 
 def akaike_order(powers: NDArray[np.float64], count: int) -> Any:

@@ -68,9 +68,13 @@ def load_response(
     lag = 2 * np.asarray(damping_ratio) / omega
     sine = (2 * np.square(damping_ratio) - 1) / damped
 
-    def climb(since: NDArray[np.float64]) -> NDArray[np.float64]:
-        since = np.maximum(since, 0.0)
-        free = lag * np.cos(damped * since) + sine * np.sin(damped * since)
-        return since - lag + np.exp(-damping_ratio * omega * since) * free
-
-    return (climb(time) - climb(time - rise_time)) / rise_time
+    # What the rise begins and, after it, what its end takes off again: both in one go.
+    since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
+    since[0] = time
+    np.subtract(time, rise_time, out=since[1])
+    np.maximum(since, 0.0, out=since)
+    angle = damped * since
+    free = lag * np.cos(angle) + sine * np.sin(angle)
+    climb = since - lag + np.exp(-damping_ratio * omega * since) * free
+    response: NDArray[np.float64] = (climb[0] - climb[1]) / rise_time
+    return response

@@ -54,7 +54,9 @@ class PassStack:
         return load_share(self.time, self.rise_time)
 
 
-def stack_passes(windows: Sequence[WeighWindow], min_length: int) -> list[PassStack]:
+def stack_passes(
+    windows: Sequence[WeighWindow], min_length: int, *, same_entry: bool = False
+) -> list[PassStack]:
     """Sort windows by shape into stacks.
 
     Parameters
@@ -63,31 +65,46 @@ def stack_passes(windows: Sequence[WeighWindow], min_length: int) -> list[PassSt
         Consistent ones.
     min_length : int
         Of the stretch: half of it, at most, is taken from before t2.
+    same_entry : bool
+        Whether only passes come into one stack that enter at the same sample; otherwise they may
+        be a few apart, and less of each is seen before t1 alone than among others.
     """
-    shapes: dict[tuple[int, int, int], list[int]] = {}
+    shapes: dict[tuple[int, ...], list[int]] = {}
     for position, window in enumerate(windows):
-        shape = (*_extent(window, min_length), _block(window))
+        lead, count = _extent(window, min_length)
+        shape: tuple[int, ...] = (lead, count, _block(window))
+        if same_entry:
+            times = time_since_entry(window, window.window_begin - lead, window.window_end)
+            shape = (*shape, int(np.count_nonzero(times < 0)))
         shapes.setdefault(shape, []).append(position)
-    stacks = []
-    for (lead, count, block), positions in shapes.items():
-        members = [windows[position] for position in positions]
-        time = np.stack([time_since_entry(w)[w.window_begin - lead : w.window_end]
-                         for w in members])  # fmt: skip
-        # Passes of one stack may enter a sample apart; before t1 there is nothing to see.
-        entry = int(np.min(np.sum(time < 0, axis=-1)))
-        stacks.append(
-            PassStack(
-                tuple(positions),
-                np.stack([w.force[w.window_begin - lead : w.window_end] for w in members]),
-                time,
-                np.array([[rise_time(w)] for w in members]),
-                np.array([w.belt_speed for w in members]),
-                min(entry, lead),
-                lead,
-                min(block, lead + count + 1),
-            )
-        )
-    return stacks
+    return [
+        _stack(windows, positions, lead, count, block)
+        for (lead, count, block, *_), positions in shapes.items()
+    ]
+
+
+def _stack(
+    windows: Sequence[WeighWindow], positions: Sequence[int], lead: int, count: int, block: int
+) -> PassStack:
+    members = [windows[position] for position in positions]
+    shape = len(members), lead + count
+    time, force = np.empty(shape), np.empty(shape)
+    for row, window in enumerate(members):
+        begin, end = window.window_begin - lead, window.window_end
+        time[row] = time_since_entry(window, begin, end)
+        force[row] = window.force_between(begin, end)
+    # Before t1 there is nothing to see.
+    entry = min(int(np.count_nonzero(row < 0)) for row in time)
+    return PassStack(
+        tuple(positions),
+        force,
+        time,
+        np.array([[rise_time(w)] for w in members]),
+        np.array([w.belt_speed for w in members]),
+        min(entry, lead),
+        lead,
+        min(block, lead + count + 1),
+    )
 
 
 def stretch_length(min_length: int, count: int) -> int:
@@ -115,12 +132,15 @@ def rise_time(window: WeighWindow) -> float:
     return max(window.t2 - window.t1, 0) / NANOSECONDS
 
 
-def time_since_entry(window: WeighWindow) -> NDArray[np.float64]:
-    """Return the time of each sample since t1 in s.
+def time_since_entry(
+    window: WeighWindow, begin: int = 0, end: int | None = None
+) -> NDArray[np.float64]:
+    """Return the time since t1 in s of the samples from position `begin` up to `end`.
 
     The first sample of the window lies within one sample after t2, whatever its stamp says.
     """
-    begin, interval = window.window_begin, 1 / window.sample_rate
-    after = begin * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
-    first = rise_time(window) + min(max(after, 0.0), interval)
-    return first + (np.arange(len(window.counts), dtype=np.float64) - begin) * interval
+    first, interval = window.window_begin, 1 / window.sample_rate
+    after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
+    since = rise_time(window) + min(max(after, 0.0), interval)
+    end = len(window.counts) if end is None else end
+    return since + np.arange(begin - first, end - first, dtype=np.float64) * interval

@@ -273,7 +273,11 @@ class WeighWindow:
     @property
     def force(self) -> NDArray[np.float64]:
         """The stretch in kg, zero removed: (n,) float64."""
-        return (self.counts.astype(np.float64) - self.zero) / self.counts_per_kg
+        return self.force_between(0, len(self.counts))
+
+    def force_between(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Return the part of `force` from position `begin` up to `end`."""
+        return (self.counts[begin:end].astype(np.float64) - self.zero) / self.counts_per_kg
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,17 +2,19 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_dsp.wavelet_shrinkage import LEVELS, Shrinkage
 
 SHRUNK_LEVELS = (5, 6, 7)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ShrinkageTable:
     """Shrinkage of the detail bands 5 to 7 by belt speed; the bands above are removed.
 
@@ -56,15 +58,24 @@ class ShrinkageTable:
             What one unit of the thresholds is in the signal's unit.
         """
         removed: tuple[Shrinkage | None, ...] = (None,) * (LEVELS - len(SHRUNK_LEVELS))
+        if np.ndim(speed) == 0:
+            columns: Any = [interpolate(self.speeds, row, float(speed)) for row in self._rows]
+        else:
+            speeds, *rows = self._arrays
+            columns = [np.interp(speed, speeds, row)[:, None] for row in rows]
+        count = len(SHRUNK_LEVELS)
         return removed + tuple(
-            Shrinkage(self._column(gain, speed), unit * self._column(threshold, speed))
-            for gain, threshold in zip(self.gains, self.thresholds, strict=True)
+            Shrinkage(gain, unit * threshold)
+            for gain, threshold in zip(columns[:count], columns[count:], strict=True)
         )
 
-    def _column(self, values: tuple[float, ...], speed: Any) -> Any:
-        if np.ndim(speed) == 0:
-            return interpolate(self.speeds, values, float(speed))
-        return np.interp(speed, self.speeds, values)[:, None]
+    @property
+    def _rows(self) -> tuple[tuple[float, ...], ...]:
+        return (*self.gains, *self.thresholds)
+
+    @cached_property
+    def _arrays(self) -> tuple[NDArray[np.float64], ...]:
+        return tuple(np.array(row) for row in (self.speeds, *self._rows))
 
 
 def interpolate(positions: tuple[float, ...], values: tuple[float, ...], at: float) -> float:

@@ -118,6 +118,69 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
     return np.fft.fft(wrapped)
 
 
+@lru_cache(maxsize=64)
+def _band_powers(length: int, wavelet: str, levels: int) -> NDArray[np.float64]:
+    """Return what each band adds to the gain of the whole when it is left as it is."""
+    responses = band_responses(length, wavelet, levels)
+    # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
+    scales = 2.0 ** -np.array([*range(1, levels + 1), levels])
+    powers: NDArray[np.float64] = (responses.real**2 + responses.imag**2) * scales[:, None]
+    powers.flags.writeable = False
+    return powers
+
+
+class ShrinkageFilter:
+    """Shrinkage of the detail bands of periodic stretches of one length.
+
+    What a band without a threshold does is linear, so all such bands are one gain of each
+    frequency; only the others have to be transformed.
+
+    Parameters
+    ----------
+    length : int
+        Of a stretch, a multiple of ``2**len(details)``.
+    details : sequence of Shrinkage or None
+        For each level from 1 on; None sets the whole band to 0.
+    wavelet : str
+        An orthogonal wavelet of PyWavelets.
+    """
+
+    def __init__(
+        self, length: int, details: Sequence[Shrinkage | None], wavelet: str = WAVELET
+    ) -> None:
+        levels = len(details)
+        responses = band_responses(length, wavelet, levels)
+        powers = _band_powers(length, wavelet, levels)
+        self._length = length
+        self._through: Any = powers[levels]
+        self._shrunk: list[tuple[Shrinkage, NDArray[np.complex128], NDArray[np.complex128]]] = []
+        for level, shrinkage in enumerate(details, start=1):
+            if shrinkage is None or not np.any(shrinkage.gain):
+                continue
+            # A stretch has the same bits alone and beside others that do have a threshold.
+            linear = np.equal(shrinkage.threshold, 0)
+            gain, rest = (
+                np.where(linear, shrinkage.gain, 0.0),
+                np.where(linear, 0.0, shrinkage.gain),
+            )
+            if np.any(gain):
+                self._through = self._through + gain * powers[level - 1]
+            if np.any(rest):
+                response = responses[level - 1]
+                self._shrunk.append(
+                    (Shrinkage(rest, shrinkage.threshold), response, response.conj() / 2**level)
+                )
+
+    def apply(self, stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return stretches (..., n) float64 denoised: (..., n) float64, in their unit."""
+        spectrum = np.fft.rfft(stretch)
+        result = spectrum * self._through
+        for shrinkage, analysis, synthesis in self._shrunk:
+            coefficients = shrink(np.fft.irfft(spectrum * analysis, self._length), shrinkage)
+            result += np.fft.rfft(coefficients) * synthesis
+        return np.fft.irfft(result, self._length)
+
+
 def denoise_periodic(
     stretch: NDArray[np.float64], details: Sequence[Shrinkage | None], wavelet: str = WAVELET
 ) -> NDArray[np.float64]:
@@ -137,26 +200,7 @@ def denoise_periodic(
     ndarray, (..., n) float64
         In the unit of `stretch`.
     """
-    length, levels = stretch.shape[-1], len(details)
-    responses = band_responses(length, wavelet, levels)
-    spectrum = np.fft.rfft(stretch)
-    # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
-    through = _power(responses[levels]) / 2**levels
-    shrunk: Any = 0.0
-    for level, shrinkage in enumerate(details, start=1):
-        if shrinkage is None or not np.any(shrinkage.gain):
-            continue
-        response = responses[level - 1]
-        if not np.any(shrinkage.threshold):
-            through = through + shrinkage.gain * _power(response) / 2**level
-            continue
-        coefficients = shrink(np.fft.irfft(spectrum * response, length), shrinkage)
-        shrunk = shrunk + np.fft.rfft(coefficients) * response.conj() / 2**level
-    return np.fft.irfft(spectrum * through + shrunk, length)
-
-
-def _power(response: NDArray[np.complex128]) -> NDArray[np.float64]:
-    return response.real**2 + response.imag**2
+    return ShrinkageFilter(stretch.shape[-1], details, wavelet).apply(stretch)
 
 
 def threshold_universally(
@@ -201,7 +245,7 @@ def threshold_universally(
     length = stretch.shape[-1]
     responses = band_responses(length, wavelet, levels)
     spectrum = np.fft.rfft(stretch)
-    result = spectrum * _power(responses[levels]) / 2**levels
+    result = spectrum * _band_powers(length, wavelet, levels)[levels]
     taps = pywt.Wavelet(wavelet).dec_len
     factor = math.sqrt(2 * math.log(max(len(range(length)[measured]), 1))) / _NORMAL_MEDIAN
     threshold: Any = 0.0

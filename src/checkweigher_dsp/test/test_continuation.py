@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from checkweigher_dsp.continuation import block_means, extend, predict
+from checkweigher_dsp.autoregression import burg
+from checkweigher_dsp.continuation import block_means, extend, free_response, predict
 
 ROUNDING = 1e-12
 RATE = 960.0
@@ -71,7 +72,23 @@ def test_prediction_is_the_free_response_of_the_model():
     taps = np.array([1.0, -1.5, 0.8])
     impulse = lfilter([1.0], taps, np.r_[1.0, np.zeros(19)])
 
-    np.testing.assert_allclose(predict(impulse[:5], taps, 15), impulse[5:], atol=ROUNDING)
+    free = free_response(taps, 15)
+
+    np.testing.assert_allclose(free, impulse[:15], atol=ROUNDING)
+    np.testing.assert_allclose(predict(impulse[:5], taps, free), impulse[5:], atol=ROUNDING)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 300))
+def test_prediction_agrees_with_the_recursion_sample_by_sample(seed, order, count):
+    signal = np.random.default_rng(seed).standard_normal((2, 3 * order + 3))
+    taps = burg(signal, order).coefficients[:, order]
+    expected = np.concatenate([signal, np.zeros((2, count))], axis=-1)
+    for k in range(signal.shape[-1], expected.shape[-1]):
+        expected[:, k] = -np.sum(taps[:, 1:] * expected[:, k - order : k][:, ::-1], axis=-1)
+
+    result = predict(signal, taps, free_response(taps, count))
+
+    np.testing.assert_allclose(result, expected[:, -count:], rtol=0, atol=1e-10)
 
 
 def test_blocks_end_with_the_signal():

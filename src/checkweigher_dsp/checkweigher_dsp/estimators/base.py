@@ -103,7 +103,7 @@ class Estimator(ABC):
 
 def raw_plateau(window: WeighWindow) -> NDArray[np.float64]:
     """Return the raw signal from t2 to t3 in kg, zero removed: (n,) float64."""
-    return window.force[window.window_begin : window.window_end]
+    return window.force_between(window.window_begin, window.window_end)
 
 
 def rough_variance(samples: NDArray[np.float64]) -> float:
