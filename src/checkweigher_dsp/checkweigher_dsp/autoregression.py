@@ -36,7 +36,7 @@ class AutoregressiveModels:
 
 
 def burg(signal: NDArray[np.float64], max_order: int) -> AutoregressiveModels:
-    """Fit AR models of all orders by Burg's method, see `burg_reflections`.
+    """Fit AR models of all orders by Burg's method, see `burg_model`.
 
     Parameters
     ----------
@@ -55,27 +55,32 @@ def burg(signal: NDArray[np.float64], max_order: int) -> AutoregressiveModels:
         If `max_order` does not fit the length of the signal.
     """
     signal = np.asarray(signal, np.float64)
-    reflections = burg_reflections(signal, max_order)
+    _, reflections = burg_model(signal, max_order)
     shape = signal.shape[:-1]
-    powers = np.empty((*shape, max_order + 1))
-    powers[..., 0] = np.mean(signal * signal, axis=-1)
     coefficients = np.zeros((*shape, max_order + 1, max_order + 1))
-    coefficients[..., 0, 0] = 1
+    powers = np.empty((*shape, max_order + 1))
+    coefficients[..., :, 0] = 1
+    powers[..., 0] = np.mean(signal * signal, axis=-1)
     for order in range(1, max_order + 1):
         reflection = reflections[..., order - 1]
         powers[..., order] = powers[..., order - 1] * (1 - reflection * reflection)
-        coefficients[..., order, :] = coefficients[..., order - 1, :]
-        _raise_order(coefficients[..., order, :], reflection, order)
+        last = coefficients[..., order - 1, :order]
+        coefficients[..., order, 1:order] = last[..., 1:]
+        coefficients[..., order, 1 : order + 1] += reflection[..., None] * last[..., ::-1]
     return AutoregressiveModels(coefficients, powers, reflections)
 
 
-def burg_reflections(signal: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-    r"""Return the reflection coefficients of Burg's method.
+def burg_model(
+    signal: NDArray[np.float64], order: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    r"""Fit the AR model of one order by Burg's method.
 
-    It minimises the forward and the backward prediction error together:
+    It minimises forward and backward prediction error together:
 
     .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
-       {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2}
+       {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2},\quad c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
+
+    with the order of the coefficients reversed in the last term. All models are stable.
 
     Parameters
     ----------
@@ -86,13 +91,21 @@ def burg_reflections(signal: NDArray[np.float64], order: int) -> NDArray[np.floa
 
     Returns
     -------
-    ndarray, (..., p) float64
-        Each within -1..1, so that the model is stable.
+    coefficients : ndarray, (..., p + 1) float64
+        From the leading 1 on.
+    reflections : ndarray, (..., p) float64
+        Each within -1..1.
 
     Raises
     ------
     ValueError
         If `order` does not fit the length of the signal.
+
+    Notes
+    -----
+    For a signal of some hundred samples the time goes into calls, not into sums. So both errors
+    go through the lattice as one matrix, and behind the signal, further off than the order, an
+    impulse goes with them: its response are the coefficients.
 
     References
     ----------
@@ -102,23 +115,32 @@ def burg_reflections(signal: NDArray[np.float64], order: int) -> NDArray[np.floa
     if not 0 <= order < count:
         raise ValueError(f'order {order} does not fit a signal of {count} samples')
     rows = signal.reshape(-1, count)
+    padded = np.zeros((len(rows), count + 2 * order + 1))
+    padded[:, :count] = rows
+    padded[:, count + order] = 1.0
     # Forward errors, then backward errors one sample earlier, one after the other in memory.
-    errors = np.concatenate([rows[:, 1:], rows[:, :-1]], axis=-1)
-    if len(rows) == 1:
-        return np.reshape(_reflections_of_one(errors[0], order), (*shape, order))
-    result = np.empty((len(rows), order))
+    errors = np.concatenate([padded[:, 1:], padded[:, :-1]], axis=-1)
+    lattice = _lattice_of_one if len(rows) == 1 else _lattice
+    coefficients, reflections = lattice(errors, count - 1, order)
+    return coefficients.reshape(*shape, order + 1), reflections.reshape(*shape, order)
+
+
+def _lattice(
+    errors: NDArray[np.float64], count: int, order: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return coefficients and reflections; `count` of the errors are those of the signals."""
+    reflections = np.empty((len(errors), order))
+    turn = np.tile(np.eye(2), (len(errors), 1, 1))
+    pairs = errors.reshape(len(errors), 2, -1)
+    turned = pairs
     for m in range(order):
-        length = errors.shape[-1] // 2
-        # As `_reflections_of_one`, to the last bit: these are the same dot products.
-        energy = _dots(errors, errors)
-        cross = _dots(errors[:, :length], errors[:, length:])
-        reflection = -2.0 * cross / np.where(energy > 0, energy, 1.0)
-        result[:, m] = reflection
-        pairs = errors.reshape(-1, 2, length)
-        following = pairs[:, ::-1] * reflection[:, None, None]
-        following += pairs
-        errors = following.reshape(-1, 2 * length)[:, 1:-1]
-    return result.reshape(*shape, order)
+        forward, backward = pairs[:, 0, : count - m], pairs[:, 1, : count - m]
+        energy = _dots(forward, forward) + _dots(backward, backward)
+        reflection = -2.0 * _dots(forward, backward) / np.where(energy > 0, energy, 1.0)
+        reflections[:, m] = turn[:, 0, 1] = turn[:, 1, 0] = reflection
+        turned = turn @ pairs
+        pairs = turned.reshape(len(errors), -1)[:, 1:-1].reshape(len(errors), 2, -1)
+    return turned[:, 0, turned.shape[-1] - order - 1 :], reflections
 
 
 def _dots(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -126,65 +148,26 @@ def _dots(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.f
     return products
 
 
-def _reflections_of_one(errors: NDArray[np.float64], order: int) -> list[float]:
-    """Return those of one signal: most of the time goes into calls, so there are few of them."""
-    result = []
-    for _ in range(order):
-        length = len(errors) // 2
-        energy = errors.dot(errors).item()
+def _lattice_of_one(
+    errors: NDArray[np.float64], count: int, order: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what `_lattice` does for one signal, to the last bit, in a third of the time."""
+    reflections = np.empty(order)
+    turn = np.eye(2)
+    flat = errors[0]
+    forward = flat[: len(flat) // 2]
+    for m in range(order):
+        length = len(flat) // 2
+        forward, backward = flat[: count - m], flat[length : length + count - m]
+        energy = forward.dot(forward) + backward.dot(backward)
         # What is predicted to the last bit has nothing left to reflect.
-        safe = energy if energy > 0 else 1.0
-        reflection = -2.0 * errors[:length].dot(errors[length:]).item() / safe
-        result.append(reflection)
-        pair = errors.reshape(2, length)
-        following = pair[::-1] * reflection
-        following += pair
+        reflection = -2.0 * forward.dot(backward) / (energy if energy > 0 else 1.0)
+        reflections[m] = turn[0, 1] = turn[1, 0] = reflection
+        flat = turn.dot(flat.reshape(2, length)).reshape(-1)
+        forward = flat[:length]
         # The first forward and the last backward error have no partner in the next order.
-        errors = following.reshape(-1)[1:-1]
-    return result
-
-
-def prediction_error_filter(reflections: NDArray[np.float64]) -> NDArray[np.float64]:
-    r"""Return the coefficients of an AR model from its reflection coefficients.
-
-    .. math:: c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
-
-    with the order of the coefficients reversed in the last term (Levinson's recursion).
-
-    Parameters
-    ----------
-    reflections : ndarray, (..., p) float64
-        From order 1 on.
-
-    Returns
-    -------
-    ndarray, (..., p + 1) float64
-        From the leading 1 on.
-    """
-    order = reflections.shape[-1]
-    if reflections.size == order:
-        # The same sums; plain floats are faster than arrays of a few.
-        taps = [1.0]
-        for reflection in reflections.ravel().tolist():
-            reverse = taps[::-1]
-            taps.append(0.0)
-            taps[1:] = [
-                tap + reflection * last for tap, last in zip(taps[1:], reverse, strict=True)
-            ]
-        return np.reshape(taps, (*reflections.shape[:-1], order + 1))
-    coefficients = np.zeros((*reflections.shape[:-1], order + 1))
-    coefficients[..., 0] = 1
-    for m in range(1, order + 1):
-        _raise_order(coefficients, reflections[..., m - 1], m)
-    return coefficients
-
-
-def _raise_order(
-    coefficients: NDArray[np.float64], reflection: NDArray[np.float64], order: int
-) -> None:
-    """Make the model of an order, in place, from that of the order before."""
-    reverse = coefficients[..., order - 1 :: -1]
-    coefficients[..., 1 : order + 1] += reflection[..., None] * reverse
+        flat = flat[1:-1]
+    return forward[len(forward) - order - 1 :], reflections
 
 
 def akaike_order(powers: NDArray[np.float64], count: int) -> Any:

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.autoregression import burg_reflections, prediction_error_filter
+from checkweigher_dsp.autoregression import burg_model
 
 PREDICTION_RATE = 240.0  # Hz
 # Samples that a model of a given order is made from, at least, as a multiple of the order.
 _LEAST_RATIO = 3
+_MOST_AT_ONCE = 4  # samples, see `predict`
 
 
 def extend(
@@ -48,16 +49,15 @@ def extend(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result
-    blocks = block_means(disturbance, block)
-    taps = prediction_error_filter(burg_reflections(blocks, order))
     # The blocks are aligned to the end; backward they are those of the reversed signal.
-    backward = block_means(disturbance[..., ::-1], block)
-    steps = (before // block + 2, after // block + 2)
-    free = free_response(taps, max(steps))
-    preceding = predict(backward, taps, free[..., : steps[0]])
-    following = predict(blocks, taps, free[..., : steps[1]])
-    result[..., :before] = _interpolate(backward[..., -1:], preceding, block, before)[..., ::-1]
-    result[..., before + count :] = _interpolate(blocks[..., -1:], following, block, after)
+    blocks = np.empty((*shape, 2, count // block))
+    blocks[..., 0, :] = block_means(disturbance, block)
+    blocks[..., 1, :] = block_means(disturbance[..., ::-1], block)
+    taps, _ = burg_model(blocks[..., 0, :], order)
+    steps = max(before, after) // block + 2
+    means = np.concatenate([blocks[..., -1:], predict(blocks, taps, steps)], axis=-1)
+    result[..., :before] = _interpolate(means[..., 1, :], block, before)[..., ::-1]
+    result[..., before + count :] = _interpolate(means[..., 0, :], block, after)
     return result
 
 
@@ -70,64 +70,51 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     return means
 
 
-def free_response(taps: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return what a model gives after a single impulse: the series of 1 / taps.
-
-    Parameters
-    ----------
-    taps : ndarray, (..., p + 1) float64
-        Prediction-error filter, from the leading 1 on.
-    count : int
-        Number of samples, the first one is 1.
-
-    Returns
-    -------
-    ndarray, (..., count) float64
-
-    Notes
-    -----
-    Each step doubles the series: what the taps leave of it further on is taken out (Newton). So
-    it takes few calls, where the recursion takes one for each sample.
-    """
-    rows = taps.reshape(-1, taps.shape[-1])
-    result = np.empty((len(rows), count))
-    for row, filter_taps in zip(result, rows, strict=True):
-        series = np.ones(1)
-        while (known := len(series)) < count:
-            left = np.convolve(series, filter_taps[: 2 * known])[known : 2 * known]
-            series = np.concatenate([series, -np.convolve(series, left)[:known]])
-        row[:] = series[:count]
-    return result.reshape(*taps.shape[:-1], count)
-
-
 def predict(
-    signal: NDArray[np.float64], taps: NDArray[np.float64], free: NDArray[np.float64]
+    signals: NDArray[np.float64], taps: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
     """Predict the next samples from those before and, further on, from the predicted ones.
 
     Parameters
     ----------
-    signal : ndarray, (..., n) float64
-        n at least the order p.
+    signals : ndarray, (..., m, n) float64
+        m signals of the same model; n at least the order p.
     taps : ndarray, (..., p + 1) float64
         Prediction-error filter, from the leading 1 on.
-    free : ndarray, (..., count) float64
-        Its `free_response`, as long as the prediction is to be.
+    count : int
+        Number of samples to predict.
 
     Returns
     -------
-    ndarray, (..., count) float64
+    ndarray, (..., m, count) float64
+
+    Notes
+    -----
+    Some samples at a time, each of them written as a sum of the last p known ones. Not all at
+    once: for a model of lines, whose response to an impulse grows far beyond the signal before it
+    dies out, rounding would leave nothing of it.
     """
-    order, count = taps.shape[-1] - 1, free.shape[-1]
-    last = signal[..., signal.shape[-1] - order :]
-    result = np.empty((*signal.shape[:-1], count))
-    for row, past, filter_taps, response in zip(
-        result.reshape(-1, count), last.reshape(-1, order), taps.reshape(-1, order + 1),
-        free.reshape(-1, count), strict=True,
-    ):  # fmt: skip
-        # What the past samples, alone, put into each of the next ones drives the model.
-        row[:] = np.convolve(np.convolve(past, filter_taps)[order:], response)[:count]
-    return -result
+    order = taps.shape[-1] - 1
+    weights = -taps[..., :0:-1, None]
+    while 2 * weights.shape[-1] <= min(order, _MOST_AT_ONCE):
+        weights = _twice_as_far(weights)
+    width = weights.shape[-1]
+    result = np.empty((*signals.shape[:-1], order + -(-count // width) * width))
+    result[..., :order] = signals[..., signals.shape[-1] - order :]
+    for k in range(order, result.shape[-1], width):
+        np.matmul(result[..., k - order : k], weights, out=result[..., k : k + width])
+    return result[..., order : order + count]
+
+
+def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights (..., p, 2 n) of the last p samples in the next 2 n, from those of n."""
+    order, width = weights.shape[-2:]
+    result = np.empty((*weights.shape[:-1], 2 * width))
+    result[..., :width] = weights
+    # The last n of the samples that the second half is made of are those of the first one.
+    np.matmul(weights, weights[..., order - width :, :], out=result[..., width:])
+    result[..., width:, width:] += weights[..., : order - width, :]
+    return result
 
 
 @lru_cache(maxsize=256)
@@ -142,10 +129,7 @@ def _places(block: int, count: int) -> tuple[NDArray[Any], ...]:
     return places
 
 
-def _interpolate(
-    last: NDArray[np.float64], blocks: NDArray[np.float64], block: int, count: int
-) -> NDArray[np.float64]:
-    """Return the samples after the end of the block `last`, linear between block centres."""
-    means = np.concatenate([last, blocks], axis=-1)
+def _interpolate(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
+    """Return the samples after the end of the first block, linear between block centres."""
     left, right, share_left, share_right = _places(block, count)
     return means.take(left, -1) * share_left + means.take(right, -1) * share_right
