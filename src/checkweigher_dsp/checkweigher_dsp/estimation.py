@@ -1,6 +1,7 @@
 """From a denoised weigh window to a mass with its uncertainty, by the estimator that was chosen."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 from typing import ClassVar
 
@@ -58,42 +59,66 @@ class Identifier:
         self._known = parameters.chosen
         self._estimator = ESTIMATORS[parameters.estimator](self._known)
 
+    @property
+    def needs_denoised(self) -> bool:
+        """Whether the estimator reads the denoised signal; the others weigh the raw one."""
+        return self._estimator.needs_denoised
+
     def estimate(self, window: WeighWindow) -> MassEstimate:
         """Return the mass in a window with its uncertainty, or the reasons why there is none."""
-        unknown = MassEstimate(
-            window.item_id, window.t1, window.t2, window.t3, window.reasons,
-            belt_speed=window.belt_speed, product_length=window.product_length,
-            line_speed=window.line_speed,
-            estimator=self._parameters.estimator,
-        )  # fmt: skip
+        refused = self._refuse(window)
+        return refused or self._estimate(window, self._estimator.estimate(window))
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
+        """Return what `estimate` makes of each window, to the last bit, in less time."""
+        refused = [self._refuse(window) for window in windows]
+        pairs = zip(windows, refused, strict=True)
+        plateaus = iter(self._estimator.estimate_all([w for w, refusal in pairs if not refusal]))
+        return [
+            refusal or self._estimate(window, next(plateaus))
+            for window, refusal in zip(windows, refused, strict=True)
+        ]
+
+    def _refuse(self, window: WeighWindow) -> MassEstimate | None:
+        """Return the estimate of a window that the estimator must not see, with its reasons."""
         if window.reasons:
-            return unknown
-        if not is_consistent(window) or len(window.denoised) != len(window.counts):
-            return replace(unknown, reasons=(Reason.BAD_WINDOW.value,))
+            return self._record(window, window.reasons)
+        count = len(window.denoised)
+        # Without denoise before it an estimator still has all that it reads.
+        complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
+        if not is_consistent(window) or not complete:
+            return self._record(window, (Reason.BAD_WINDOW.value,))
+        known = self._known
+        tolerance = self._parameters.speed_tolerance
+        if known.calibrated and not known.is_trained(window.belt_speed, tolerance):
+            return self._record(window, (Reason.SPEED_NOT_TRAINED.value,))
+        return None
+
+    def _record(self, window: WeighWindow, reasons: tuple[str, ...], **more: float) -> MassEstimate:
+        return MassEstimate(
+            window.item_id, window.t1, window.t2, window.t3, reasons,
+            belt_speed=window.belt_speed, product_length=window.product_length,
+            line_speed=window.line_speed, estimator=self._parameters.estimator, **more,
+        )  # fmt: skip
+
+    def _estimate(self, window: WeighWindow, plateau: Plateau) -> MassEstimate:
+        """Return the mass of a window from what the estimator made of it."""
         known, speed = self._known, window.belt_speed
-        if known.calibrated and not known.is_trained(speed, self._parameters.speed_tolerance):
-            return replace(unknown, reasons=(Reason.SPEED_NOT_TRAINED.value,))
-        plateau = self._estimator.estimate(window)
         mass = known.at('gain', speed) * plateau.mass + known.at('offset', speed)
         variance = self._variance(window, plateau, mass)
-        estimate = replace(unknown, zero=(window.zero - window.zero_counts) / window.counts_per_kg)
+        zero = (window.zero - window.zero_counts) / window.counts_per_kg
         if not self._has_converged(plateau, mass, variance):
-            return replace(estimate, reasons=(Reason.NO_CONVERGENCE.value,))
+            return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
         if mass <= 0:
-            return replace(estimate, reasons=(Reason.NO_LOAD.value,))
+            return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
         natural_frequency, damping_ratio = platform_poles(
             plateau.a1, plateau.a2, window.sample_rate
         )
-        return replace(
-            estimate,
-            mass=mass,
-            std_dev=math.sqrt(variance),
-            a1=plateau.a1,
-            a2=plateau.a2,
-            b1=plateau.b1,
-            natural_frequency=natural_frequency,
+        return self._record(
+            window, (), zero=zero, mass=mass, std_dev=math.sqrt(variance), a1=plateau.a1,
+            a2=plateau.a2, b1=plateau.b1, natural_frequency=natural_frequency,
             damping_ratio=damping_ratio,
-        )
+        )  # fmt: skip
 
     def _variance(self, window: WeighWindow, plateau: Plateau, mass: float) -> float:
         """Return the variance of a mass, kg^2.

@@ -187,7 +187,7 @@ class WindowNoise:
         Q as a multiple of R.
     initial, coefficients : float
         P0, see `Noise`; the signal is normalised to 1.
-    rise : float
+    rise : float or ndarray, (passes,)
         R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
     """
 
@@ -195,7 +195,7 @@ class WindowNoise:
     process: float = 0.01
     initial: float = 1.0
     coefficients: float = 1e-6
-    rise: float = 10.0
+    rise: Any = 10.0
 
 
 def identify_window(
@@ -226,35 +226,67 @@ def identify_window(
         ``gain`` and ``b1`` in the unit of `denoised`, ``variance`` in its square: floats for one
         window, arrays (passes,) for several. NaN where there is nothing to identify.
     """
-    full = np.ones(denoised.shape, bool) if inputs is None else inputs >= 1.0
+    found, scale = (_identify_one if denoised.ndim == 1 else _identify_several)(
+        denoised, removed_variance, inputs, noise
+    )
     with np.errstate(all='ignore'):
-        scale: Any = np.sum(denoised * full, axis=-1) / np.sum(full, axis=-1)
-        usable = np.isfinite(scale) & (scale != 0)
-        scale = np.where(usable, scale, np.nan)
-        relative: Any = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
-        samples: Any = np.moveaxis(denoised / scale[..., None], -1, 0)
-        rising: Any = None if inputs is None else np.moveaxis(inputs, -1, 0)
-        rise: Any = None
-        if rising is not None and noise.rise != 1.0:
-            rise = np.where(rising < 1.0, noise.rise * relative, relative)
-        if denoised.ndim == 1:
-            if not usable:
-                return Identification(*(math.nan,) * 5)
-            scale, relative = float(scale), float(relative)
-            # Plain floats: arithmetic on numpy's is several times slower.
-            samples, rising, rise = (
-                None if values is None else values.tolist() for values in (samples, rising, rise)
-            )
-        found = identify(
-            samples,
-            Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
-            rising,
-            measurement=rise,
-        )
         return Identification(
             found.a1, found.a2, scale * found.b1, scale * found.gain,
             scale * scale * found.variance,
         )  # fmt: skip
+
+
+def _identify_one(
+    denoised: NDArray[np.float64],
+    removed_variance: float,
+    inputs: NDArray[np.float64] | None,
+    noise: WindowNoise,
+) -> tuple[Identification, float]:
+    """Return what `_identify_several` does for each window, to the last bit, in plain floats."""
+    plateau = denoised if inputs is None else denoised * (inputs >= 1.0)
+    count = len(denoised) if inputs is None else np.count_nonzero(inputs >= 1.0)
+    scale = np.add.reduce(plateau).item() / count if count else math.nan
+    if not math.isfinite(scale) or scale == 0:
+        return _NOTHING, math.nan
+    relative = max(noise.measurement * removed_variance / scale / scale, _LEAST)
+    measurement = None
+    if inputs is not None and noise.rise != 1.0:
+        measurement = np.where(inputs < 1.0, noise.rise * relative, relative).tolist()
+    found = identify(
+        (denoised / scale).tolist(),
+        Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
+        None if inputs is None else inputs.tolist(),
+        measurement=measurement,
+    )
+    return found, scale
+
+
+_NOTHING = Identification(*(math.nan,) * 5)
+
+
+def _identify_several(
+    denoised: NDArray[np.float64],
+    removed_variance: Any,
+    inputs: NDArray[np.float64] | None,
+    noise: WindowNoise,
+) -> tuple[Identification, Any]:
+    """Return what is identified in windows at once and by what each was divided, (passes,)."""
+    full = np.ones(denoised.shape, bool) if inputs is None else inputs >= 1.0
+    with np.errstate(all='ignore'):
+        scale = np.add.reduce(denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
+        scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
+        relative = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
+        rising = None if inputs is None else np.ascontiguousarray(inputs.T)
+        measurement = None
+        if rising is not None and not np.all(noise.rise == 1.0):
+            measurement = np.where(rising < 1.0, noise.rise * relative, relative)
+        found = identify(
+            np.ascontiguousarray((denoised / scale[:, None]).T),
+            Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
+            rising,
+            measurement=measurement,
+        )
+    return found, scale
 
 
 # Relative variance that even a noise-free signal is credited with: the filter stays regular.

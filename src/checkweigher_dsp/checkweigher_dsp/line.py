@@ -1,6 +1,6 @@
 """The stages in one loop: what the graph does, without the graph."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
@@ -136,10 +136,52 @@ class WeighingLine:
         """Return what is still on the belt, as faults: the stream has ended."""
         return self._weigh(self._segmenter.finish())
 
+    def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> list[Weighing]:
+        """Return what `add` makes of events one after the other and `finish` of their end.
+
+        To the last bit, but in less time: the windows are denoised and identified many at once.
+        For a line on which nothing has been added yet.
+        """
+        # What the reject stage is to meet, in this order: edges, and windows as they are complete.
+        steps: list[EyeEdge | WeighWindow] = []
+        weighings: list[Weighing] = []
+        for event in events:
+            if isinstance(event, SampleBlock):
+                steps += self._segmenter.add_samples(event)
+            else:
+                steps.append(event)
+                steps += self._segmenter.add_edge(event)
+            if len(steps) >= _STEPS_AT_ONCE:
+                weighings += self._weigh_steps(steps)
+                steps = []
+        steps += self._segmenter.finish()
+        return weighings + self._weigh_steps(steps)
+
+    def _weigh_steps(self, steps: Sequence[EyeEdge | WeighWindow]) -> list[Weighing]:
+        windows = [step for step in steps if isinstance(step, WeighWindow)]
+        if self._identifier.needs_denoised:
+            windows = self._denoiser.denoise_all(windows)
+        estimates = iter(self._identifier.estimate_all(windows))
+        weighings = []
+        for step in steps:
+            if isinstance(step, EyeEdge):
+                self._reject_stage.add_edge(step)  # gives no verdict: no time runs here
+            else:
+                weighings += self._judge(next(estimates))
+        return weighings
+
     def _weigh(self, windows: list[WeighWindow]) -> list[Weighing]:
         weighings = []
         for window in windows:
-            estimate = self._identifier.estimate(self._denoiser.denoise(window))
-            verdicts = self._reject_stage.add_estimate(estimate)
-            weighings += [Weighing(estimate, verdict) for verdict in verdicts]
+            if self._identifier.needs_denoised:
+                window = self._denoiser.denoise(window)
+            weighings += self._judge(self._identifier.estimate(window))
         return weighings
+
+    def _judge(self, estimate: MassEstimate) -> list[Weighing]:
+        verdicts = self._reject_stage.add_estimate(estimate)
+        return [Weighing(estimate, verdict) for verdict in verdicts]
+
+
+# Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
+_STEPS_AT_ONCE = 2500

@@ -41,8 +41,11 @@ class Batch:
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
     """Return what the denoise and identifier stages make of each pass."""
-    denoiser, identifier = Denoiser(parameters.denoise), Identifier(parameters.identifier)
-    return [identifier.estimate(denoiser.denoise(each.window)) for each in passes]
+    identifier = Identifier(parameters.identifier)
+    windows = [each.window for each in passes]
+    if identifier.needs_denoised:
+        windows = Denoiser(parameters.denoise).denoise_all(windows)
+    return identifier.estimate_all(windows)
 
 
 def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionResult]:

@@ -2,7 +2,7 @@
 
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording
-from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference
 from checkweigher_validation.results import ItemResult, join_all
 
@@ -27,11 +27,7 @@ def weigh(
         In order of entry.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    weighings: list[Weighing] = []
     total = len(recording.blocks) + len(recording.edges) + len(recording.references)
     events = with_progress(recording, 'weighing', total, shown=progress)
-    for event in events:
-        if not isinstance(event, Reference):
-            weighings += line.add(event)
-    weighings += line.finish()
+    weighings = line.weigh_all(event for event in events if not isinstance(event, Reference))
     return join_all(weighings, recording.edges, recording.references)

@@ -1,10 +1,11 @@
 """What all estimators have in common: their interface and what training passes tell of them."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,14 @@ class Estimator(ABC):
     ----------
     parameters : EstimatorParameters
         Of the field of IdentifierParameters that has the estimator's name.
+
+    Attributes
+    ----------
+    needs_denoised : bool
+        Whether `estimate` reads ``window.denoised``; the others weigh the raw signal.
     """
+
+    needs_denoised: ClassVar[bool] = False
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
@@ -99,6 +107,10 @@ class Estimator(ABC):
     @abstractmethod
     def estimate(self, window: WeighWindow) -> Plateau:
         """Return the load of a whole window, before gain and offset; NaN if there is none."""
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
+        """Return what `estimate` makes of each window, to the last bit."""
+        return [self.estimate(window) for window in windows]
 
 
 def raw_plateau(window: WeighWindow) -> NDArray[np.float64]:

@@ -209,12 +209,12 @@ def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget:
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
     """Return what the chosen estimator makes of passes before gain and offset: (n,) float64, kg."""
-    denoiser = Denoiser(parameters.denoise)
     identifier = parameters.identifier
     estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
-    return np.array(
-        [estimator.estimate(denoiser.denoise(each.window)).mass for each in group.passes]
-    )
+    windows = [each.window for each in group.passes]
+    if estimator.needs_denoised:
+        windows = Denoiser(parameters.denoise).denoise_all(windows)
+    return np.array([plateau.mass for plateau in estimator.estimate_all(windows)])
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:
