@@ -129,6 +129,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Begin a new stream."""
         if self._source is None:  # deactivated, which closes what blocks
             self.configure()
+        assert self._source is not None
         with self._changed:
             self._begin_stream(time.time_ns())  # no other driver's number
         load_cell = self._source.load_cell

@@ -292,8 +292,8 @@ class RejectStage:
             self._arrivals.clear()
             for edge in missed:
                 self.add_edge(edge)
-            if now is not None and self._newest is not None:
-                self._came = now - (history.stamp - self._newest)
+            if now is not None:
+                self._came = now - (history.stamp - max(edge.stamp for edge in missed))
             self._arrivals.clear()
             if history.first_edge:
                 self._forget_cut(missed[0].stamp)
