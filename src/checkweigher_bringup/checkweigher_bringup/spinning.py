@@ -9,6 +9,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+_PATIENCE = 10.0  # s
+
 
 class Spinner:
     """Spins nodes in a thread."""
@@ -32,8 +34,17 @@ class Spinner:
     def remove(self, node: Node) -> None:
         """Destroy a node before the others."""
         self._nodes.remove(node)
-        self._executor.remove_node(node)
-        node.destroy_node()
+        # In the thread that spins: it may be about to wait for what is destroyed here.
+        done = threading.Event()
+
+        def destroy() -> None:
+            self._executor.remove_node(node)
+            node.destroy_node()
+            done.set()
+
+        self._executor.create_task(destroy)
+        if not done.wait(_PATIENCE):
+            raise RuntimeError(f'{node.get_name()}: could not be destroyed')
 
     def stop(self) -> None:
         """Stop, and destroy the nodes in the order opposite to that in which they came."""
