@@ -10,6 +10,7 @@ import sys
 from lines import simulated
 import pytest
 from running import run_command
+import yaml
 
 from checkweigher_driver.bag_writing import write_bag
 
@@ -55,6 +56,12 @@ def test_a_recording_weighs_as_the_line_did(
     assert recorder.returncode == 0, errors
     assert 'messages' in output
     assert rows('weigh', tmp_path / 'bag') == replayed
+    information = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())
+    topics = information['rosbag2_bagfile_information']['topics_with_message_count']
+    counts = {each['topic_metadata']['name']: each['message_count'] for each in topics}
+    assert counts['/taped/verdict'] == 6
+    assert counts['/diagnostics'] > 0
+    assert {'/taped/statistics', '/taped/zero_setting', '/taped/reject_eye'} <= set(counts)
 
 
 def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):

@@ -135,6 +135,10 @@ class BagFile:
         self._counts[topic] += 1
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
+    def _name(self, topic: Topic) -> str:
+        absolute = topic.name.startswith('/')
+        return topic.name if absolute else f'{self._prefix}/{topic.name}'
+
     def _add_channel(self, topic: Topic) -> int:
         """Return the number of a new channel for a topic."""
         text, _ = typestore().generate_msgdef(topic.message_type, ros_version=2)
@@ -142,7 +146,7 @@ class BagFile:
         qos = yaml.safe_dump(dump_qos_v9([_qos(topic)]), sort_keys=False).strip()
         digest = typestore().hash_rihs01(topic.message_type)
         return self._mcap.register_channel(
-            f'{self._prefix}/{topic.name}',
+            self._name(topic),
             'cdr',
             schema,
             {'offered_qos_profiles': qos, 'topic_type_hash': digest},
@@ -165,7 +169,7 @@ class BagFile:
         topics = [
             {
                 'topic_metadata': {
-                    'name': f'{self._prefix}/{topic.name}',
+                    'name': self._name(topic),
                     'type': topic.message_type,
                     'serialization_format': 'cdr',
                     'offered_qos_profiles': dump_qos_v9([_qos(topic)]),

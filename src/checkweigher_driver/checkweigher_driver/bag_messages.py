@@ -20,7 +20,7 @@ class Topic:
     Attributes
     ----------
     name : str
-        Relative to the lane's namespace.
+        Relative to the lane's namespace, unless it begins with a slash.
     message_type : str
         As ROS names it, with ``/msg/``.
     latched : bool
@@ -46,9 +46,13 @@ OUTPUT_TOPICS = (
     Topic('verdict', 'checkweigher_msgs/msg/Verdict'),
     Topic('reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent'),
     Topic('stop_request', 'checkweigher_msgs/msg/StopRequest', latched=True),
+    Topic('zero_setting', 'checkweigher_msgs/msg/ZeroSetting', latched=True),
+    Topic('statistics', 'checkweigher_msgs/msg/Statistics', latched=True),
+    Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'),
 )
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
+_INNER = ('diagnostic_msgs/msg/KeyValue', 'diagnostic_msgs/msg/DiagnosticStatus')
 
 
 @cache
@@ -66,6 +70,7 @@ def typestore() -> Typestore:
     for message_type in (
         TIME,
         HEADER,
+        *_INNER,
         *dict.fromkeys(topic.message_type for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)),
     ):
         package, folder, name = message_type.split('/')
