@@ -10,6 +10,7 @@ from checkweigher_dsp.audit_log import AuditLog, Entry, plain
 
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
+RESTORED, ZERO = 'restored', 'zero'
 
 
 class AuditTrail:

@@ -39,6 +39,7 @@ NODES: dict[str, type[Parameters]] = {
 _READ_ONLY = ('segmenter', 'driver')
 _LIMITS = ('lower_limit', 'upper_limit')
 _RANGES = ('min_length', 'max_length', 'min_speed', 'max_speed')
+_OWN = (*_LIMITS, *_RANGES, 'product', 'needs_product')  # of reject, not for `parameters`
 _KEYS = ('nominal', 'tare', *_LIMITS, 'length', 'speed', 'parameters')
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
@@ -93,6 +94,7 @@ class Product:
             max_length=self.length[1],
             min_speed=self.speed[0],
             max_speed=self.speed[1],
+            product=self.name,
         )
         return made
 
@@ -216,9 +218,10 @@ def _parameters(key: str, value: object) -> Changes:
         known = NODES[node].entries()
         made[node] = {}
         for name, each in flatten(cast(Mapping[str, object], section)).items():
-            if node == 'reject' and name in (*_LIMITS, *_RANGES):
+            if node == 'reject' and name in _OWN:
                 raise RecipeError(
-                    f'{key}.reject.{name}: limits, length and speed stand beside nominal'
+                    f'{key}.reject.{name}: no recipe sets it here; limits, length and speed stand '
+                    'beside nominal'
                 )
             if name not in known:
                 raise RecipeError(f'{key}.{node}.{name}: {node} has no such parameter')

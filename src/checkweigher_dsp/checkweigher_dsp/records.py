@@ -58,6 +58,7 @@ class Reason(StrEnum):
     START_UP = 'StartUp'
     CLOCK_JUMP = 'ClockJump'
     ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
+    NO_PRODUCT = 'NoProduct'
 
     @property
     def hint(self) -> str:
@@ -90,6 +91,7 @@ _HINTS = {
     Reason.START_UP: 'the product was on the line before the first sample; run it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond zero_range or zero_rate; clean it, zero it',
+    Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
 }
 
 
@@ -341,6 +343,26 @@ class Verdict:
     t1: int | None = None
     estimate_id: int = 0
     late: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroChange:
+    """What the service zero has made the zero of the belt.
+
+    Attributes
+    ----------
+    stamp : int
+        ns, end of the empty belt that was read.
+    zero, previous : float
+        The new one and the one before it, kg from the zero of calibration.
+    std_dev : float
+        Of the new one, kg.
+    """
+
+    stamp: int
+    zero: float
+    previous: float
+    std_dev: float
 
 
 @dataclass(frozen=True, slots=True)

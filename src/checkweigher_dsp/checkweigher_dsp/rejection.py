@@ -101,6 +101,10 @@ class RejectParameters(Parameters):
         math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any',
         unit='m/s', minimum=0,
     )  # fmt: skip
+    product: str = parameter('', 'whose limits these are; the node product sets it')
+    needs_product: bool = parameter(
+        False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -439,7 +443,7 @@ def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Rea
     A length or speed that is not known is not within a range that is asked for.
     """
     limits, length = parameters, estimate.product_length
-    found = []
+    found = [Reason.NO_PRODUCT] if limits.needs_product and not limits.product else []
     if _outside(length, limits.min_length, limits.max_length):
         if math.isnan(length):
             found.append(Reason.BAD_WINDOW)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, ZeroChange
 from checkweigher_dsp.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmenter_parameters import SegmenterParameters
 from checkweigher_dsp.zero_tracking import ZeroTracker
@@ -12,10 +12,11 @@ _PATIENCE = 10.0  # s of signal
 
 @dataclass(frozen=True, slots=True)
 class ZeroAnswer:
-    """Whether the belt was zeroed, and what to or why not."""
+    """Whether the belt was zeroed, what to or why not, and if it was, the two zeros."""
 
     done: bool
     text: str
+    change: ZeroChange | None = None
 
 
 class ZeroSetting:
@@ -80,15 +81,24 @@ class ZeroSetting:
         if not buffer.is_whole(begin, end):
             self._why_not = 'samples were lost'
             return None
-        reading = tracker.set(buffer.stamp_at(end) / NANOSECONDS, buffer.read(begin, end))
+        stamp, before = buffer.stamp_at(end), tracker.zero.counts
+        reading = tracker.set(stamp / NANOSECONDS, buffer.read(begin, end))
         if reading is None:
             self._why_not = 'the empty belt was not at rest'
             return None
-        mass = (reading - self._load_cell.zero_counts) / self._load_cell.counts_per_kg
+        cell = self._load_cell
+        mass = (reading - cell.zero_counts) / cell.counts_per_kg
         if not tracker.is_in_range(reading):
             return ZeroAnswer(
                 False,
                 f'the empty belt reads {mass:.6f} kg, beyond zero_range '
                 f'{self._limits.zero_range:g} kg: not zeroed',
             )
-        return ZeroAnswer(True, f'zeroed at {mass:.6f} kg from the zero of calibration')
+        change = ZeroChange(
+            stamp,
+            mass,
+            (before - cell.zero_counts) / cell.counts_per_kg,
+            tracker.zero.std_dev / abs(cell.counts_per_kg),
+        )
+        text = f'zeroed at {mass:.6f} kg from the zero of calibration'
+        return ZeroAnswer(True, text, change)

@@ -62,6 +62,7 @@ def test_what_is_not_given_is_no_limit():
         'reject': {
             'lower_limit': -math.inf, 'upper_limit': math.inf,
             'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
+            'product': 'crisps',
         }
     }  # fmt: skip
     assert product.length == product.speed == (0.0, math.inf)
@@ -97,6 +98,11 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no such node'),
         ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
         ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
+        (
+            'parameters',
+            {'reject': {'needs_product': False}},
+            'crisps.parameters.reject.needs_product',
+        ),
         ('parameters', {'reject': {'max_length': 0.1}}, 'crisps.parameters.reject.max_length'),
         ('parameters', {'denoise': {'strech': 9}}, 'crisps.parameters.denoise.strech: denoise has'),
         ('parameters', {'denoise': {'stretch': 9}}, 'crisps.parameters.denoise.stretch: 9 is not'),

@@ -124,6 +124,17 @@ def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
     assert judge(fault, RANGES).reasons == ('MissingEdge',)
 
 
+@pytest.mark.parametrize(
+    ('product', 'needed', 'reasons'),
+    [('', True, ('NoProduct',)), ('crisps', True, ()), ('', False, ())],
+)
+def test_where_a_product_is_needed_nothing_is_accepted_without_one(product, needed, reasons):
+    verdict = judge(_estimate(), RejectParameters(product=product, needs_product=needed))
+
+    assert verdict.reasons == reasons
+    assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
+
+
 def test_a_product_of_another_length_is_no_underweight():
     assert judge(_estimate(0.05, product_length=0.2), RANGES).decision is Decision.FAULT
 

@@ -9,6 +9,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
+from checkweigher_dsp.nodes.topics import ZERO_SETTING
 
 
 @pytest.fixture
@@ -42,6 +43,9 @@ def test_the_service_answers_when_the_belt_was_zeroed(executor, make_line):
     node = SegmenterNode()
     node._load_cell = line.load_cell
     node._start()
+    settings = []
+    topic = ZERO_SETTING
+    node.create_subscription(topic.type, topic.name, settings.append, topic.qos)
     blocks = iter(line.blocks(size=96))
     # The signal goes on once the request is there.
     node.create_timer(0.005, lambda: node._zero_requests and node._take(next(blocks)))
@@ -50,3 +54,8 @@ def test_the_service_answers_when_the_belt_was_zeroed(executor, make_line):
 
     assert future.result().success
     assert future.result().message.startswith('zeroed at 0.000000 kg')
+    deadline = time.monotonic() + 20
+    while not settings and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+    (setting,) = settings
+    assert (setting.zero, setting.previous) == pytest.approx((0.0, 0.0), abs=1e-6)

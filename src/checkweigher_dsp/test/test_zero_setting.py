@@ -40,6 +40,12 @@ def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):
     assert segmenter.zero_answer is not None
     assert segmenter.zero_answer.done
     assert 'zeroed at 0.001000 kg' in segmenter.zero_answer.text
+    change = segmenter.zero_answer.change
+    assert change is not None
+    # It reads 5000 counts of 1e-6 kg; it was calibrated, and not corrected since, at 4000.
+    assert (change.zero, change.previous) == pytest.approx((1e-3, 0.0), abs=1e-12)
+    assert line.start < change.stamp < line.start + 5 * 10**9
+    assert 0 < change.std_dev < 1e-4
 
 
 def test_between_products_the_next_empty_belt_is_taken(make_line, load_cell):
@@ -72,6 +78,7 @@ def test_what_cannot_be_zeroed_says_why(make_line, load_cell, calibrated, after,
 
     assert segmenter.zero_answer is not None
     assert not segmenter.zero_answer.done
+    assert segmenter.zero_answer.change is None
     assert why in segmenter.zero_answer.text
 
 

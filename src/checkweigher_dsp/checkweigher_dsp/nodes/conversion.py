@@ -28,6 +28,7 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
     WeighWindow,
+    ZeroChange,
 )
 
 _ESTIMATE_NUMBERS = (
@@ -280,6 +281,26 @@ def fill_history(history: LineHistory, response: Any) -> Any:
     response.edges = [edge_to(edge) for edge in history.edges]
     response.verdicts = [verdict_to(verdict) for verdict in history.verdicts]
     return response
+
+
+def zero_change_from(message: Any) -> ZeroChange:
+    """Return the change of a ZeroSetting."""
+    return ZeroChange(
+        stamp_from(message.header.stamp),
+        float(message.zero),
+        float(message.previous),
+        float(message.std_dev),
+    )
+
+
+def zero_change_to(change: ZeroChange) -> messages.ZeroSetting:
+    """Return the ZeroSetting of a change."""
+    return messages.ZeroSetting(
+        header=header_to(change.stamp, 'load_cell'),
+        zero=float(change.zero),
+        previous=float(change.previous),
+        std_dev=float(change.std_dev),
+    )
 
 
 def _array(typecode: str, values: NDArray[Any]) -> 'array.array[Any]':

@@ -129,6 +129,33 @@ class LineParametersClient:
         return self._clients[kind, node]
 
 
+class LineNodes:
+    """Notice which nodes of the lane have been started.
+
+    Each node has a publisher of its parameter events, and each start another one: that is seen in
+    the graph however the messages of the start itself were lost.
+
+    Parameters
+    ----------
+    node : Node
+        In whose namespace the others are.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._known: set[bytes] = set()
+
+    def started(self) -> set[str]:
+        """Return the nodes that were not there when this was asked last."""
+        found = set()
+        for each in self._node.get_publishers_info_by_topic('/parameter_events'):
+            identity = bytes(each.endpoint_gid)
+            if identity not in self._known and each.node_namespace == self._node.get_namespace():
+                self._known.add(identity)
+                found.add(each.node_name)
+        return found
+
+
 def python_value(value: Any) -> object:
     """Return a ParameterValue message as a Python value, arrays as lists."""
     found = parameter_value_to_python(value)

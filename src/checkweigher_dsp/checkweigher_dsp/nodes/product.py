@@ -21,8 +21,10 @@ from checkweigher_dsp.nodes.conversion import (
     header_to,
     load_cell_from,
     verdict_from,
+    zero_change_from,
 )
 from checkweigher_dsp.nodes.line_parameters import (
+    LineNodes,
     LineParametersClient,
     RefusedError,
     Values,
@@ -33,7 +35,7 @@ from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.production_statistics import ProductionRecord, ProductionStatistics
 from checkweigher_dsp.recipes import NODES, Product, RecipeError, read_recipes
-from checkweigher_dsp.records import NANOSECONDS, Decision
+from checkweigher_dsp.records import NANOSECONDS, Decision, Reason
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
@@ -75,9 +77,14 @@ class ProductNode(StageNode[ProductParameters]):
         self._record = ProductionRecord(self.parameters.batch)
         # What stood before the first recipe that set it: products that leave it out get it back.
         self._base: dict[str, Values] = {}
+        # What the selected product has set, and the nodes that were started since.
+        self._set: dict[str, Values] = {}
+        self._lost: set[str] = set()
         self._stale = set(_AUDITED)
         self._events = 0
+        self._zero_out_of_range = False
         self._line = LineParametersClient(self, _PATIENCE)
+        self._nodes = LineNodes(self)
         self._statistics = self.create_publisher(
             topics.STATISTICS.type, topics.STATISTICS.name, topics.STATISTICS.qos
         )
@@ -87,6 +94,7 @@ class ProductNode(StageNode[ProductParameters]):
         if self._log is not None:
             self.subscribe(_PARAMETER_EVENTS, self._on_parameter_event)
             self.subscribe(topics.LOAD_CELL_INFO, self._on_load_cell)
+            self.subscribe(topics.ZERO_SETTING, self._on_zero_setting)
             self.create_timer(
                 _POLL_PERIOD, self._take_inventory, callback_group=MutuallyExclusiveCallbackGroup()
             )
@@ -107,10 +115,11 @@ class ProductNode(StageNode[ProductParameters]):
             (ResetStatistics, 'reset_statistics', self._on_reset),
         ):
             self.create_service(kind, name, callback, callback_group=group)
-        if self.parameters.product:
+        if self.parameters.recipes:
             self._start_timer = self.create_timer(
                 _POLL_PERIOD, self._select_at_start, callback_group=group
             )
+            self.create_timer(_POLL_PERIOD, self._restore, callback_group=group)
 
     def _now(self) -> str:
         seconds = self.get_clock().now().nanoseconds / NANOSECONDS
@@ -139,32 +148,65 @@ class ProductNode(StageNode[ProductParameters]):
         return response
 
     async def _select_at_start(self) -> None:
+        name = self.parameters.product
         if not all(self._line.ready(node) for node in NODES):
-            self.warn(f'product {self.parameters.product!r} waits for the nodes of the line')
+            if name:
+                self.warn(f'product {name!r} waits for the nodes of the line')
             return
         if self._log is not None and self._stale.intersection(NODES):
             return  # the log has to have the values that the product changes
         try:
             if self._record.product is None:
-                await self._select(self.parameters.product)
+                # If only this node was started anew, what is on the line stays there.
+                name = str((await self._line.get('reject', ['product']))['product']) or name
+            if self._record.product is None and name:
+                await self._select(name)
             self._start_timer.cancel()
         except (AuditError, RecipeError, RefusedError) as error:
-            self.warn(f'product {self.parameters.product!r} was not selected: {error}')
+            self.warn(f'product {name!r} was not selected: {error}')
+
+    async def _restore(self) -> None:
+        """Give a node of the line that was started anew what the product has set."""
+        self._notice_started()
+        lost = self._lost.intersection(self._set)
+        if not lost or (self._log is not None and self._stale.intersection(lost)):
+            return
+        product = self._set['reject']['product']
+        try:
+            # Until all have theirs nothing is accepted, if the line needs a product.
+            await self._line.set({'reject': {'product': ''}})
+            nodes = [node for node in NODES if node in lost or node == 'reject']
+            await self._line.set({node: self._set[node] for node in nodes})
+            self._lost -= lost
+            for node in sorted(lost):
+                self.warn(f'{node} was started anew: it has the parameters of {product!r} again')
+                self._trail.note(self._now(), audit_trail.RESTORED, node, None, product)
+        except (AuditError, RefusedError) as error:
+            self.warn(f'{", ".join(sorted(lost))}: started anew, without {product!r}: {error}')
+
+    def _notice_started(self) -> None:
+        started = self._nodes.started()
+        self._lost.update(started)
+        self._stale.update(started.intersection(_AUDITED))
 
     async def _select(self, name: str) -> None:
         products, product = self._find(name)
+        self._notice_started()
+        started = set(self._lost)
         self._trail.recipes(self._now(), {n: p.as_mapping() for n, p in products.items()})
         # Written before it is done: what cannot be written down is not done.
         old = self._record.product.name if self._record.product else None
         self._trail.note(self._now(), audit_trail.SELECTION, 'product', old, name)
         try:
             base = await self._with_base(product.changes())
-            changes = {node: {**base[node], **product.changes().get(node, {})} for node in base}
+            its = product.changes()
+            changes = {n: {**base[n], **its.get(n, {})} for n in NODES if n in base}
             await self._line.set(changes)
         except RefusedError as error:
             self._trail.note(self._now(), audit_trail.REFUSED, 'product', name, str(error))
             raise
-        self._base = base
+        self._base, self._set = base, changes
+        self._lost -= started
         self._record.product = product
         self.count('products selected')
         self._publish()
@@ -182,8 +224,15 @@ class ProductNode(StageNode[ProductParameters]):
     # Statistics
 
     def _on_verdict(self, message: Any) -> None:
-        self._record.current.add(verdict_from(message))
+        verdict = verdict_from(message)
+        self._record.current.add(verdict)
         self._publish()
+        out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
+        # Another fault says nothing of the zero.
+        if out != self._zero_out_of_range and (out or not verdict.reasons):
+            self._zero_out_of_range = out
+            what = Reason.ZERO_OUT_OF_RANGE.value
+            self._trail.note(self._now(), audit_trail.ZERO, what, not out, out)
 
     def _on_estimate(self, message: Any) -> None:
         statistics = self._record.current
@@ -245,8 +294,13 @@ class ProductNode(StageNode[ProductParameters]):
         cell = asdict(load_cell_from(message))
         self._trail.state(self._now(), audit_trail.CALIBRATION, topics.LOAD_CELL_INFO.name, cell)
 
+    def _on_zero_setting(self, message: Any) -> None:
+        change = asdict(zero_change_from(message))
+        self._trail.state(self._now(), audit_trail.ZERO, topics.ZERO_SETTING.name, change)
+
     async def _take_inventory(self) -> None:
         """Compare the parameters of nodes that were started with those that they had last."""
+        self._notice_started()
         namespace = self.get_namespace().rstrip('/')
         for node in _AUDITED:
             if node not in self._stale or not self._line.ready(node):

@@ -18,6 +18,7 @@ from checkweigher_dsp.nodes.conversion import (
     load_cell_from,
     samples_from,
     window_to,
+    zero_change_to,
 )
 from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
 from checkweigher_dsp.records import EyeEdge, LoadCell, Reason, SampleBlock, WeighWindow
@@ -53,6 +54,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._windows = HeldPublisher(self, topics.WEIGH_WINDOW, topics.DENOISED_WINDOW)
         self._status = self.create_publisher(
             topics.SEGMENTER_STATUS.type, topics.SEGMENTER_STATUS.name, topics.SEGMENTER_STATUS.qos
+        )
+        self._zero_settings = self.create_publisher(
+            topics.ZERO_SETTING.type, topics.ZERO_SETTING.name, topics.ZERO_SETTING.qos
         )
         self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
         self._inputs = (
@@ -139,7 +143,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         else:
             self._publish(segmenter.add_edge(event))
         if self._zero_requests and segmenter.zero_answer is not None:
-            self._answer_zero(segmenter.zero_answer.done, segmenter.zero_answer.text)
+            answer = segmenter.zero_answer
+            if answer.change is not None:
+                self._zero_settings.publish(zero_change_to(answer.change))
+            self._answer_zero(answer.done, answer.text)
         self._finish_if_ended()
 
     def _on_driver_status(self, message: Any) -> None:

@@ -16,6 +16,7 @@ from checkweigher_msgs.msg import (
     StreamStatus,
     Verdict,
     WeighWindow,
+    ZeroSetting,
 )
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -67,6 +68,7 @@ REJECT_EYE = _topic('reject_eye', PhotoEyeEvent, _STREAM)
 STOP_REQUEST = _topic('stop_request', StopRequest, _kept(1))
 STATISTICS = _topic('statistics', Statistics, _kept(1))
 DRIVER_STATUS = _topic('load_cell/status', StreamStatus, _kept(1))
+ZERO_SETTING = _topic('zero_setting', ZeroSetting, _kept(1))
 SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
 # Of type std_srvs/srv/Trigger.
 RESET_STOP_REQUEST = 'reset_stop_request'
@@ -76,6 +78,6 @@ DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
 
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
-    SEGMENTER_STATUS, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE, STOP_REQUEST,
-    STATISTICS, DIAGNOSTICS,
+    SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
+    STOP_REQUEST, STATISTICS, DIAGNOSTICS,
 )  # fmt: skip
