@@ -16,6 +16,11 @@ _INSTANT = 1e-3  # samples
 _ROUNDING = 1  # ns
 
 
+# A block of the first second that comes so much later than its time is no block that was late.
+_BEGINNING = 1.0  # s
+_UNDER_WAY = 2.0  # s
+
+
 @dataclass(frozen=True, slots=True)
 class _Anchor:
     """Where a block tied the index to the clock."""
@@ -37,8 +42,8 @@ class SampleBuffer:
     Notes
     -----
     Blocks may come twice or overlap: samples that are there already are passed over. A block that
-    is later in time but not in index comes from a source that has started again: the caller asks
-    `is_restart` and begins with a new buffer.
+    is later in time but not in index, or with which the stream began long ago, comes from a source
+    that has started again: the caller asks `is_restart` and begins with a new buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
@@ -52,6 +57,7 @@ class SampleBuffer:
         self._anchor_stamps: list[int] = []
         self._gaps: list[tuple[int, int]] = []
         self._origin: int | None = None
+        self._first = 0  # index of the first sample of all
 
     @property
     def start(self) -> int:
@@ -95,19 +101,24 @@ class SampleBuffer:
         return index
 
     def is_restart(self, block: SampleBlock) -> bool:
-        """Tell whether the source has started again: later in time, but not in index."""
-        return (
-            not self.empty
-            and block.first_index < self.end
-            and block.stamp > self.stamp_at(self.end) - NANOSECONDS / (2 * self.sample_rate)
-        )
+        """Tell whether the source has started again: later in time, but not in index.
+
+        Or, whatever the time says, with the indices that the stream began with, too late for a
+        block that was under way: a recording that is played in a loop.
+        """
+        if self.empty or block.first_index >= self.end:
+            return False
+        later = block.stamp > self.stamp_at(self.end) - NANOSECONDS / (2 * self.sample_rate)
+        beginning = block.first_index < self._first + _BEGINNING * self.sample_rate
+        behind = self.end - block.first_index - len(block.counts)
+        return later or (beginning and behind > _UNDER_WAY * self.sample_rate)
 
     def append(self, block: SampleBlock) -> None:
         """Take a block; samples between it and the last one are remembered as lost."""
         if len(block.counts) == 0:
             return
         if self.empty:
-            self._start = block.first_index
+            self._start = self._first = block.first_index
             self._origin = block.stamp
         first_new = max(self.end, block.first_index)
         counts = block.counts[first_new - block.first_index :]

@@ -189,6 +189,23 @@ def test_a_block_later_in_time_but_not_in_index_is_a_restart(first, late, restar
     assert buffer.is_restart(block) == restart
 
 
+@pytest.mark.parametrize(
+    ('first', 'end', 'restart'),
+    [
+        (0, 3, False),  # doubled
+        (0, 1930, False),  # 2 s late
+        (0, 1931, True),
+        (959, 2890, True),
+        (960, 5000, False),  # not of the first second: a late one
+    ],
+)
+def test_the_beginning_again_is_a_restart_whatever_its_time(first, end, restart):
+    buffer = _filled((0, end))
+    block = SampleBlock(_stamp(first), first, np.zeros(10, np.int32))
+
+    assert buffer.is_restart(block) == restart
+
+
 def test_nothing_is_a_restart_of_an_empty_buffer():
     assert not SampleBuffer(RATE, 1.0).is_restart(_block(0, [1, 2]))
     assert SampleBuffer(RATE, 1.0).last_stamp is None

@@ -305,3 +305,21 @@ def test_no_spoilt_stream_loses_an_item_or_makes_a_wrong_window(
             assert line.stamp_at(begin - 1) < product.t2 <= line.stamp_at(begin) + 1
             assert line.stamp_at(end - 1) < product.t3 <= line.stamp_at(end) + 1
     assert len(edges_in) <= 20
+
+
+@pytest.mark.parametrize('duration', [1.0, 30.0])  # within what is kept of the signal, and beyond
+def test_a_recording_played_in_a_loop_begins_anew_each_time(make_line, run_segmenter, duration):
+    line = make_line((0.1, 0.2), first_entry=3.0, after=duration)
+    events = line.events()
+    # The second time it is broken off with the second product on the belt.
+    begun = [event for event in events if event.stamp <= line.products[1].t2]
+
+    windows = _run(run_segmenter, line, [*events, *begun, *events])
+
+    whole = [[], []]
+    assert _reasons(windows) == [*whole, [], ['SourceRestarted'], *whole]
+    for first, last in zip(windows[:2], windows[4:], strict=True):
+        # The zero is followed on: of it alone more is known.
+        assert np.array_equal(last.counts, first.counts)
+        assert (last.t1, last.t3, last.first_index) == (first.t1, first.t3, first.first_index)
+        assert last.zero == pytest.approx(first.zero, abs=1e-9)
