@@ -20,6 +20,8 @@ COMMANDS = (
      'record --output /tmp/shift1 --duration 60'),
     ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
+    ('status', 'status', 'show what is wrong with a running line, worst first, and what to check',
+     'status --count 1'),
     ('tune', 'tune', 'learn parameters from passes of known mass',
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
     ('evaluate', 'evaluate', 'show the accuracy of the estimators on passes of known mass',

@@ -15,6 +15,7 @@ from rclpy.qos import qos_profile_parameter_events
 from checkweigher_dsp import audit_trail
 from checkweigher_dsp.audit_log import AuditError, AuditLog
 from checkweigher_dsp.audit_trail import AuditTrail
+from checkweigher_dsp.health import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     estimate_from,
@@ -313,6 +314,41 @@ class ProductNode(StageNode[ProductParameters]):
                     self._stale.discard(node)
             except (AuditError, RefusedError) as error:
                 self.warn(str(error))
+
+    # Diagnostics
+
+    def diagnose(self, now: float) -> list[Finding]:
+        """Return which recipe is in use, and whether changes are written down."""
+        return [self._diagnose_recipe(), self._diagnose_log()]
+
+    def _diagnose_recipe(self) -> Finding:
+        product, first = self._record.product, self.parameters.product
+        values: dict[str, float | str] = {
+            'product': product.name if product else 'none',
+            'batch': self._record.batch,
+            'recipes': self.parameters.recipes,
+            'items': self._record.current.items,
+        }
+        found = []
+        if first and product is None:
+            hint = 'check that denoise, identifier and reject run, and the warnings of this node'
+            found.append(Concern(Level.ERROR, f'product {first!r} is not selected yet', hint))
+        well = f'product {product.name!r}' if product else 'no product is selected'
+        return conclude('Recipe', well, found, values)
+
+    def _diagnose_log(self) -> Finding:
+        if self._log is None:
+            return conclude('Audit log', 'none: changes are not written down', ())
+        values: dict[str, float | str] = {
+            'path': str(self._log.path),
+            'last_hash': self._log.last_hash,
+            'nodes_to_be_read': len(self._stale),
+        }
+        found = []
+        if not self._log.path.exists():
+            hint = 'it was moved or deleted under the running node: restore it and start it again'
+            found.append(Concern(Level.ERROR, f'{self._log.path} is gone', hint))
+        return conclude('Audit log', f'written to {self._log.path}', found, values)
 
 
 def statistics_to(statistics: ProductionStatistics, batch: str) -> Statistics:
