@@ -19,7 +19,8 @@ _NEEDED = ('segmenter', 'denoise', 'identifier', 'reject')
 _OURS = (*_NEEDED, 'driver', 'product')
 _SILENCE = 3.0  # s, three of its periods
 _PERIOD = 1.0  # s
-_FIRST_LOOK = 2.5  # s, in which every node that lives has told of itself
+_PATIENCE = 5.0  # s, in which the first word of a line that lives comes
+_FIRST_LOOK = 1.5  # s from then on, in which every node has told of itself
 _NARROWEST = 40  # columns of text
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
@@ -168,7 +169,7 @@ def watch(
         )
         spinner.add(node)
         try:
-            time.sleep(_FIRST_LOOK if duration is None else min(_FIRST_LOOK, duration))
+            _wait_for_the_first(seen, began + min(_PATIENCE, duration or _PATIENCE))
             while True:
                 rows = seen.rows(time.monotonic())
                 _print(rows, values=values, heard=seen.heard)
@@ -180,6 +181,14 @@ def watch(
         except KeyboardInterrupt:
             pass
     return _worst(rows) < Level.ERROR
+
+
+def _wait_for_the_first(seen: Watch, end: float) -> None:
+    """Wait until a line has told of itself, at most until `end`, s of the monotonic clock."""
+    while not seen.heard and time.monotonic() < end:
+        time.sleep(0.05)
+    if seen.heard:
+        time.sleep(_FIRST_LOOK)
 
 
 def _print(rows: list[Row], *, values: bool, heard: bool) -> None:
