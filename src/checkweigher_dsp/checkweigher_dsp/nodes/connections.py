@@ -90,6 +90,12 @@ class Connections:
         """Watch a publisher."""
         self._outputs[name] = _End(publisher, qos, TAKERS.get(name, ''))
 
+    def forget(self, endpoint: Subscription | Publisher) -> None:
+        """Watch an end no longer: it is about to be destroyed."""
+        for ends in (self._inputs, self._outputs):
+            for name in [name for name, end in ends.items() if end.endpoint is endpoint]:
+                del ends[name]
+
     def refused(self, now: float, name: str, why: str) -> None:
         """Take that a message could not be used."""
         self._refused.add(now, 1.0)

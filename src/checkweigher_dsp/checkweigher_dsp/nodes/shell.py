@@ -224,6 +224,18 @@ class StageNode(Node, Generic[P]):
         connections.add_output(topic, publisher, qos_profile)
         return publisher
 
+    def destroy_publisher(self, publisher: Publisher) -> bool:
+        """Destroy a publisher."""
+        if self._health is not None:
+            self._health.connections.forget(publisher)
+        return bool(super().destroy_publisher(publisher))
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription."""
+        if self._health is not None:
+            self._health.connections.forget(subscription)
+        return bool(super().destroy_subscription(subscription))
+
     def subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, needed: bool | None = None
     ) -> Subscription:
