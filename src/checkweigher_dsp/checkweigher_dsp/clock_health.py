@@ -15,6 +15,7 @@ _CLOCK_BIN = 5.0  # s; the least delay of each tells the clock, the others the l
 _CLOCK_SPAN = 300.0  # s
 _DRIFT_LIMIT = 500e-6  # a crystal is right to 100e-6
 _DRIFT_BINS = 6  # least number for a drift
+_PACE_BINS = 3
 _JITTER_LIMIT = 0.5  # s; what less does to the verdicts, the margin of these tells
 _START = 5.0  # s, in which nodes that start keep each other waiting
 _EYE_OFFSET_LIMIT = 0.1  # s
@@ -93,7 +94,12 @@ class ClockWatch:
 
     @property
     def pace(self) -> float:
-        """Seconds of the stamps in a second, lately; NaN if not known."""
+        """Seconds of the stamps in a second; NaN if not known.
+
+        From the least delays once there are some: after a halt blocks come faster for a while.
+        """
+        if len(self._bins) >= _PACE_BINS:
+            return 1.0 - self._bins.slope
         if len(self._blocks) < 2:
             return math.nan
         (began, first_stamp, _), (came, last_stamp, _) = self._blocks[0], self._blocks[-1]

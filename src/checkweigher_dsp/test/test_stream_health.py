@@ -145,6 +145,19 @@ def test_a_replay_at_another_rate_is_not_judged():
     assert '4.00 times real time' in finding.text
 
 
+def test_a_driver_that_catches_up_after_a_halt_is_no_replay():
+    halt = 3000
+
+    def delay(number):  # 5 s at first, 0.4 s less with each second
+        return 5.0 - 0.4 * (number - halt) * SIZE / CELL.sample_rate if number >= halt else 0.0
+
+    watch, _ = watched(range(2 * BLOCKS), delay=delay)
+    finding = watch.clock.finding(0.0)
+    assert finding.values['pace_of_stamps'] == pytest.approx(1.0, abs=0.01)
+    assert finding.level == Level.WARN
+    assert finding.text.startswith('blocks come up to')
+
+
 @pytest.mark.parametrize(
     ('offset', 'level'), [(0.01, Level.OK), (0.25, Level.WARN), (-0.25, Level.WARN)]
 )
