@@ -4,15 +4,20 @@ The arguments set what differs from run to run; everything else is in the parame
 is what the arguments leave out.
 """
 
+from functools import partial
 from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+RESPAWN_DELAY = 1.0  # s
+CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 
 # Each node with its package; the executable has the name of the node.
 STAGES = {
@@ -54,6 +59,12 @@ def generate_launch_description():
                 default_value='true',
                 description='whether all nodes share one process; false gives each its own',
             ),
+            DeclareLaunchArgument(
+                'respawn',
+                default_value='true',
+                description='whether a process that has ended is started again; '
+                'false ends the launch with it',
+            ),
             OpaqueFunction(function=make_line),
         ]
     )
@@ -66,11 +77,17 @@ def make_line(context):
     if not Path(params_file).is_file():
         raise RuntimeError(f'params_file: there is no file {params_file}')
     one_process = LaunchConfiguration('one_process')
+    respawn = perform_typed_substitution(
+        context, normalize_typed_substitution(LaunchConfiguration('respawn'), bool), bool
+    )
+    # Plain nodes, though driver and reject have a life cycle: they start themselves, so that one
+    # that has ended comes back to work without anybody who would have to tell it to.
     common = {
         'namespace': LaunchConfiguration('namespace'),
         'output': 'screen',
-        # A line that lacks a node gives no verdicts: whoever watches over launch has to see it.
-        'on_exit': Shutdown(reason='a node of the line has ended'),
+        'respawn': respawn,
+        'respawn_delay': RESPAWN_DELAY,
+        'on_exit': partial(on_exit, respawn=respawn),
     }
     for_driver = [params_file, driver_parameters(context)]
     for_reject = [params_file, reject_parameters(context)]
@@ -94,6 +111,17 @@ def make_line(context):
             for name, package in STAGES.items()
         ),
     ]
+
+
+def on_exit(event, context, *, respawn):
+    """End the launch when a process cannot start, or with any process where none comes back.
+
+    A line that lacks a node gives no verdicts: whoever watches over launch has to see it. The
+    delay before a process is started again leaves the time for that.
+    """
+    if event.returncode == CANNOT_START:
+        return [Shutdown(reason=f'{event.process_name} cannot start; its message is above')]
+    return [] if respawn else [Shutdown(reason='a node of the line has ended')]
 
 
 def driver_parameters(context):
