@@ -34,11 +34,17 @@ class ItemTracker:
         Items that were there before.
     belt_lengths : float
         Length of the belt in lengths of a product; 0 if not known.
+
+    Attributes
+    ----------
+    origin : int or None
+        ns, when the stream began, if that is known: an eye tells its state then.
     """
 
     def __init__(
         self, debounce: int, max_transit: int, count: int = 0, belt_lengths: float = 0.0
     ) -> None:
+        self.origin: int | None = None
         self._debounce = debounce
         self._max_transit = max_transit
         self._belt_lengths = belt_lengths
@@ -58,6 +64,7 @@ class ItemTracker:
         self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
+        self._unknown: int | None = None  # when something may have come whose t1 was lost
         self._finished: list[Item] = []
 
     @property
@@ -162,11 +169,18 @@ class ItemTracker:
         self._entering = self._leaving = None
         return self._take_finished()
 
-    def forget(self) -> None:
-        """Forget all times: the clock or the source has begun anew."""
-        self._entered_last = self._left_last = None
+    def forget(self, *, backwards: bool = True) -> None:
+        """Forget all times: the clock or the source has begun anew.
+
+        Parameters
+        ----------
+        backwards : bool
+            Whether the clock may have gone back; else an edge that is known does not come again.
+        """
+        self._entered_last = self._left_last = self._unknown = None
         self._given_up.clear()
-        self._edges.clear()
+        if backwards:
+            self._edges.clear()
         self._items.clear()
         self._transit = self._odd_transit = self._newest = self._outfeed_free = None
 
@@ -204,6 +218,9 @@ class ItemTracker:
         item = self._new_item()
         item.t1 = stamp
         item.left_before = self._last_departure(stamp)
+        item.others_there = self._leaving is not None
+        if self._unknown is not None and stamp - self._unknown <= self._max_transit:
+            item.fault(Reason.START_UP)
         self._put_on_belt(item)
         self._entering = item
 
@@ -213,13 +230,19 @@ class ItemTracker:
             item.t2 = stamp
             return
         if previous is None:
-            return  # the state of an eye at start-up, not an edge
+            if self.origin is not None and stamp > self.origin + self._debounce:
+                self._unknown = stamp  # no state of an eye at start-up any more
+            return
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
             last.fault(Reason.CHATTERING_EYE)
             return
         if last is not None and last.given_up is not None and last.t1 == previous.stamp:
             last.t2 = stamp  # given up before it was in: it is no further item
+            return
+        gone = next((i for i in self._abandoned if i.t1 == previous.stamp and i.t2 is None), None)
+        if gone is not None:
+            gone.t2 = stamp  # the clock or the source began anew while it came in
             return
         self._give_up_overdue(stamp)
         item = self._new_item()
@@ -252,6 +275,7 @@ class ItemTracker:
         if item is None:
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
+            self._unknown = None  # that was it
         item.t3 = stamp
         item.usual_transit = self._transit
         if self._given_up and self._transit_of(item) is None:
@@ -282,8 +306,11 @@ class ItemTracker:
 
     def _outfeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         leaving, self._leaving = self._leaving, None
-        # An edge far later than its length allows is that of the next item: its own was lost.
-        if leaving is not None and (not length(leaving) or stamp <= departure(leaving)):
+        # An edge far later than its length allows is that of the next item: its own was lost. What
+        # is yet at the infeed eye is not the next one: then the belt has stood still.
+        if leaving is not None and (
+            not length(leaving) or stamp <= departure(leaving) or self._on_belt == [self._entering]
+        ):
             leaving.t4 = stamp
             return
         self._outfeed_free = stamp
@@ -353,6 +380,8 @@ class ItemTracker:
         """Tell whether the outfeed eye sees something that was given up, and not what is there."""
         for item in self._on_belt:
             transit = self._transit_of(item)
+            if transit is None and item is self._entering:
+                continue  # what is at one eye is not at the other
             if transit is None or item.t1 is None:
                 return False
             if stamp - item.t1 > (1 - _TOO_EARLY) * transit:

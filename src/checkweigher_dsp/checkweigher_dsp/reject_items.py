@@ -29,11 +29,15 @@ def stamps_of(item: _Stamped) -> list[int]:
 
 
 def same(one: _Stamped, other: _Stamped) -> bool:
-    """Tell whether two items are one: an edge belongs to one item only, so one stamp is enough."""
-    return (
-        (one.t1 is not None and one.t1 == other.t1)
-        or (one.t3 is not None and one.t3 == other.t3)
-        or (one.t2 is not None and one.t2 == other.t2)
+    """Tell whether two items are one: an edge belongs to one item only, so one stamp is enough.
+
+    What has entered apart is two, though: which t3 belongs to it the stages may have found out
+    differently.
+    """
+    if one.t1 is not None and other.t1 is not None:
+        return one.t1 == other.t1
+    return (one.t3 is not None and one.t3 == other.t3) or (
+        one.t2 is not None and one.t2 == other.t2
     )
 
 

@@ -108,6 +108,7 @@ class Segmenter:
         self.samples += len(block.counts)
         for piece in self._pieces(block):
             self._buffer.append(piece)
+            self._tracker.origin = self._buffer.origin
             self._take_due_edges()
             now = self._buffer.last_stamp
             if now is not None:
@@ -155,11 +156,13 @@ class Segmenter:
             reason = Reason.CLOCK_JUMP
         else:
             return []
-        later = [edge for edge in self._pending if late > 0 and edge.stamp >= block.stamp]
+        last = self._buffer.last_stamp
+        forward = last is not None and block.stamp > last
+        later = [edge for edge in self._pending if forward and edge.stamp >= block.stamp]
         self._pending = self._pending[: len(self._pending) - len(later)]
         windows = self.give_up(reason)
         self._pending = later
-        self._tracker.forget()
+        self._tracker.forget(backwards=not forward)
         self._motion.forget()
         self._buffer = self._new_buffer()
         if self._zero_setting is not None:
@@ -363,6 +366,8 @@ class Segmenter:
     def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether they settled."""
         rate, limits = self.load_cell.sample_rate, self._parameters
+        if item.others_there:
+            return self._buffer.read(entry, entry), False
         begin = earliest = entry - round(limits.zero_time * rate)
         if item.left_before is not None:
             settled = item.left_before + round(NANOSECONDS * limits.settle_time)
