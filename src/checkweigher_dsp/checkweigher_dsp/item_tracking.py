@@ -20,9 +20,8 @@ _KNOWN_ITEMS = 16
 class ItemTracker:
     """Pair the edges of the two eyes to items, which leave in the order in which they entered.
 
-    Where an edge is missing the time that the last
-    whole item took from eye to eye tells which item an edge belongs to, so that one lost edge
-    costs one item and not all that follow.
+    Where an edge is missing the time that the last whole item took from eye to eye tells which item
+    an edge belongs to, so that one lost edge costs one item and not all that follow.
 
     Parameters
     ----------
@@ -34,17 +33,12 @@ class ItemTracker:
         Items that were there before.
     belt_lengths : float
         Length of the belt in lengths of a product; 0 if not known.
-
-    Attributes
-    ----------
-    origin : int or None
-        ns, when the stream began, if that is known: an eye tells its state then.
     """
 
     def __init__(
         self, debounce: int, max_transit: int, count: int = 0, belt_lengths: float = 0.0
     ) -> None:
-        self.origin: int | None = None
+        self.origin: int | None = None  # when the stream began: an eye tells its state then
         self._debounce = debounce
         self._max_transit = max_transit
         self._belt_lengths = belt_lengths
@@ -65,6 +59,7 @@ class ItemTracker:
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
         self._unknown: int | None = None  # when something may have come whose t1 was lost
+        self._covered = False  # the outfeed eye, by an item from before the clock began anew
         self._finished: list[Item] = []
 
     @property
@@ -166,17 +161,12 @@ class ItemTracker:
             item.fault(reason)
         self._finished += self._on_belt
         self._abandoned, self._on_belt = deque(self._on_belt), []
+        self._covered = self._leaving is not None
         self._entering = self._leaving = None
         return self._take_finished()
 
     def forget(self, *, backwards: bool = True) -> None:
-        """Forget all times: the clock or the source has begun anew.
-
-        Parameters
-        ----------
-        backwards : bool
-            Whether the clock may have gone back; else an edge that is known does not come again.
-        """
+        """Forget all times, and the edges if the clock may have gone back: they come again."""
         self._entered_last = self._left_last = self._unknown = None
         self._given_up.clear()
         if backwards:
@@ -230,14 +220,14 @@ class ItemTracker:
             item.t2 = stamp
             return
         if previous is None:
-            if self.origin is not None and stamp > self.origin + self._debounce:
-                self._unknown = stamp  # no state of an eye at start-up any more
+            if self._is_no_state(stamp):
+                self._unknown = stamp
             return
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
             last.fault(Reason.CHATTERING_EYE)
             return
-        if last is not None and last.given_up is not None and last.t1 == previous.stamp:
+        if last is not None and last.given_up is not None and previous.blocked and last.t2 is None:
             last.t2 = stamp  # given up before it was in: it is no further item
             return
         gone = next((i for i in self._abandoned if i.t1 == previous.stamp and i.t2 is None), None)
@@ -250,6 +240,10 @@ class ItemTracker:
         item.fault(Reason.MISSING_EDGE)
         self._put_on_belt(item)
 
+    def _is_no_state(self, stamp: int) -> bool:
+        """Tell whether an eye that clears first of all tells more than its state at start-up."""
+        return self.origin is not None and stamp > self.origin + self._debounce
+
     def _put_on_belt(self, item: Item) -> None:
         """Note that an item has come; with another one on the belt neither can be weighed."""
         for other in self._on_belt:
@@ -259,6 +253,7 @@ class ItemTracker:
         self._entered_last = item
 
     def _outfeed_blocked(self, stamp: int) -> None:
+        self._covered = False
         last = self._covers_outfeed(stamp)
         if last is not None:
             self._leaving, last.t4 = last, None
@@ -271,11 +266,13 @@ class ItemTracker:
             for other in self._on_belt:
                 other.fault(Reason.DISTANCE_FAULT)  # it was there as well
             return
-        item = self._item_leaving_at(stamp)
+        # What is yet at the infeed eye cannot be at the outfeed eye: what came unseen is.
+        unseen = self._unknown is not None and self._on_belt == [self._entering]
+        item = None if unseen else self._item_leaving_at(stamp)
         if item is None:
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
-            self._unknown = None  # that was it
+            self._unknown = None
         item.t3 = stamp
         item.usual_transit = self._transit
         if self._given_up and self._transit_of(item) is None:
@@ -315,6 +312,12 @@ class ItemTracker:
             return
         self._outfeed_free = stamp
         if previous is None:
+            for item in self._on_belt:
+                if self._is_no_state(stamp):
+                    item.fault(Reason.START_UP)  # something left that nothing had seen
+            return
+        if self._covered:
+            self._covered = False
             return
         last = self._covers_outfeed(stamp)
         if last is not None:

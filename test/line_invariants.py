@@ -1,0 +1,210 @@
+"""What must hold on every line, however it was spoilt, and counts of what came of it."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+import heapq
+
+from spoilt_lines import CELL, LENGTH, SpoiltLine, with_last
+
+from checkweigher_dsp.estimation import IdentifierParameters
+from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.records import Decision, EyeEdge, MassEstimate, SampleBlock, Verdict
+from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.segmentation import SegmenterParameters
+
+# Of the mass. The masses and their sums differ by more; without disturbances a window that is
+# whole is far better.
+TOLERANCE = {'mean': 0.01, 'iswd_eksi': 0.03}
+
+
+def parameters(estimator: str, *, length_known: bool) -> LineParameters:
+    """Return the parameters of all stages."""
+    return LineParameters(
+        segmenter=SegmenterParameters(product_length=LENGTH if length_known else 0.0),
+        identifier=IdentifierParameters(estimator=estimator),
+    )
+
+
+@dataclass
+class Tally:
+    """Counts over many lines."""
+
+    lines: int = 0
+    products: int = 0
+    heard: int = 0
+    entered: int = 0
+    verdicts: int = 0
+    no_estimate: int = 0
+    unseen: int = 0
+    in_time: Counter[str] = field(default_factory=Counter)
+    decisions: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def add(
+        self, line: SpoiltLine, verdicts: Sequence[Verdict], in_time: Sequence[Verdict]
+    ) -> None:
+        """Count a line: what all stages made of it, and the reject stage on a clock."""
+        self.in_time.update(verdict.decision.name for verdict in in_time)
+        self.unseen += sum(
+            verdict.decision is not Decision.FAULT
+            and (number := _sound_product(line, verdict)) is not None
+            and not line.alone[number]
+            for verdict in verdicts
+        )
+        self.no_estimate += sum('NoEstimate' in verdict.reasons for verdict in in_time)
+        self.lines += 1
+        self.products += len(line.products)
+        self.heard += sum(line.heard)
+        self.entered += sum(line.entered)
+        self.verdicts += len(verdicts)
+        self.decisions.update(verdict.decision.name for verdict in verdicts)
+        self.reasons.update(reason for verdict in verdicts for reason in verdict.reasons)
+
+    def __str__(self) -> str:
+        decisions, in_time = (
+            ', '.join(f'{count} {name}' for name, count in sorted(counts.items()))
+            for counts in (self.decisions, self.in_time)
+        )
+        reasons = ', '.join(f'{name} {count}' for name, count in self.reasons.most_common())
+        return (
+            f'{self.lines} lines, {self.products} products, {self.heard} of them heard of and '
+            f'{self.entered} seen to enter, '
+            f'{self.verdicts} verdicts: {decisions}, '
+            f'{self.unseen} of them accepted with a neighbour whose t1 was lost or late; '
+            f'reasons: {reasons}; '
+            f'on a clock: {in_time}, {self.no_estimate} of these NoEstimate'
+        )
+
+
+def weigh(line: SpoiltLine, known: LineParameters) -> list[tuple[int, Weighing]]:
+    """Run the stages over a line; return what they give and when, ns since the line began."""
+    stages = WeighingLine(CELL, known)
+    weighed, now = [], 0
+    for now, event in line.events:
+        weighed += [(now, weighing) for weighing in stages.add(event)]
+    return weighed + [(now, weighing) for weighing in stages.finish()]
+
+
+def verdicts_in_time(
+    line: SpoiltLine, weighed: Sequence[tuple[int, Weighing]], delays: Sequence[int | None]
+) -> list[Verdict]:
+    """Run the reject stage alone, on a clock, with estimates that come late or never.
+
+    Parameters
+    ----------
+    line : SpoiltLine
+        Its edges are what the stage counts.
+    weighed : sequence of (int, Weighing)
+        Their estimates come by ``delays``.
+    delays : sequence of int or None
+        ns after they were made, None for never; taken in turn.
+    """
+    stage = RejectStage(RejectParameters(), CELL.weigh_length)
+    late: list[tuple[int, EyeEdge | MassEstimate]] = []
+    for number, (when, weighing) in enumerate(weighed):
+        delay = delays[number % len(delays)]
+        if delay is not None:
+            late.append((when + delay, weighing.estimate))
+    edges = [(when, e) for when, e in with_last(line) if not isinstance(e, SampleBlock)]
+    verdicts: list[Verdict] = []
+    for now, event in heapq.merge(edges, sorted(late, key=_when), key=_when):
+        while stage.due is not None and stage.due < now:
+            verdicts += stage.advance(stage.due)
+        add = stage.add_edge if isinstance(event, EyeEdge) else stage.add_estimate
+        verdicts += add(event, now)  # type: ignore[operator]
+    while stage.due is not None:
+        verdicts += stage.advance(stage.due)
+    return verdicts
+
+
+def _when(pair: tuple[int, object]) -> int:
+    return pair[0]
+
+
+def violations(
+    line: SpoiltLine, verdicts: Sequence[Verdict], estimates: Iterable[MassEstimate]
+) -> Iterator[str]:
+    """Say what is wrong with the verdicts on a line: nothing, if all is well.
+
+    An item is the product that its t1 is of, or its t2 where the t1 is not known, or its t3.
+
+    Parameters
+    ----------
+    line : SpoiltLine
+        What really happened.
+    verdicts : sequence of Verdict
+        Of all items that the stages found.
+    estimates : iterable of MassEstimate
+        What they rest on.
+
+    Yields
+    ------
+    str
+        - an item number that was given twice
+        - a product with more than one verdict
+        - a product that has none although its two infeed edges came in order
+        - an accepted item that is no product which was whole and alone on the belt
+    """
+    numbers = Counter(verdict.item_id for verdict in verdicts)
+    for number, count in numbers.items():
+        if count > 1:
+            yield f'number {number} was given {count} times'
+    t2s = {estimate.item_id: estimate.t2 for estimate in estimates}
+    entered, left = Counter(), Counter()
+    for verdict in verdicts:
+        t2 = t2s.get(verdict.estimate_id)
+        by_exit = verdict.t1 is None and t2 is None
+        (left if by_exit else entered)[_product_of(line, verdict, t2)] += 1
+    nameless = sum(v.t1 is None and v.t3 is None and not v.estimate_id for v in verdicts)
+    for number, whole in enumerate(line.entered):
+        if entered[number] > 1 or left[number] > 1:
+            yield f'product {number} has {entered[number]} and {left[number]} verdicts'
+        if whole and not entered[number] + left[number]:
+            nameless -= 1
+            if nameless < 0:
+                yield f'product {number} has no verdict'
+    for verdict in verdicts:
+        if verdict.decision is not Decision.FAULT and _sound_product(line, verdict) is None:
+            yield f'accepted, but no sound product: {verdict}'
+
+
+def _product_of(line: SpoiltLine, verdict: Verdict, t2: int | None) -> int | None:
+    """Return the number of the product that an item is, None if it is none."""
+    known = {'t1': verdict.t1, 't2': t2, 't3': verdict.t3}
+    name = next((name for name, stamp in known.items() if stamp is not None), None)
+    if name is None:
+        return None
+    of_it = [i for i, truth in enumerate(line.truth) if truth.get(name) == known[name]]
+    return of_it[0] if of_it else None
+
+
+def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None:
+    """Return the number of the sound product that left at t3, None if it did not enter at t1.
+
+    Without a known length nothing tells a long product from one that was taken off with its t2 lost
+    and a next one with its t1 lost. What is weighed is the next one, and right.
+    """
+    for number, (truth, sound) in enumerate(zip(line.truth, line.sound, strict=True)):
+        if not sound or truth.get('t3') != item.t3:
+            continue
+        lost = {(number - 1, 't2'), (number, 't1')} <= line.plan.lost
+        before = line.truth[number - 1].get('t1') if lost else None
+        return number if item.t1 in (truth['t1'], before) else None
+    return None
+
+
+def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str) -> Iterator[str]:
+    """Say which accepted items have not t2, t3 and the mass of the product that they are of."""
+    for weighing in weighings:
+        estimate = weighing.estimate
+        number = _sound_product(line, estimate) if estimate.weighed else None
+        if number is None:
+            continue  # no mass, or told by `violations`
+        mass = line.products[number].mass
+        if not line.alone[number]:
+            continue  # no eye could know it; the tally counts them
+        if estimate.t2 != line.truth[number]['t2']:
+            yield f'stamps of another product: {estimate}'
+        if abs(estimate.mass - mass) > max(TOLERANCE[estimator] * mass, 4 * estimate.std_dev):
+            yield f'{estimate.mass:.5f} kg +- {estimate.std_dev:.5f} is accepted for {mass:g} kg'
