@@ -245,10 +245,11 @@ def _identify_one(
     """Return what `_identify_several` does for each window, to the last bit, in plain floats."""
     plateau = denoised if inputs is None else denoised * (inputs >= 1.0)
     count = len(denoised) if inputs is None else np.count_nonzero(inputs >= 1.0)
-    scale = np.add.reduce(plateau).item() / count if count else math.nan
+    # Plain floats: arithmetic on those of numpy takes several times as long.
+    scale = float(np.add.reduce(plateau) / count) if count else math.nan
     if not math.isfinite(scale) or scale == 0:
         return _NOTHING, math.nan
-    relative = max(noise.measurement * removed_variance / scale / scale, _LEAST)
+    relative = float(max(noise.measurement * removed_variance / scale / scale, _LEAST))
     measurement = None
     if inputs is not None and noise.rise != 1.0:
         measurement = np.where(inputs < 1.0, noise.rise * relative, relative).tolist()
