@@ -74,7 +74,14 @@ def load_response(
     np.subtract(time, rise_time, out=since[1])
     np.maximum(since, 0.0, out=since)
     angle = damped * since
-    free = lag * np.cos(angle) + sine * np.sin(angle)
-    climb = since - lag + np.exp(-damping_ratio * omega * since) * free
-    response: NDArray[np.float64] = (climb[0] - climb[1]) / rise_time
+    climb = np.cos(angle)
+    climb *= lag
+    np.sin(angle, out=angle)
+    angle *= sine
+    climb += angle
+    climb *= np.exp(-damping_ratio * omega * since)
+    since -= lag
+    climb += since
+    response: NDArray[np.float64] = climb[0] - climb[1]
+    response /= rise_time
     return response

@@ -2,19 +2,17 @@
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_dsp.wavelet_shrinkage import LEVELS, Shrinkage
 
 SHRUNK_LEVELS = (5, 6, 7)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ShrinkageTable:
     """Shrinkage of the detail bands 5 to 7 by belt speed; the bands above are removed.
 
@@ -57,25 +55,20 @@ class ShrinkageTable:
         unit : float
             What one unit of the thresholds is in the signal's unit.
         """
-        removed: tuple[Shrinkage | None, ...] = (None,) * (LEVELS - len(SHRUNK_LEVELS))
-        if np.ndim(speed) == 0:
-            columns: Any = [interpolate(self.speeds, row, float(speed)) for row in self._rows]
-        else:
-            speeds, *rows = self._arrays
-            columns = [np.interp(speed, speeds, row)[:, None] for row in rows]
-        count = len(SHRUNK_LEVELS)
-        return removed + tuple(
-            Shrinkage(gain, unit * threshold)
-            for gain, threshold in zip(columns[:count], columns[count:], strict=True)
-        )
-
-    @property
-    def _rows(self) -> tuple[tuple[float, ...], ...]:
-        return (*self.gains, *self.thresholds)
-
-    @cached_property
-    def _arrays(self) -> tuple[NDArray[np.float64], ...]:
-        return tuple(np.array(row) for row in (self.speeds, *self._rows))
+        alone = np.ndim(speed) == 0
+        found: list[Shrinkage | None] = [None] * (LEVELS - len(SHRUNK_LEVELS))
+        for gains, thresholds in zip(self.gains, self.thresholds, strict=True):
+            if not any(gains):
+                found.append(None)
+            elif alone:
+                gain = interpolate(self.speeds, gains, float(speed))
+                threshold = unit * interpolate(self.speeds, thresholds, float(speed))
+                found.append(Shrinkage(gain, threshold))
+            else:
+                column = np.interp(speed, self.speeds, gains)[:, None]
+                rest = unit * np.interp(speed, self.speeds, thresholds)[:, None]
+                found.append(Shrinkage(column, rest if any(thresholds) else 0.0))
+        return tuple(found)
 
 
 def interpolate(positions: tuple[float, ...], values: tuple[float, ...], at: float) -> float:

@@ -157,19 +157,17 @@ class ShrinkageFilter:
         for level, shrinkage in enumerate(details, start=1):
             if shrinkage is None or not np.any(shrinkage.gain):
                 continue
-            # A stretch has the same bits alone and beside others that do have a threshold.
-            linear = np.equal(shrinkage.threshold, 0)
-            gain, rest = (
-                np.where(linear, shrinkage.gain, 0.0),
-                np.where(linear, 0.0, shrinkage.gain),
-            )
-            if np.any(gain):
-                self._through = self._through + gain * powers[level - 1]
-            if np.any(rest):
+            gain = shrinkage.gain
+            if np.any(shrinkage.threshold):
+                # A stretch has the same bits alone and beside others that do have a threshold.
+                linear = np.equal(shrinkage.threshold, 0)
+                rest = Shrinkage(np.where(linear, 0.0, gain), shrinkage.threshold)
+                gain = np.where(linear, gain, 0.0)
                 response = responses[level - 1]
-                self._shrunk.append(
-                    (Shrinkage(rest, shrinkage.threshold), response, response.conj() / 2**level)
-                )
+                self._shrunk.append((rest, response, response.conj() / 2**level))
+                if not linear.any():
+                    continue
+            self._through = self._through + gain * powers[level - 1]
 
     def apply(self, stretch: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return stretches (..., n) float64 denoised: (..., n) float64, in their unit."""
