@@ -66,67 +66,105 @@ def responses(
         any shape leaves.
     """
     omega = 2 * math.pi * platform.natural_frequency
-    stairs = _stairs(crossing, float(time[0]))
-    number = np.searchsorted([begin for begin, *_ in stairs], time, side='right') - 1
-    # What each stretch begins with, a column for each: the decays, and the parts of the solution.
-    rates = np.empty((2, len(stairs)))
-    parts = np.empty((4, 5, len(stairs)))
-    value = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
-    slope = np.array([0.0, 0.0, omega, 0.0, 0.0])
-    forced, climbing = np.zeros(5), np.zeros(5)
-    for column, (begin, end, load, rate, share) in enumerate(stairs):
-        if begin == crossing.on_begin:
-            value[3] += 1.0
-            slope[4] += omega
+    decay = platform.damping_ratio * omega
+    damped = math.sqrt(omega * omega - decay * decay)
+    result = np.zeros((5, len(time)))
+    entry = int(np.searchsorted(time, crossing.on_begin))
+    start = float(time[0])
+    _oscillate(result[1:3, :entry], time[:entry] - start, omega, decay, damped)
+    # From the entry on the two oscillations are a combination of those that begin there.
+    (one, other), slopes = _state(crossing.on_begin - start, omega, decay, damped)
+    stairs = np.array(_stairs(platform, mass, crossing)).T
+    number = np.searchsorted(stairs[0], time[entry:], side='right') - 1
+    begin, decays, dampeds, forces, rates, *waves = stairs[:, number]
+    since = time[entry:] - begin
+    envelopes = np.exp(-decays * since)
+    angles = dampeds * since
+    cosines, sines = envelopes * np.cos(angles), envelopes * np.sin(angles)
+    loaded, free, kicked = (waves[k] * cosines + waves[k + 1] * sines for k in (0, 2, 4))
+    result[0, entry:] = loaded + forces + rates * since
+    result[1, entry:] = one * free + slopes[0] / omega * kicked
+    result[2, entry:] = other * free + slopes[1] / omega * kicked
+    result[3, entry:] = free
+    result[4, entry:] = kicked
+    return result
+
+
+def _oscillate(
+    rows: NDArray[np.float64], since: NDArray[np.float64], omega: float, decay: float, damped: float
+) -> None:
+    """Fill in the free oscillations of the empty platform that are 1 at first, and as steep."""
+    envelopes = np.exp(-decay * since)
+    cosines, sines = envelopes * np.cos(damped * since), envelopes * np.sin(damped * since)
+    rows[0] = cosines + decay / damped * sines
+    rows[1] = omega / damped * sines
+
+
+def _state(
+    since: float, omega: float, decay: float, damped: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return values and slopes of the two oscillations of `_oscillate` at one time."""
+    envelope = math.exp(-decay * since)
+    cosine, sine = envelope * math.cos(damped * since), envelope * math.sin(damped * since)
+    ratio = decay / damped
+    values = cosine + ratio * sine, omega / damped * sine
+    return values, (-omega * omega / damped * sine, omega * (cosine - ratio * sine))
+
+
+def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
+    """Return the solution on each stretch of constant mass from the entry on.
+
+    Returns
+    -------
+    list of tuple of float
+        Begin, decay and damped frequency; constant and rate of the forced part; cosine and sine
+        of the response to the load, and of the oscillations that begin at the entry with value 1
+        and with the slope of the natural frequency.
+    """
+    omega = 2 * math.pi * platform.natural_frequency
+    value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
+    solution: list[tuple[float, ...]] = []
+    for begin, length, load, rate, share in _stretches(crossing):
         ease = platform.moving_mass / (platform.moving_mass + share * mass)
         decay = platform.damping_ratio * omega * ease
         squared = omega * omega * ease
         damped = math.sqrt(squared - decay * decay)
         # A force load + rate t has the particular solution load - lag + rate t.
-        forced[0], climbing[0] = load - 2 * decay * rate / squared, rate
-        cosine = value - forced
-        sine = (slope - climbing + decay * cosine) / damped
-        rates[:, column] = decay, damped
-        parts[:, :, column] = cosine, sine, forced, climbing
-        if math.isfinite(end):
-            envelope = math.exp(-decay * (end - begin))
-            c = envelope * math.cos(damped * (end - begin))
-            s = envelope * math.sin(damped * (end - begin))
-            free = c * cosine + s * sine
-            value = free + forced + climbing * (end - begin)
-            slope = damped * (c * sine - s * cosine) - decay * free + climbing
-    since = time - np.array([begin for begin, *_ in stairs])[number]
-    decays, dampeds = rates[:, number]
-    envelopes = np.exp(-decays * since)
-    cosines, sines, forces, climbs = parts[:, :, number]
-    angles = dampeds * since
-    result: NDArray[np.float64] = (
-        cosines * (envelopes * np.cos(angles))
-        + sines * (envelopes * np.sin(angles))
-        + forces
-        + climbs * since
-    )
-    return result
+        forced = load - 2 * decay * rate / squared
+        c0 = value - forced
+        s0 = (slope - rate + decay * c0) / damped
+        c3, s3 = free, (free_slope + decay * free) / damped
+        c4, s4 = kicked, (kicked_slope + decay * kicked) / damped
+        solution.append((begin, decay, damped, forced, rate, c0, s0, c3, s3, c4, s4))
+        if length == math.inf:
+            break
+        envelope = math.exp(-decay * length)
+        c, s = envelope * math.cos(damped * length), envelope * math.sin(damped * length)
+        bare, free, kicked = c * c0 + s * s0, c * c3 + s * s3, c * c4 + s * s4
+        value = bare + forced + rate * length
+        slope = damped * (c * s0 - s * c0) - decay * bare + rate
+        free_slope = damped * (c * s3 - s * c3) - decay * free
+        kicked_slope = damped * (c * s4 - s * c4) - decay * kicked
+    return solution
 
 
-def _stairs(crossing: Crossing, start: float) -> list[tuple[float, float, float, float, float]]:
-    """Return begin, end, load at the begin, its rate and the mean load of each stretch."""
-    stairs = [(min(start, crossing.on_begin), crossing.on_begin, 0.0, 0.0, 0.0)]
+def _stretches(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
+    """Return begin, length, load at the begin, its rate and the mean load of each stretch."""
+    stretches = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):
         ends.append((crossing.off_begin, crossing.off_end, 1.0, -1.0))
     for number, (begin, end, load, change) in enumerate(ends):
-        rate = change / (end - begin)
-        bounds = np.linspace(begin, end, _STAIRS + 1)
+        rate, stair = change / (end - begin), (end - begin) / _STAIRS
         for position in range(_STAIRS):
             share = (position + 0.5) / _STAIRS
-            stairs.append(
+            stretches.append(
                 (
-                    float(bounds[position]), float(bounds[position + 1]),
-                    load + change * position / _STAIRS, rate, share if change > 0 else 1 - share,
+                    begin + position * stair, stair, load + change * position / _STAIRS, rate,
+                    share if change > 0 else 1 - share,
                 )
             )  # fmt: skip
         rest = load + change
         until = ends[number + 1][0] if number + 1 < len(ends) else math.inf
-        stairs.append((end, until, rest, 0.0, rest))
-    return stairs
+        stretches.append((end, until - end, rest, 0.0, rest))
+    return stretches

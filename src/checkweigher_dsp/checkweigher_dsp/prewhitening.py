@@ -9,9 +9,12 @@ sample is lost.
 """
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from checkweigher_dsp.autoregression import burg_model
 
 
 class Prewhitener:
@@ -30,26 +33,38 @@ class Prewhitener:
         self._order = order
         # Row m predicts sample m from all m before it; the last one is the filter for the rest.
         self._start = np.zeros((order, order))
-        error_filter = np.ones(1)
         # From innovations back to the variance of the signal itself.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
+        scales = np.sqrt(remaining) / std_dev
+        taps = np.zeros(order + 1)
+        taps[0] = 1.0
         for m, reflection in enumerate(reflections):
-            self._start[m, : m + 1] = error_filter[::-1] * np.sqrt(remaining[m]) / std_dev
-            extended = np.append(error_filter, 0.0)
-            error_filter = extended + reflection * extended[::-1]
-        self._taps = error_filter / std_dev
+            reverse = taps[m::-1]
+            self._start[m, : m + 1] = reverse * scales[m]
+            taps[1 : m + 2] += reflection * reverse
+        self._taps = taps / std_dev
 
     def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return signals (..., n), time on the last axis, through the filter: (..., n)."""
         count = signals.shape[-1]
-        begin = min(self._order, count)
         result = np.empty(signals.shape)
+        begin = min(self._order, count)
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
-        if count > begin:
-            rows = signals.reshape(-1, count)
-            filtered = [np.convolve(row, self._taps, 'valid') for row in rows]
-            result[..., begin:] = np.reshape(filtered, (*signals.shape[:-1], -1))
+        self.whiten_again(signals, result, begin)
         return result
+
+    def whiten_again(
+        self, signals: NDArray[np.float64], whitened: NDArray[np.float64], begin: int
+    ) -> None:
+        """Bring up to date what has been whitened of signals that changed from `begin` on."""
+        if begin < min(self._order, signals.shape[-1]):
+            whitened[:] = self.whiten(signals)
+            return
+        used = signals[..., begin - self._order :]
+        if used.shape[-1] > self._order:
+            rows = used.reshape(-1, used.shape[-1])
+            filtered = [np.convolve(row, self._taps, 'valid') for row in rows]
+            whitened[..., begin:] = np.reshape(filtered, (*signals.shape[:-1], -1))
 
 
 def pooled_reflections(
@@ -89,6 +104,9 @@ def pooled_reflections(
     power = float(sum(np.sum(segment**2) for segment in kept) / sum(map(len, kept)))
     if not power > 0:
         raise ValueError('the stretches hold no noise')
+    if len(kept) == 1:
+        _, reflections = burg_model(kept[0], order)
+        return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
     # All in one array, the ends of the shorter ones padded by zeros that are never used.
     longest = max(map(len, kept))
     forward = np.zeros((len(kept), longest))

@@ -127,11 +127,13 @@ def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretc
     # The load goes off as it came on, one belt later.
     leave = seconds(t3 - t1)
     time = seconds(window.stamp - t1) + np.arange(len(window.counts)) / window.sample_rate
-    used = time >= min(begin_at, 0.0) - parameters.lead_time
-    used[: window.empty_begin] = False
+    first = max(
+        window.empty_begin,
+        int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time)),
+    )
     return Stretch(
-        time[used],
-        window.force[used],
+        time[first:],
+        window.force_between(first, len(window.counts)),
         Crossing(begin_at, max(end_at, begin_at + 1e-4), leave + begin_at, leave + end_at),
     )
 
@@ -158,17 +160,22 @@ class GaussMarkov(Estimator):
         whitener = self._whitener(round(window.belt_speed / _SPEED_STEP))
         zero_std_dev = max(window.zero_std_dev / abs(window.counts_per_kg), _LEAST_NOISE)
         impact = known.at('impact', window.belt_speed) * window.belt_speed
-        whitened = whitener.whiten(stretch.signal)
+        signal = whitener.whiten(stretch.signal)
         mass, variance, misfit = hann_mean(raw_plateau(window)), math.nan, math.nan
+        # Before the entry, and in the row of the zero, there is nothing that the mass changes.
+        entry = int(np.searchsorted(stretch.time, stretch.crossing.on_begin))
+        columns = np.ones((6, len(stretch.time)))
+        whitened = np.empty(0)
         for _ in range(_MAX_ITERATIONS):
-            columns = np.vstack(
-                (responses(known.platform, mass, stretch.crossing, stretch.time),
-                 np.ones(len(stretch.time)))
-            )  # fmt: skip
+            columns[:5] = responses(known.platform, mass, stretch.crossing, stretch.time)
+            if whitened.size:
+                whitener.whiten_again(columns[:5], whitened[:5], entry)
+            else:
+                whitened = whitener.whiten(columns)
             kick = max(impact * abs(mass), _LEAST_NOISE)
             std_devs = (math.inf, _FREE, _FREE, kick, kick, zero_std_dev)
             last = mass
-            mass, variance, misfit = least_squares(whitened, whitener.whiten(columns), std_devs)
+            mass, variance, misfit = least_squares(signal, whitened, std_devs)
             if not mass > 0 or abs(mass - last) <= _LEAST_CHANGE * abs(mass):
                 break
         # A product that bumps or slips is none that the model knows.
@@ -203,14 +210,14 @@ def least_squares(
         What is left of the signal: root of its mean square, about 1 if all is as assumed.
     """
     normal = columns @ columns.T
-    normal[np.diag_indices(len(normal))] += np.asarray(std_devs, float) ** -2.0
+    normal.ravel()[:: len(normal) + 1] += np.array(std_devs) ** -2.0
     try:
         inverse = np.linalg.inv(normal)
     except np.linalg.LinAlgError:
         return math.nan, math.nan, math.nan
     coefficients = inverse @ (columns @ signal)
     left = signal - coefficients @ columns
-    return float(coefficients[0]), float(inverse[0, 0]), math.sqrt(float(np.mean(left * left)))
+    return float(coefficients[0]), float(inverse[0, 0]), math.sqrt(float(left @ left) / len(left))
 
 
 def estimate_untrained(window: WeighWindow) -> Plateau:
@@ -223,7 +230,7 @@ def estimate_untrained(window: WeighWindow) -> Plateau:
     samples = raw_plateau(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
     entry = math.floor(seconds(t1 - window.stamp) * sample_rate)
-    empty = window.force[window.empty_begin : max(entry, 0)]
+    empty = window.force_between(window.empty_begin, max(entry, 0))
     order = min(_UNTRAINED_ORDER, len(empty) // 3)
     mean = hann_mean(samples)
     if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:
