@@ -312,9 +312,9 @@ class ItemTracker:
             return
         self._outfeed_free = stamp
         if previous is None:
-            for item in self._on_belt:
+            for present in self._on_belt:
                 if self._is_no_state(stamp):
-                    item.fault(Reason.START_UP)  # something left that nothing had seen
+                    present.fault(Reason.START_UP)  # something left that nothing had seen
             return
         if self._covered:
             self._covered = False
