@@ -93,10 +93,10 @@ class Line:
         return self.stops.get(timeout=10.0)[1]
 
 
-def start_identifier() -> 'subprocess.Popen[bytes]':
+def start(stage: str) -> 'subprocess.Popen[bytes]':
     return subprocess.Popen(
         [
-            *(sys.executable, '-m', 'checkweigher_dsp.nodes.identifier'),
+            *(sys.executable, '-m', f'checkweigher_dsp.nodes.{stage}'),
             *('--ros-args', '-r', '__ns:=/rejecting'),
         ]
     )
@@ -109,7 +109,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
     reject = RejectNode({'rejector_distance': 1.0, 'verdict_margin': 0.5})
     for node in (listener, STAGE_NODES['segmenter'](), STAGE_NODES['denoise'](), reject):
         spinner.add(node)
-    identifier = start_identifier()
+    identifier = start('identifier')
     try:
         spinner.add(DriverNode({'simulator.count': 0}))
 
@@ -123,7 +123,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
         identifier.send_signal(signal.SIGKILL)
         identifier.wait()
         faults = [judged(Verdict.FAULT) for _ in range(2)]
-        identifier = start_identifier()
+        identifier = start('identifier')
         _, weighed = judged(Verdict.ACCEPT)
     finally:
         identifier.kill()
@@ -143,6 +143,48 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
         shown.append(listener.weighings.get().verdict.item_id)
     assert {verdict.item_id for _, verdict in faults} <= set(shown)
     assert shown == sorted(set(shown))
+
+
+def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: Spinner):
+    node = Node('others')
+    eyes, verdicts = heard(node, topics.PHOTO_EYES), heard(node, topics.VERDICT)
+    reject = RejectNode({'rejector_distance': 1.0, 'verdict_margin': 0.5})
+    for each in (node, STAGE_NODES['denoise'](), STAGE_NODES['identifier'](), reject):
+        spinner.add(each)
+    segmenter = start('segmenter')
+    judged: list[Verdict] = []
+
+    def judge_until(decision: int) -> None:
+        judged.append(verdicts.get(timeout=20.0)[1])
+        while judged[-1].decision != decision:
+            judged.append(verdicts.get(timeout=20.0)[1])
+
+    try:
+        spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
+        judge_until(Verdict.ACCEPT)
+        judge_until(Verdict.ACCEPT)
+        segmenter.send_signal(signal.SIGKILL)
+        segmenter.wait()
+        judge_until(Verdict.FAULT)
+        judge_until(Verdict.FAULT)
+        segmenter = start('segmenter')
+        judge_until(Verdict.ACCEPT)
+        judge_until(Verdict.ACCEPT)
+    finally:
+        segmenter.kill()
+        segmenter.wait()
+    numbers = [verdict.item_id for verdict in judged]
+    assert len(set(numbers)) == len(numbers)
+    # It counts from 1 again, its items are numbered on.
+    assert judged[-1].estimate_id < judged[-1].item_id == max(numbers)
+    # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
+    items: dict[int, int] = {}
+    while not eyes.empty():
+        _, edge = eyes.get()
+        if edge.blocked:
+            items[stamp_from(edge.header.stamp)] = len(items) // 2
+    of = [items[stamp_from(verdict.header.stamp) or stamp_from(verdict.t1)] for verdict in judged]
+    assert sorted(of) == list(range(of[0], of[-1] + 1))  # each has one verdict, and only one
 
 
 def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):

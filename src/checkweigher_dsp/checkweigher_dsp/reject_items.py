@@ -59,6 +59,8 @@ class RejectItem:
         ns on the clock of arrivals: when a verdict can wait no longer, and when it is too late.
     number, estimate_id : int
         Of the verdict and of the estimate that it rests on, 0 if there is none.
+    stream : int
+        In which it was judged.
     """
 
     t1: int | None
@@ -71,6 +73,7 @@ class RejectItem:
     late_from: int | None = None
     number: int = 0
     estimate_id: int = 0
+    stream: int = 0
 
 
 class RejectItems:
@@ -88,6 +91,11 @@ class RejectItems:
         self._largest = 0
         self._forgotten = 0
         self._ahead = 0  # of the count by the eyes
+        self._stream = 0
+
+    def restart(self) -> None:
+        """Begin a new stream: the same stamps may come again."""
+        self._stream += 1
 
     def add(self, item: RejectItem) -> RejectItem:
         """Take an item that has no verdict yet."""
@@ -105,10 +113,12 @@ class RejectItems:
     def find_judged(self, estimate: MassEstimate) -> RejectItem | None:
         """Return the item that had its verdict before the estimate came.
 
-        The stamps of a recording come again when it is played again: then the number differs.
+        The stamps of a recording come again when it is played again: then the number differs. It
+        does so as well where a segmenter was started with the item on the belt, but in one stream.
         """
         for item in reversed(self._judged):
-            if same(item, estimate) and item.estimate_id in (0, estimate.item_id):
+            again = item.stream == self._stream and not estimate.weighed
+            if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
                 item.estimate_id = estimate.item_id
                 return item
         return None
@@ -118,6 +128,8 @@ class RejectItems:
         for item in reversed(self._judged):
             if item.count is None and same(item, seen):
                 item.count = getattr(seen, 'item_id', 0)
+                # The estimate may have been of a part of it.
+                item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._ahead = max(self._ahead, item.number - item.count)
                 return True
         return False
@@ -129,7 +141,7 @@ class RejectItems:
             number += 1
         if item.count is not None:
             self._ahead = max(self._ahead, number - item.count)
-        item.number, item.estimate_id = number, estimate_id
+        item.number, item.estimate_id, item.stream = number, estimate_id, self._stream
         self._largest = max(self._largest, number)
         self.pending.remove(item)
         self._remember(item)

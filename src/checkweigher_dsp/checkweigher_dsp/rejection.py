@@ -206,6 +206,7 @@ class RejectStage:
                 self._see(item, now)
         if self._weigh_length is not None:
             self._tracker = self._new_tracker(self._weigh_length, count)
+        self._items.restart()
         self._first = self._newest = self._came = None
         self._arrival_clock = ArrivalClock()
 

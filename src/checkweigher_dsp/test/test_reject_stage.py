@@ -147,6 +147,25 @@ def test_a_segmenter_that_counts_from_one_again_spoils_no_number():
     assert stage.late_estimates == 0
 
 
+def test_a_segmenter_started_with_an_item_on_the_belt_makes_no_two_of_it():
+    stage = RejectStage(PARAMETERS, BELT)
+    edges, estimate = _item(1)
+    verdicts = []
+    # It began anew between t2 and t3: it gave the item up, and then saw it leave.
+    first = replace(estimate, t3=None, reasons=('SourceRestarted',), mass=math.nan)
+    second = replace(
+        estimate, item_id=2, t1=None, t2=None, reasons=('MissingEdge', 'StartUp'), mass=math.nan
+    )
+    for what in (*edges[:2], first, *edges[2:], second, *_item(2)[0]):
+        add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
+        verdicts += add(what)
+
+    assert [v.reasons for v in verdicts] == [('SourceRestarted',)]
+    assert stage.late_estimates == 1
+    (verdict,) = stage.add_estimate(replace(_item(2)[1], item_id=3))
+    assert (verdict.decision, verdict.estimate_id) == (Decision.ACCEPT, 3)
+
+
 def test_a_stage_that_is_started_late_takes_up_the_numbers_of_the_segmenter():
     stage = RejectStage(PARAMETERS, BELT)
     verdicts = []
