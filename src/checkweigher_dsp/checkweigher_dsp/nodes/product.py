@@ -84,6 +84,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._stale = set(_AUDITED)
         self._events = 0
         self._zero_out_of_range = False
+        self._advised = False
         self._line = LineParametersClient(self, _PATIENCE)
         self._nodes = LineNodes(self)
         self._statistics = self.create_publisher(
@@ -200,6 +201,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._trail.note(self._now(), audit_trail.SELECTION, 'product', old, name)
         try:
             base = await self._with_base(product.changes())
+            await self._advise()
             its = product.changes()
             changes = {n: {**base[n], **its.get(n, {})} for n in NODES if n in base}
             await self._line.set(changes)
@@ -211,6 +213,18 @@ class ProductNode(StageNode[ProductParameters]):
         self._record.product = product
         self.count('products selected')
         self._publish()
+
+    async def _advise(self) -> None:
+        """Say once that the reject node would accept anything before it has its limits."""
+        if self._advised:
+            return
+        needed = await self._line.get('reject', ['needs_product'])
+        self._advised = True
+        if not needed['needs_product']:
+            self.get_logger().warning(
+                'reject.needs_product is false: after its start the reject node accepts by the '
+                'limits of its parameter file until it has those of a product'
+            )
 
     async def _with_base(self, changes: dict[str, Values]) -> dict[str, Values]:
         """Return the values of the line itself for all that any product has set or will set."""
