@@ -175,14 +175,14 @@ def judge_until(verdicts: 'queue.SimpleQueue[Any]', found: list[Verdict], decisi
 
 
 def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
-    """Check that all items up to the last one judged have one verdict, under one number."""
+    """Check that all items from the first one to the last have one verdict, under one number."""
     starts = [stamp_from(verdict.t1) for verdict in found]
     entered = []
     while not edges.empty():
         _, edge = edges.get()
         if edge.eye == edge.INFEED and edge.blocked:
             entered.append(stamp_from(edge.header.stamp))
-    assert sorted(starts) == [t1 for t1 in entered if t1 <= max(starts)]
+    assert sorted(starts) == [t1 for t1 in entered if min(starts) <= t1 <= max(starts)]
     assert len({verdict.item_id for verdict in found}) == len(found)
 
 

@@ -16,6 +16,8 @@ COMMANDS = (
      'weigh bags/paper_60 --csv masses.csv'),
     ('replay', 'replay', 'play a bag through the ROS graph and show each verdict',
      'replay bags/paper_60 --rate 0'),
+    ('run', 'run', 'run a live line, show each verdict, start again what dies',
+     'run --params my_line.yaml --processes'),
     ('record', 'record', 'record a running graph into a bag',
      'record --output /tmp/shift1 --duration 60'),
     ('echo', 'echo', 'show masses and verdicts of a running graph as they come',

@@ -148,10 +148,14 @@ class RejectItems:
         return number
 
     def recall(self, verdicts: Iterable[Verdict]) -> None:
-        """Note what others have judged and count anew by the eyes; numbers go on above all."""
-        for verdict in verdicts:
+        """Note what others have judged, and count anew by the eyes.
+
+        What was judged before the first of them has lower numbers, which nobody gets again.
+        """
+        known = [verdict for verdict in verdicts if 0 < verdict.item_id < _MAX_NUMBER]
+        for verdict in known:
             number = verdict.item_id
-            if number not in self._numbers and 0 < number < _MAX_NUMBER:
+            if number not in self._numbers:
                 self._largest = max(self._largest, number)
                 self._remember(
                     RejectItem(
@@ -160,7 +164,8 @@ class RejectItems:
                 )
         for item in self._judged:
             item.count = None  # the eyes may show it once more
-        self._forgotten = max(self._forgotten, self._largest)
+        first = min((verdict.item_id for verdict in known), default=1)
+        self._forgotten = max(self._forgotten, first - 1)
         self._ahead = 0
 
     def _remember(self, item: RejectItem) -> None:

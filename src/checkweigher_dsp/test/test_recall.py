@@ -120,6 +120,18 @@ def test_numbers_go_on_above_those_of_the_stage_before():
     assert [(v.item_id, v.estimate_id) for v in weighed] == [(4, 4), (5, 5)]
 
 
+def test_what_is_judged_before_the_answer_comes_does_not_push_up_the_numbers_of_what_was_missed():
+    timed = _items(5, 660)
+    edges = tuple(what for _, what in timed if isinstance(what, EyeEdge))
+    estimates = [what for _, what in timed if isinstance(what, MassEstimate)]
+    stage = RejectStage(PARAMETERS, BELT)
+    (judged,) = stage.add_estimate(estimates[4])
+
+    missed = stage.recall(LineHistory(1, edges[-1].stamp, 0, edges))
+
+    assert [judged.item_id, *(v.item_id for v in missed)] == [5, 1, 2, 3, 4]
+
+
 def test_an_estimate_that_comes_after_the_verdict_of_the_stage_before_changes_nothing():
     timed = _items(1)
     edges = tuple(what for _, what in timed if isinstance(what, EyeEdge))

@@ -40,6 +40,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         LifecycleNodeMixin.__init__(self)
         self._service_change_state.callback = self._guarded(self._service_change_state.callback)
         self._failure = ''
+        self._beginning = False
 
     def configure(self) -> None:
         """Get ready to work; ValueError with one line if that cannot be done."""
@@ -68,7 +69,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """
         if not getattr(self.parameters, 'autostart', True):
             return
-        if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
+        self._beginning = True  # a failure is then the one line with which the process ends
+        configured = self.trigger_configure()
+        self._beginning = False
+        if configured != TransitionCallbackReturn.SUCCESS:
             self.destroy_node()
             raise ParameterError(self._failure)
         self._start_timer = self.create_timer(0.0, self._activate_once)
@@ -131,7 +135,8 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         except Exception as error:
             self._failure = ' '.join(str(error).split())
             kind = '' if isinstance(error, ValueError) else f'{type(error).__name__}: '
-            self.get_logger().error(f'could not {what}: {kind}{self._failure}')
+            if not self._beginning:
+                self.get_logger().error(f'could not {what}: {kind}{self._failure}')
             return otherwise
         self.get_logger().debug(f'{what}: done')
         return TransitionCallbackReturn.SUCCESS

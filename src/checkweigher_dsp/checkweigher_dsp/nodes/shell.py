@@ -34,6 +34,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 _LARGEST_INTEGER = 2**63 - 1
 _POLL_PERIOD = 0.01  # s
 _CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
+_SETTLE_TIME = 0.2  # s without a further subscriber, where any of them is the consumer
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
 _FAREWELL = 0.1  # s, for what the end of one node is to the others of its process
 # More than this is not kept for a consumer that has not appeared yet.
@@ -115,6 +116,7 @@ class HeldPublisher:
         self._timer = node.create_timer(_POLL_PERIOD, self._poll)
         self._open = False
         self._first_seen: float | None = None
+        self._matched = (0, 0.0)  # how many, and since when
 
     @property
     def publisher(self) -> Publisher:
@@ -132,8 +134,11 @@ class HeldPublisher:
         matched = self._publisher.get_subscription_count()
         if matched == 0:
             return
-        self._first_seen = self._first_seen or time.monotonic()
-        waited = time.monotonic() - self._first_seen
+        now = time.monotonic()
+        self._first_seen = self._first_seen or now
+        if matched != self._matched[0]:
+            self._matched = (matched, now)
+        waited = now - self._first_seen
         if not self._has_consumer(matched) and waited < _CONSUMER_PATIENCE:
             return
         self._open = True
@@ -144,8 +149,11 @@ class HeldPublisher:
     def _has_consumer(self, matched: int) -> bool:
         readers = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
         # The graph may know of a reader that the publisher has yet to match.
-        if matched < len(readers) or self._answer is None:
-            return matched >= len(readers)
+        if matched < len(readers):
+            return False
+        if self._answer is None:
+            # A node that was started again finds one reader after the other.
+            return time.monotonic() - self._matched[1] > _SETTLE_TIME
         kind = f'{self._answer.type.__module__.split(".")[0]}/msg/{self._answer.type.__name__}'
         return any(
             kind in self._types_published_by(reader.node_name, reader.node_namespace)

@@ -1,0 +1,41 @@
+"""Run a live line and keep it running."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `run`."""
+    parser.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
+    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+    parser.add_argument(
+        '--processes', action='store_true',
+        help='run each node in a process of its own; each is started again when it dies or hangs',
+    )  # fmt: skip
+    parser.add_argument(
+        '--source', metavar='NAME',
+        help='where samples and edges come from; default: as in FILE, else the simulator',
+    )  # fmt: skip
+    parser.add_argument('--bag', type=Path, metavar='BAG', help='bag to play; means --source bag')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the line until interrupted; 2 if it cannot start."""
+    from checkweigher_bringup.running_line import Run, run_line
+    from checkweigher_bringup.settings import check_namespace, line_parameters
+    from checkweigher_driver.driver_node import DriverParameters
+
+    line_parameters(arguments.params, None)  # raises ParameterError before anything is started
+    driver: dict[str, object] = {}
+    if arguments.source or arguments.bag:
+        driver['source'] = DriverParameters(source=arguments.source or 'bag').source
+    if arguments.bag:
+        driver['bag.path'] = str(arguments.bag.absolute())
+    return run_line(
+        Run(
+            arguments.params,
+            check_namespace(arguments.namespace),
+            arguments.processes,
+            {'driver': driver} if driver else {},
+        )
+    )
