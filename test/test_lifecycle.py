@@ -190,6 +190,7 @@ def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinne
     node = Node('listener')
     verdicts = heard(node, topics.VERDICT, latched=True)
     edges = heard(node, topics.PHOTO_EYES)
+    stops = heard(node, topics.STOP_REQUEST, latched=True)
     for each in (node, *(STAGE_NODES[n]() for n in ('segmenter', 'denoise', 'identifier'))):
         spinner.add(each)
     reject = start_reject()
@@ -206,6 +207,11 @@ def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinne
     finally:
         reject.terminate()
         reject.wait(timeout=20)
+    said = [next_of(stops) for _ in range(3)]
+    assert [each.state for each in said] == [StopRequest.RUN, StopRequest.RUN, StopRequest.STOP]
+    assert said[-1].reason == 'NotReady'
+    while not verdicts.empty():  # those on their way when it ended
+        found.append(next_of(verdicts))
     assert_one_verdict_each(edges, found)
     for verdict in found:
         assert list(verdict.reasons) == ([] if verdict.decision else ['NoEstimate'])
