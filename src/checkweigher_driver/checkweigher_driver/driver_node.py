@@ -41,6 +41,7 @@ from checkweigher_dsp.records import (
 )
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
+_END_PATIENCE = 2.0  # s, for the last read of a source
 # What line_history has to tell: 20 s and more at five items a second.
 _MAX_EDGES = 400
 _MAX_VERDICTS = 200
@@ -172,7 +173,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         going_on = thread.is_alive()
         if self._source is not None and not self._source.paced:
             self.clean_up()  # only that ends a read that blocks
-        thread.join(timeout=2.0)
+        thread.join(timeout=_END_PATIENCE)
+        if thread.is_alive():
+            self.warn(f'source {self.parameters.source}: a read does not end')
         return going_on
 
     def _on_segmenter_status(self, message: Any) -> None:

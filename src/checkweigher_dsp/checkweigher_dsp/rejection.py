@@ -407,7 +407,15 @@ class RejectStage:
         late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
         number = self._items.judge(item, verdict.estimate_id)
-        return replace(verdict, item_id=number, late=late)
+        # A segmenter that was started again has not seen all edges of its first item.
+        return replace(
+            verdict,
+            item_id=number,
+            late=late,
+            t1=item.t1 if verdict.t1 is None else verdict.t1,
+            t3=item.t3 if verdict.t3 is None else verdict.t3,
+            reject_at=item.reject_at if verdict.reject_at is None else verdict.reject_at,
+        )
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:

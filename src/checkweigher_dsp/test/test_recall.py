@@ -1,6 +1,7 @@
 """A reject stage that takes the place of another: each item has one verdict from the two."""
 
 from dataclasses import replace
+import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -178,3 +179,18 @@ def test_stopping_gives_a_fault_to_all_that_the_eyes_have_shown():
     assert sorted(v.item_id for v in verdicts) == [1, 2, 3]
     assert {v.reasons for v in verdicts} == {('NoEstimate',)}
     assert stage.stop(edges[8].stamp) == []
+
+
+def test_a_verdict_tells_what_the_eyes_know_where_the_estimate_lacks_it():
+    timed = _items(1)
+    edges = [what for _, what in timed if isinstance(what, EyeEdge)]
+    estimate = next(what for _, what in timed if isinstance(what, MassEstimate))
+    stage = RejectStage(PARAMETERS, BELT)
+    for edge in edges:
+        stage.add_edge(edge)
+
+    fault = replace(estimate, t1=None, line_speed=math.nan, reasons=('StartUp',), mass=math.nan)
+    (verdict,) = stage.add_estimate(fault)
+
+    assert (verdict.t1, verdict.t3) == (edges[0].stamp, edges[2].stamp)
+    assert verdict.reject_at == edges[2].stamp + NANOSECONDS // 2  # 0.5 m at 1 m/s
