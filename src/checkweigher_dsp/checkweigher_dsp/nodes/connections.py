@@ -93,7 +93,7 @@ class Connections:
     def forget(self, endpoint: Subscription | Publisher) -> None:
         """Watch an end no longer: it is about to be destroyed."""
         for ends in (self._inputs, self._outputs):
-            for name in [name for name, end in ends.items() if end.endpoint is endpoint]:
+            for name in [name for name, end in list(ends.items()) if end.endpoint is endpoint]:
                 del ends[name]
 
     def refused(self, now: float, name: str, why: str) -> None:
@@ -112,7 +112,7 @@ class Connections:
         values: dict[str, float | str] = {}
         found: list[Concern] = []
         started = now - self._began > _PATIENCE
-        for name, end in self._inputs.items():
+        for name, end in list(self._inputs.items()):  # a node may be destroyed meanwhile
             count = end.endpoint.get_publisher_count()
             if end.partner:
                 values[f'{name} publishers'] = count
@@ -120,7 +120,7 @@ class Connections:
             if started and end.partner and count == 0:
                 text = f'nobody publishes {end.endpoint.topic_name}'
                 found.append(Concern(Level.ERROR, text, _whom_to_look_for(end.partner)))
-        for name, end in self._outputs.items():
+        for name, end in list(self._outputs.items()):
             count = end.endpoint.get_subscription_count()
             if end.partner:
                 values[f'{name} subscribers'] = count

@@ -64,7 +64,10 @@ class Diagnostics:
 
     def _publish(self) -> None:
         now = time.monotonic()
-        findings = [*self._findings(now), self.connections.finding(now)]
+        findings = [
+            *self._found('Diagnostics', lambda: self._diagnose(now)),
+            *self._found('Connections', lambda: [self.connections.finding(now)]),
+        ]
         name = self._node.get_fully_qualified_name().lstrip('/')
         summary = self._summary(findings)
         message = DiagnosticArray(
@@ -76,13 +79,13 @@ class Diagnostics:
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
-    def _findings(self, now: float) -> list[Finding]:
+    def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
         try:
-            return list(self._diagnose(now))
+            return list(look())
         except Exception as error:  # what only tells of the line must not stop it
             text = f'{type(error).__name__}: {error}'
             concern = Concern(Level.ERROR, text, 'a defect of the diagnostics; report it')
-            return [conclude('Diagnostics', '', [concern])]
+            return [conclude(aspect, '', [concern])]
 
     def _summary(self, findings: list[Finding]) -> Finding:
         """Return the status of the node itself; a warning is shown for one period."""
