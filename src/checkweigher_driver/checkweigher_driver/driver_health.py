@@ -58,6 +58,7 @@ class DriverWatch:
         """Take that the source has ended; with a failure, how."""
         self._state = 'finished' if failure is None else 'failed'
         self._failure = failure or ''
+        self._waits_for = ''
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
         """Return all aspects; `offset_of_clocks`: clock of day less the one of `now`, s."""
