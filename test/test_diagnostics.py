@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 import re
 import threading
 from typing import Any
@@ -217,6 +218,20 @@ def test_a_defect_of_the_diagnostics_does_not_end_the_node(spinner: Spinner):
     spinner.add(Broken())
     told.wait('segmenter: Diagnostics', Level.ERROR, 'ZeroDivisionError: of a defect')
     assert spinner.alive
+
+
+def test_the_product_node_tells_of_its_recipe_and_its_log(spinner: Spinner, tmp_path: Path):
+    told = Told(spinner)
+    log = tmp_path / 'audit.log'
+    recipes = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
+    spinner.add(
+        ProductNode({'recipes': str(recipes), 'product': 'crisps_150g', 'audit_log': str(log)})
+    )
+    hint = told.wait('product: Recipe', Level.ERROR, "product 'crisps_150g' is not selected yet")
+    assert 'check that denoise, identifier and reject run' in hint
+    told.wait('product: Audit log', Level.OK, str(log))
+    log.unlink()
+    told.wait('product: Audit log', Level.ERROR, f'{log} is gone')
 
 
 class Status:
