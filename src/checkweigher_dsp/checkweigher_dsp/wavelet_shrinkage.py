@@ -153,30 +153,52 @@ class ShrinkageFilter:
         powers = _band_powers(length, wavelet, levels)
         self._length = length
         self._through: Any = powers[levels]
-        self._shrunk: list[tuple[Shrinkage, NDArray[np.complex128], NDArray[np.complex128]]] = []
-        for level, shrinkage in enumerate(details, start=1):
-            if shrinkage is None or not np.any(shrinkage.gain):
+        shrunk: list[int] = []
+        gains: list[Any] = []
+        thresholds: list[Any] = []
+        for number, shrinkage in enumerate(details):
+            if shrinkage is None or _is_zero(shrinkage.gain):
                 continue
-            gain = shrinkage.gain
-            if np.any(shrinkage.threshold):
+            gain, threshold = shrinkage.gain, shrinkage.threshold
+            if not _is_zero(threshold):
+                shrunk.append(number)
                 # A stretch has the same bits alone and beside others that do have a threshold.
-                linear = np.equal(shrinkage.threshold, 0)
-                rest = Shrinkage(np.where(linear, 0.0, gain), shrinkage.threshold)
-                gain = np.where(linear, gain, 0.0)
-                response = responses[level - 1]
-                self._shrunk.append((rest, response, response.conj() / 2**level))
+                linear = np.equal(threshold, 0)
+                gains.append(np.where(linear, 0.0, gain))
+                thresholds.append(threshold)
                 if not linear.any():
                     continue
-            self._through = self._through + gain * powers[level - 1]
+                gain = np.where(linear, gain, 0.0)
+            self._through = self._through + gain * powers[number]
+        self._shrinkage: Shrinkage | None = None
+        if shrunk:
+            # One more axis, that of the bands, before that of time.
+            self._analysis = responses[shrunk]
+            scales = 2.0 ** -(np.array(shrunk) + 1)
+            self._synthesis = self._analysis.conj() * scales[:, None]
+            self._shrinkage = Shrinkage(_over_bands(gains), _over_bands(thresholds))
 
     def apply(self, stretch: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return stretches (..., n) float64 denoised: (..., n) float64, in their unit."""
         spectrum = np.fft.rfft(stretch)
         result = spectrum * self._through
-        for shrinkage, analysis, synthesis in self._shrunk:
-            coefficients = shrink(np.fft.irfft(spectrum * analysis, self._length), shrinkage)
-            result += np.fft.rfft(coefficients) * synthesis
+        if self._shrinkage is not None:
+            bands = np.fft.irfft(spectrum[..., None, :] * self._analysis, self._length)
+            kept = np.fft.rfft(shrink(bands, self._shrinkage))
+            kept *= self._synthesis
+            for band in range(len(self._analysis)):
+                result += kept[..., band, :]
         return np.fft.irfft(result, self._length)
+
+
+def _is_zero(value: Any) -> bool:
+    return value == 0 if isinstance(value, float) else not np.any(value)
+
+
+def _over_bands(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Return one value, or one (..., 1) for each stretch, of each band: (..., bands, 1)."""
+    return np.stack([np.reshape(value, (*np.shape(value)[:-1], 1)) for value in
+                     np.broadcast_arrays(*values)], axis=-2)  # fmt: skip
 
 
 def denoise_periodic(

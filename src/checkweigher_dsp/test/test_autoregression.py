@@ -5,10 +5,11 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+import plain_path
 import pytest
 from scipy.signal import lfilter
 
-from checkweigher_dsp.autoregression import akaike_order, burg
+from checkweigher_dsp.autoregression import akaike_order, burg, burg_model
 
 ROUNDING = 1e-10
 PROCESS = [1.0, -0.75, 0.5]  # stable, its poles have the modulus sqrt(1/2)
@@ -60,6 +61,20 @@ def test_every_model_of_burg_is_stable(seed, count, data):
     assert np.all(np.abs(models.reflections) <= 1 + ROUNDING)
     assert np.all(np.diff(models.powers) <= ROUNDING * models.powers[0])
     assert np.all(np.abs(np.roots(models.coefficients[min(order, 8)])) <= 1 + 1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(3, 150), st.data())
+def test_the_model_of_one_order_is_that_of_the_plain_recursion(seed, count, data):
+    order = data.draw(st.integers(0, count // 3))
+    signals = np.random.default_rng(seed).standard_normal((3, count)).cumsum(axis=-1)
+
+    coefficients, reflections = burg_model(signals, order)
+
+    for signal, row, own in zip(signals, coefficients, reflections, strict=True):
+        np.testing.assert_allclose(row, plain_path.burg(signal, order), rtol=0, atol=1e-9)
+        alone = burg_model(signal, order)
+        np.testing.assert_array_equal(alone[0], row)
+        np.testing.assert_array_equal(alone[1], own)
 
 
 @given(st.integers(0, 2**32 - 1))

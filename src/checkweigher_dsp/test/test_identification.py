@@ -2,10 +2,11 @@
 
 import math
 
-from filterpy.kalman import ExtendedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+import plain_path
+from plain_path import MatrixFilter
 import pytest
 
 from checkweigher_dsp.identification import (
@@ -21,36 +22,6 @@ from checkweigher_dsp.identification import (
 RATE = 960.0
 ROUNDING = 1e-10
 PLATFORMS = [(20.0, 0.03), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio
-
-
-class _MatrixFilter(ExtendedKalmanFilter):
-    """The EKF of the method on X = [x(k), x(k-1), a1, a2, b1]."""
-
-    def __init__(self, noise, start=Start()):  # noqa: B008
-        super().__init__(dim_x=5, dim_z=1)
-        self.x = np.array([[start.x, start.x_before, start.a1, start.a2, start.b1]]).T
-        of_coefficients = noise.initial if noise.coefficients is None else noise.coefficients
-        self.P = noise.initial * np.eye(5)
-        self.P[2, 2] = self.P[3, 3] = of_coefficients
-        self.Q = np.diag([noise.process, 0.0, 0.0, 0.0, 0.0])
-        self.R = np.array([[noise.measurement]])
-        self.H = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
-        self.load = 1.0
-
-    def predict_x(self, u=0):
-        x, y, a1, a2, b1 = self.x[:, 0]
-        self.x = np.array([[-a1 * x - a2 * y + b1 * self.load], [x], [a1], [a2], [b1]])
-
-    def step(self, sample, load=1.0, measurement=None):
-        x, y, a1, a2, _ = self.x[:, 0]
-        self.load = load
-        self.F = np.eye(5)
-        self.F[0] = [-a1, -a2, -x, -y, load]
-        self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
-        if measurement is not None:
-            self.R = np.array([[measurement]])
-        self.predict()
-        self.update(np.array([[sample]]), lambda _: self.H, lambda state: self.H @ state)
 
 
 def _coefficients(frequency, damping):
@@ -80,7 +51,7 @@ def _step_response(frequency, damping, count, level=1.0):
 def test_the_filter_agrees_with_the_matrix_form(seed, count, measurement, process, initial):
     noise = Noise(process * measurement, measurement, initial)
     samples = 1 + 0.2 * np.random.default_rng(seed).standard_normal(count)
-    reference = _MatrixFilter(noise)
+    reference = MatrixFilter(noise)
     for sample in samples:
         reference.step(sample)
     a1, a2, b1 = reference.x[2:, 0]
@@ -109,7 +80,7 @@ def test_loads_starts_and_noises_of_each_sample_agree_with_the_matrix_form(
     loads = np.minimum(np.arange(count) / (count / 2), 1.0)
     samples = loads + 0.1 * random.standard_normal(count)
     measurement = 1e-3 * random.uniform(0.5, 20.0, count)
-    reference = _MatrixFilter(noise, start)
+    reference = MatrixFilter(noise, start)
     for values in zip(samples, loads, measurement, strict=True):
         reference.step(*values)
     a1, a2, b1 = reference.x[2:, 0]
@@ -182,6 +153,43 @@ def test_a_window_without_platform_is_weighed_by_least_squares():
     assert result.gain == pytest.approx(expected, rel=ROUNDING)
     assert result.b1 == pytest.approx(expected, rel=ROUNDING)
     assert result.variance == pytest.approx(scale**2 / normal, rel=ROUNDING)
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(16, 200),
+    st.floats(0.05, 0.9),
+    st.builds(
+        WindowNoise, st.floats(1e-3, 10.0), st.floats(0.0, 1.0), st.floats(0.01, 10.0),
+        st.floats(1e-8, 1e-2), st.floats(1.0, 1e3),
+    ),
+)  # fmt: skip
+def test_windows_agree_with_filterpy(seed, count, rise, noise):
+    random = np.random.default_rng(seed)
+    loads = np.minimum(np.arange(1, count + 1) / (rise * count), 1.0)
+    samples = 0.2 * loads + 0.01 * random.standard_normal(count)
+
+    found = identify_window(samples, 1e-4, loads, noise)
+
+    expected = plain_path.identify_window(samples, 1e-4, loads, noise)
+    assert (found.gain, found.variance) == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_windows_at_once_have_the_same_bits_as_each_alone():
+    random = np.random.default_rng(9)
+    loads = np.minimum(np.arange(1, 129) / random.uniform(30, 64, (40, 1)), 1.0)
+    samples = 0.2 * loads + 0.01 * random.standard_normal((40, 128))
+    removed, rises = random.uniform(0, 1e-4, 40), random.uniform(1.0, 20.0, 40)
+
+    together = identify_window(samples, removed, loads, WindowNoise(rise=rises))
+
+    for k in range(40):
+        alone = identify_window(
+            samples[k], float(removed[k]), loads[k], WindowNoise(rise=float(rises[k]))
+        )
+        for name in ('a1', 'a2', 'b1', 'gain', 'variance'):
+            assert getattr(together, name)[k] == getattr(alone, name)
 
 
 @pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])

@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+import plain_path
 import pytest
 import pywt
 
@@ -20,25 +21,10 @@ LENGTHS = st.integers(1, 32).map(lambda periods: 128 * periods)
 SHRINKAGES = st.none() | st.builds(Shrinkage, st.floats(0, 2), st.floats(0, 3))
 
 
-def _denoise_by_pywt(stretch, details, wavelet):
-    approximation, *bands = pywt.swt(
-        stretch, wavelet, level=len(details), trim_approx=True, norm=False
-    )
-    shrunk = []
-    for band, shrinkage in zip(bands, reversed(details), strict=True):
-        if shrinkage is None:
-            shrunk.append(np.zeros_like(band))
-            continue
-        size = np.abs(band)
-        soft = np.sign(band) * shrinkage.gain * (size - shrinkage.threshold)
-        shrunk.append(np.where(size >= shrinkage.threshold, soft, 0.0))
-    return pywt.iswt([approximation, *shrunk], wavelet, norm=False)
-
-
 def _assert_agrees(stretch, details, wavelet):
     np.testing.assert_allclose(
         denoise_periodic(stretch, details, wavelet),
-        _denoise_by_pywt(stretch, details, wavelet),
+        plain_path.denoise_periodic(stretch, details, wavelet),
         rtol=0,
         atol=ROUNDING * np.abs(stretch).max(),
     )
@@ -171,6 +157,26 @@ def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
             row, denoise_periodic(stretch, [None] * 6 + [Shrinkage(gain, threshold)]),
             atol=ROUNDING,
         )  # fmt: skip
+
+
+def test_stretches_have_the_same_bits_alone_and_beside_others():
+    random = np.random.default_rng(5)
+    stretches = random.standard_normal((5, 1024))
+    # Bands with and without a threshold, and without a gain, in one stack.
+    gains = np.array([[0.1, 0.0, 0.9, 1.0, 0.0], [0.5, 0.4, 0.3, 0.0, 0.1]])[..., None]
+    thresholds = np.array([[0.3, 0.2, 0.0, 0.0, 0.0], [1.2, 0.0, 0.7, 0.4, 0.1]])[..., None]
+
+    together = denoise_periodic(
+        stretches, [None] * 5 + [Shrinkage(g, t) for g, t in zip(gains, thresholds, strict=True)]
+    )
+
+    for k, stretch in enumerate(stretches):
+        alone = [
+            Shrinkage(g[k : k + 1], t[k : k + 1]) for g, t in zip(gains, thresholds, strict=True)
+        ]
+        np.testing.assert_array_equal(
+            together[k], denoise_periodic(stretch[None], [None] * 5 + alone)[0]
+        )
 
 
 def test_several_stretches_are_thresholded_each_by_its_own_noise():
