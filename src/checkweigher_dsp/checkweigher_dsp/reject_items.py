@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from checkweigher_dsp.items import Item
 from checkweigher_dsp.records import MassEstimate, Verdict
 
 _MAX_PENDING = 10_000
@@ -115,21 +116,24 @@ class RejectItems:
 
         The stamps of a recording come again when it is played again: then the number differs. It
         does so as well where a segmenter was started with the item on the belt, but in one stream.
+        Of an item that is a fault by its edges nobody knows which of them are its own.
         """
         for item in reversed(self._judged):
-            again = item.stream == self._stream and not estimate.weighed
+            whole = item.count is not None and not item.reasons
+            again = whole and item.stream == self._stream and not estimate.weighed
             if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
                 item.estimate_id = estimate.item_id
                 return item
         return None
 
-    def has_seen(self, seen: _Stamped) -> bool:
+    def has_seen(self, seen: Item) -> bool:
         """Tell whether an item that the eyes show has its verdict already, and count it as that."""
         for item in reversed(self._judged):
             if item.count is None and same(item, seen):
-                item.count = getattr(seen, 'item_id', 0)
-                # The estimate may have been of a part of it.
-                item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
+                item.count = seen.item_id
+                item.reasons = tuple(reason.value for reason in seen.faults)
+                if not seen.faults:  # the estimate may have been of a part of it
+                    item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._ahead = max(self._ahead, item.number - item.count)
                 return True
         return False

@@ -400,22 +400,23 @@ class RejectStage:
 
     def _give(self, item: RejectItem, verdict: Verdict, now: int | None) -> Verdict:
         late_from = item.late_from
-        if (
-            late_from is None and verdict.reject_at is not None
-        ):  # its mass was faster than its edges
+        if late_from is None and verdict.reject_at is not None:
+            # Its mass was faster than its edges.
             late_from = self._arrival_clock.at(verdict.reject_at)
         late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
         number = self._items.judge(item, verdict.estimate_id)
-        # A segmenter that was started again has not seen all edges of its first item.
-        return replace(
-            verdict,
-            item_id=number,
-            late=late,
-            t1=item.t1 if verdict.t1 is None else verdict.t1,
-            t3=item.t3 if verdict.t3 is None else verdict.t3,
-            reject_at=item.reject_at if verdict.reject_at is None else verdict.reject_at,
-        )
+        verdict = replace(verdict, item_id=number, late=late)
+        # A segmenter that was started again has not seen all edges of its first item. Of an item
+        # that is a fault by its edges nobody knows which of them are its own.
+        if item.count is not None and not item.reasons:
+            verdict = replace(
+                verdict,
+                t1=item.t1 if verdict.t1 is None else verdict.t1,
+                t3=item.t3 if verdict.t3 is None else verdict.t3,
+                reject_at=item.reject_at if verdict.reject_at is None else verdict.reject_at,
+            )
+        return verdict
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
