@@ -5,12 +5,21 @@ from dataclasses import fields, replace
 from typing import Any
 
 from checkweigher_msgs import msg as messages
+from checkweigher_msgs.srv import LineHistory as LineHistoryService
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from checkweigher_dsp.nodes import conversion
-from checkweigher_dsp.records import Decision, MassEstimate, Verdict, WeighWindow
+from checkweigher_dsp.records import (
+    Decision,
+    Eye,
+    EyeEdge,
+    LineHistory,
+    MassEstimate,
+    Verdict,
+    WeighWindow,
+)
 
 T1 = 1_700_000_000_123_456_789
 
@@ -114,3 +123,12 @@ def test_a_message_that_nobody_filled_in_is_no_mass_and_no_acceptance():
     assert conversion.estimate_from(messages.MassEstimate()).reasons == ('Unknown',)
     assert conversion.verdict_from(messages.Verdict()).decision is Decision.FAULT
     assert conversion.verdict_from(messages.Verdict(decision=99)).decision is Decision.FAULT
+
+
+def test_a_history_passes_through_its_service():
+    edges = (EyeEdge(T1, Eye.INFEED, True), EyeEdge(T1 + 1, Eye.OUTFEED, False))
+    history = LineHistory(7, T1 + 2, 5, edges, (VERDICT,))
+
+    response = conversion.fill_history(history, LineHistoryService.Response())
+
+    assert conversion.history_from(through_the_wire(response)) == history
