@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field
+import inspect
 import math
 import signal
 import sys
@@ -270,6 +271,25 @@ class StageNode(Node, Generic[P]):
             needed = topic.name in MAKERS
         connections.add_input(topic.name, subscription, topic.stage_qos, needed=needed)
         return subscription
+
+    def create_service(  # type: ignore[no-untyped-def]
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
+    ):
+        """Offer a service; a call that cannot be answered is refused, not fatal.
+
+        Those of the parameters come by here too: in rclpy 7.1 an unknown type of a value raises.
+        """
+        if inspect.iscoroutinefunction(callback):
+            return super().create_service(srv_type, srv_name, callback, **options)
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                self.warn(f'refused a call of {srv_name}: {type(error).__name__}: {error}')
+                return srv_type.Response()
+
+        return super().create_service(srv_type, srv_name, guarded, **options)
 
     def count(self, name: str) -> None:
         """Count something for the diagnostics."""
