@@ -50,6 +50,8 @@ class MatrixFilter(ExtendedKalmanFilter):
         self.Q = np.diag([noise.process, 0.0, 0.0, 0.0, 0.0])
         self.R = np.array([[noise.measurement]])
         self.H = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
+        self.F = np.eye(5)
+        self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
         self.load = 1.0
 
     def predict_x(self, u: float = 0) -> None:
@@ -61,9 +63,7 @@ class MatrixFilter(ExtendedKalmanFilter):
         """Predict and update with one sample."""
         x, y, a1, a2, _ = self.x[:, 0]
         self.load = load
-        self.F = np.eye(5)
         self.F[0] = [-a1, -a2, -x, -y, load]
-        self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
         if measurement is not None:
             self.R = np.array([[measurement]])
         self.predict()
