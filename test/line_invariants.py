@@ -10,7 +10,8 @@ from spoilt_lines import CELL, LENGTH, SpoiltLine, with_last
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.records import Decision, EyeEdge, MassEstimate, SampleBlock, Verdict
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.reject_parameters import RejectParameters
+from checkweigher_dsp.rejection import RejectStage
 from checkweigher_dsp.segmentation import SegmenterParameters
 
 # Of the mass. The masses and their sums differ by more; without disturbances a window that is

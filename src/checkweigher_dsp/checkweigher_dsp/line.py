@@ -16,7 +16,8 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
-from checkweigher_dsp.rejection import SHARED_WITH_SEGMENTER, RejectParameters, RejectStage
+from checkweigher_dsp.reject_parameters import SHARED_WITH_SEGMENTER, RejectParameters
+from checkweigher_dsp.rejection import RejectStage
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.

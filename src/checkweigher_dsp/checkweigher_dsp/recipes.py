@@ -28,7 +28,7 @@ from checkweigher_dsp.denoising import DenoiseParameters
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
 from checkweigher_dsp.prepackages import LARGEST, SMALLEST, limits
-from checkweigher_dsp.rejection import RejectParameters
+from checkweigher_dsp.reject_parameters import RejectParameters
 
 # Nodes whose parameters may change while the line runs.
 NODES: dict[str, type[Parameters]] = {

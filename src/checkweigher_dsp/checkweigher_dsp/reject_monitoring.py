@@ -10,7 +10,7 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
 )
-from checkweigher_dsp.rejection import RejectParameters
+from checkweigher_dsp.reject_parameters import RejectParameters
 
 _MAX_OPEN = 10_000
 

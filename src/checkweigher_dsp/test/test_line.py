@@ -11,7 +11,7 @@ from checkweigher_dsp.estimation import ESTIMATORS
 from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Decision, SampleBlock
-from checkweigher_dsp.rejection import RejectParameters
+from checkweigher_dsp.reject_parameters import RejectParameters
 
 COUNT = 1e-6  # kg, to which readings are rounded
 # The lines here are those of a platform so stiff that it follows the load at once.

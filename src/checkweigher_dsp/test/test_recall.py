@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 import pytest
 
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, LineHistory, MassEstimate
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.reject_parameters import RejectParameters
+from checkweigher_dsp.rejection import RejectStage
 
 MILLISECOND = NANOSECONDS // 1000
 BELT = 0.2  # m

@@ -6,8 +6,8 @@ import pytest
 
 from checkweigher_dsp.records import Decision, Eye, EyeEdge, StopReason, Verdict
 from checkweigher_dsp.reject_monitoring import RejectMonitor
+from checkweigher_dsp.reject_parameters import RejectParameters
 from checkweigher_dsp.reject_timing import StreamClock
-from checkweigher_dsp.rejection import RejectParameters
 
 SECOND = 1_000_000_000
 WINDOW = RejectParameters(confirmation_time=0.1)

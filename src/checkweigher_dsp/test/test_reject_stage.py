@@ -9,7 +9,8 @@ import pytest
 
 from checkweigher_dsp.item_tracking import ItemTracker
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, MassEstimate
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.reject_parameters import RejectParameters
+from checkweigher_dsp.rejection import RejectStage
 
 MILLISECOND = NANOSECONDS // 1000
 BELT = 0.2  # m

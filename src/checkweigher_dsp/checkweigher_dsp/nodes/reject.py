@@ -33,8 +33,9 @@ from checkweigher_dsp.records import (
     Verdict,
 )
 from checkweigher_dsp.reject_monitoring import RejectMonitor
+from checkweigher_dsp.reject_parameters import RejectParameters
 from checkweigher_dsp.reject_timing import StreamClock
-from checkweigher_dsp.rejection import RejectParameters, RejectStage
+from checkweigher_dsp.rejection import RejectStage
 
 _TICK = 0.005  # s, well below verdict_margin
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
