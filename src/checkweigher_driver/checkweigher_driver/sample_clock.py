@@ -1,0 +1,302 @@
+"""When each sample was taken: from its index and from when it was read.
+
+A read comes late by what bus, operating system and scheduler add, never early. So the true line of
+time over index lies below all points (index of the last sample of a read, time of the read), and
+the highest line that stays below them is its estimate: of the edges of their lower convex hull
+the one over the middle of the window (Zhang, Liu and Xia, INFOCOM 2002), which is the line with
+the smallest mean distance. What is always there, such as the time of a frame on the wire, cannot
+be seen this way: it is `latency`.
+
+What breaks the line is decided as follows. A read that is early by more than reads ever are means
+that the clock of the host stepped back or that the index ran ahead: the line begins anew at once.
+When for a while even the earliest read is late, samples were lost unnoticed or the clock of the
+host stepped forward: the line begins anew with the late ones. In between the stamps are in doubt,
+and `settled` says so.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+
+_WINDOW = 60.0  # s of signal that the line is fitted to
+_BUCKET = 1.0  # s, of which only the hull is kept
+_REFIT = 0.25  # s
+_WARM_UP = 1.0  # s, and reads, before the line is trusted; as long may late reads leave it in doubt
+_WARM_UP_READS = 20
+_MAX_DRIFT = 0.02  # of the rate that the device is said to have
+_KNOWN_DRIFT = 300e-6  # that the rate changes by, once it is known
+_KNOWN_AFTER = 20.0  # s
+_SHIFT = 5_000_000  # ns, by which no read is early, and not every one late
+# As the segmenter's clock_tolerance: beyond it an item on the belt becomes a fault, ClockJump.
+_STEP = 20_000_000  # ns
+_SLEW = 2e-3  # of time, by which stamps approach the line
+_WARM_UP_SLEW = 0.5
+
+_Point = tuple[int, float]  # samples; ns later than the nominal rate says
+
+
+@dataclass(slots=True)
+class _Line:
+    """ns later than the nominal rate says, over the index."""
+
+    index: int
+    offset: float
+    slope: float
+
+    def at(self, index: int) -> float:
+        return self.offset + self.slope * (index - self.index)
+
+
+def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
+    """Return the lower convex hull of points that are sorted by index."""
+    hull: list[_Point] = []
+    for x, y in points:
+        while hull and (
+            hull[-1][0] == x
+            or (
+                len(hull) > 1
+                and (hull[-1][1] - hull[-2][1]) * (x - hull[-2][0])
+                >= (y - hull[-2][1]) * (hull[-1][0] - hull[-2][0])
+            )
+        ):
+            if hull[-1][0] == x and hull[-1][1] <= y:
+                break
+            hull.pop()
+        else:
+            hull.append((x, y))
+    return hull
+
+
+class SampleClock:
+    """Stamp samples by a line that is fitted to the times of their reads.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Hz, what the device is said to do; the true rate may be off by 2 %.
+    latency : float
+        s, from a sample to the earliest moment at which a read can return it.
+
+    Notes
+    -----
+    Causal: a stamp rests on the reads up to then. Asked in order of the index, stamps grow: they
+    follow the line at 0.2 % at most, but for a step beyond 20 ms, which they make at once. `add`
+    comes before `stamp` of what was read.
+    """
+
+    def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
+        self._rate = sample_rate
+        self._period = NANOSECONDS / sample_rate
+        self._latency = round(latency * NANOSECONDS)
+        self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
+        self._origin: tuple[int, int] | None = None  # index and time that all else is relative to
+        self._steps = 0
+        self._shifts = 0
+        self._lateness = (0.0, 0.0)  # of the last whole bucket, ns: mean and maximum
+        self._out: _Line | None = None
+        self._begin(())
+
+    def _begin(self, points: Sequence[_Point]) -> None:
+        """Begin the line anew with some points."""
+        self._buckets: deque[list[_Point]] = deque()
+        self._bucket: list[_Point] = list(points)
+        self._fit: _Line | None = None
+        self._reads = len(points)
+        self._from = points[0][0] if points else 0
+        self._next_fit = 0
+        self._late: list[_Point] = []
+        self._late_sum = self._late_max = 0.0
+        self._late_count = 0
+        self._in_doubt = False
+        self._end = points[-1][0] if points else -1
+        if points:
+            self._refit()
+
+    @property
+    def settled(self) -> bool:
+        """Whether stamps may be used: the line has begun long enough ago and is not in doubt."""
+        return (
+            self._fit is not None
+            and not self._in_doubt
+            and self._reads >= _WARM_UP_READS
+            and self._end - self._from >= _WARM_UP * self._rate
+        )
+
+    def add(self, first_index: int, count: int, host_ns: int) -> None:
+        """Take a read.
+
+        Parameters
+        ----------
+        first_index, count : int
+            Its samples. An index that goes back begins everything anew.
+        host_ns : int
+            When the read returned, ns on the clock of the stamps.
+        """
+        if count < 1:
+            return
+        if self._origin is None or first_index - self._origin[0] <= self._end - 1:
+            self._origin = first_index, host_ns
+            self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
+            self._out = None
+            self._begin(())
+        index = first_index - self._origin[0]
+        last = index + count - 1
+        point = last, host_ns - self._origin[1] - self._period * last
+        self._take(point)
+        self._follow(index)
+
+    def _take(self, point: _Point) -> None:
+        late = 0.0 if self._fit is None else point[1] - self._fit.at(point[0])
+        trusted = self._reads >= _WARM_UP_READS
+        if late < -_SHIFT and trusted:
+            self._restart([point], -late)
+            return
+        if late > _SHIFT and trusted:
+            self._late.append(point)
+            if self._is_lasting(point):
+                low = self._lowest(self._late)
+                self._restart(self._late, low)
+                return
+        else:
+            self._late = []
+        self._in_doubt = late > _STEP and trusted
+        self._late_sum += max(late, 0.0)
+        self._late_max = max(self._late_max, late)
+        self._late_count += 1
+        if not self._reads:
+            self._from = point[0]
+        self._reads += 1
+        self._end = point[0]
+        self._bucket.append(point)
+        if point[0] - self._bucket[0][0] >= _BUCKET * self._rate:
+            self._close_bucket()
+        if self._fit is None or point[0] >= self._next_fit or late < 0:
+            self._refit()
+
+    def _is_lasting(self, point: _Point) -> bool:
+        """Tell whether late reads are more than a stall, after which many come at one moment."""
+        first, enough = self._late[0], _WARM_UP * self._rate
+        elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
+        return (
+            len(self._late) >= _WARM_UP_READS
+            and point[0] - first[0] >= enough
+            and elapsed >= enough
+        )
+
+    def _lowest(self, points: Sequence[_Point]) -> float:
+        assert self._fit is not None
+        return min(y - self._fit.at(x) for x, y in points)
+
+    def _restart(self, points: list[_Point], by: float) -> None:
+        if by > _STEP:
+            self._steps += 1
+        else:
+            self._shifts += 1
+        if self._fit is not None and self._end - self._from >= _KNOWN_AFTER * self._rate:
+            known, spread = self._fit.slope, _KNOWN_DRIFT * self._period
+            self._slopes = known - spread, known + spread
+        self._begin(points)
+
+    def _close_bucket(self) -> None:
+        self._lateness = self._late_sum / self._late_count, self._late_max
+        self._late_sum = self._late_max = 0.0
+        self._late_count = 0
+        self._buckets.append(_lower_hull(self._bucket))
+        self._bucket = []
+        oldest = self._end - _WINDOW * self._rate
+        while self._buckets[0][-1][0] < oldest:
+            self._buckets.popleft()
+
+    def _refit(self) -> None:
+        hull = _lower_hull([p for bucket in self._buckets for p in bucket] + self._bucket)
+        low, high = self._slopes
+        middle = (hull[0][0] + hull[-1][0]) / 2
+        slope = self._fit.slope if self._fit is not None else (low + high) / 2
+        for (x0, y0), (x1, y1) in pairwise(hull):
+            if x0 <= middle <= x1:
+                slope = (y1 - y0) / (x1 - x0)
+        slope = min(max(slope, low), high)
+        offset = min(y - slope * (x - hull[-1][0]) for x, y in hull)
+        self._fit = _Line(hull[-1][0], offset, slope)
+        self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
+
+    def _follow(self, index: int) -> None:
+        """Lead the stamps to the line, from a sample on."""
+        assert self._fit is not None
+        target = self._fit.at(index)
+        if self._out is None or abs(target - self._out.at(index)) > _STEP:
+            self._out = _Line(index, target, self._fit.slope)
+            return
+        now = self._out.at(index)
+        limit = (_SLEW if self.settled else _WARM_UP_SLEW) * self._period
+        pull = (target - now) / (0.1 * self._rate)
+        self._out = _Line(index, now, self._fit.slope + min(max(pull, -limit), limit))
+
+    def stamp(self, index: int) -> int:
+        """Return when a sample was taken, ns.
+
+        Raises
+        ------
+        ValueError
+            If nothing was read yet.
+        """
+        if self._origin is None or self._out is None:
+            raise ValueError('no sample was read yet: there is no clock')
+        x = index - self._origin[0]
+        return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
+
+    def figures(self) -> dict[str, float]:
+        """Return what /diagnostics shows.
+
+        ``clock drift ppm`` is how much slower the device's clock is than it is said to be,
+        ``clock offset ms`` how far the stamps are behind the line, ``read jitter ms`` and ``latest
+        read ms`` the mean and the maximum lateness of a read in the last second.
+        """
+        drift = offset = 0.0
+        if self._fit is not None and self._out is not None:
+            drift = self._fit.slope / self._period
+            offset = self._fit.at(self._end) - self._out.at(self._end)
+        return {
+            'clock drift ppm': 1e6 * drift,
+            'clock offset ms': 1e-6 * offset,
+            'read jitter ms': 1e-6 * self._lateness[0],
+            'latest read ms': 1e-6 * self._lateness[1],
+            'clock steps': self._steps,
+            'clock shifts': self._shifts,
+        }
+
+
+class SampleStamper:
+    """Make blocks of reads, and hold them back for as long as their stamps are in doubt.
+
+    At the start that is a second; an item that is then on the belt waits for its samples. When
+    reads come late it ends with the next one that does not. After a step of the host's clock or a
+    loss of samples that nobody noticed it takes a second: what is on the belt gets no mass in
+    time, and is a fault.
+
+    Parameters
+    ----------
+    clock : SampleClock
+        Of this stream.
+    """
+
+    def __init__(self, clock: SampleClock) -> None:
+        self._clock = clock
+        self._held: list[tuple[int, NDArray[np.int32]]] = []
+
+    def add(self, first_index: int, counts: NDArray[np.int32], host_ns: int) -> list[SampleBlock]:
+        """Take a read and return the blocks that can be sent now, in order."""
+        if len(counts):
+            self._clock.add(first_index, len(counts), host_ns)
+            self._held.append((first_index, counts))
+        if not self._clock.settled:
+            return []
+        blocks = [SampleBlock(self._clock.stamp(index), index, kept) for index, kept in self._held]
+        self._held = []
+        return blocks
