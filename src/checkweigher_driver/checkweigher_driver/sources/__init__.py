@@ -5,12 +5,13 @@ A further source is one module with a `Source` class in it and one line in `SOUR
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
 from checkweigher_driver.recording import Event
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.records import LoadCell
+from checkweigher_dsp.records import EyeEdge, LoadCell
 
 # Name and class. A class is imported when it is asked for, so that a machine needs only what its
 # own source needs.
@@ -65,6 +66,58 @@ class Source(ABC):
     @abstractmethod
     def close(self) -> None:
         """Let go of what is open; an iterator that blocks ends. May come from another thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class EyesLost:
+    """The eyes are not read any more since ``stamp``, ns; ``text`` says why."""
+
+    stamp: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class EyesBack:
+    """The eyes are read again from ``stamp`` on, ns; the state found then is no edge."""
+
+    stamp: int
+
+
+class EdgeSource(ABC):
+    """Photo-eyes that are read beside the load cell.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        An instance of the class's own set; its ``node`` names the source.
+
+    Raises
+    ------
+    ValueError
+        If the source cannot be opened; the message is one line for a technician.
+    """
+
+    parameters: ClassVar[type[Parameters]]
+
+    @abstractmethod
+    def __init__(self, parameters: Any) -> None: ...
+
+    @abstractmethod
+    def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
+        """Yield what happens, blocking, until `close`."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of what is open; `events` ends soon. May come from another thread."""
+
+    @property
+    def trouble(self) -> str:
+        """One line while something is wrong, else empty."""
+        return ''
+
+    def figures(self) -> dict[str, float]:
+        """Return what /diagnostics shows."""
+        return {}
 
 
 def source_class(name: str) -> type[Source]:
