@@ -1,0 +1,96 @@
+"""Edges of photo-eyes whose state is asked for again and again.
+
+A poll reads both eyes at one unknown moment between its begin and its end. So an edge lies between
+the begin of the last poll that saw the old state and the end of the first one that saw the new:
+its stamp is the middle, its uncertainty half of that, which is half of period and round trip.
+"""
+
+from dataclasses import dataclass
+
+from checkweigher_driver.sources import EyesBack, EyesLost
+from checkweigher_dsp.records import Eye, EyeEdge
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """The state of the eyes, read between ``begin`` and ``end``, ns on a clock without steps.
+
+    ``blocked`` is that of infeed and outfeed.
+    """
+
+    begin: int
+    end: int
+    blocked: tuple[bool, bool]
+
+
+class EdgePolling:
+    """Find the edges in polls.
+
+    Parameters
+    ----------
+    max_uncertainty : int
+        ns; an edge that is less certain is none, but a loss of the eyes.
+    longest_gap : int
+        ns without a poll after which a product may have passed unseen.
+    delay : int
+        ns, from an eye to the state that a poll reads.
+
+    Attributes
+    ----------
+    uncertainty, worst_uncertainty : int
+        ns, of the last edge and the largest one that was taken.
+    losses : int
+        How often the eyes were lost.
+    """
+
+    def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
+        self._max_uncertainty = max_uncertainty
+        self._longest_gap = longest_gap
+        self._delay = delay
+        self._last: Poll | None = None
+        self._lost = False
+        self.uncertainty = self.worst_uncertainty = 0
+        self.losses = 0
+
+    def add(self, poll: Poll, to_stamp: int) -> list[EyeEdge | EyesLost | EyesBack]:
+        """Take a poll and return what it tells.
+
+        Parameters
+        ----------
+        poll : Poll
+            Begun after the last one had ended.
+        to_stamp : int
+            ns, what makes stamps of the times of the polls.
+        """
+        last, self._last = self._last, poll
+        to_stamp -= self._delay
+        if self._lost:
+            self._lost = False
+            return [EyesBack(poll.end + to_stamp)]
+        if last is None:
+            return []
+        uncertainty = (poll.end - last.begin) // 2
+        edge_in_doubt = poll.blocked != last.blocked and uncertainty > self._max_uncertainty
+        if edge_in_doubt or poll.end - last.begin > self._longest_gap:
+            self.losses += 1
+            text = f'the photo-eyes were not read for {1e-6 * (poll.end - last.begin):.1f} ms'
+            return [EyesLost(last.begin + to_stamp, text), EyesBack(poll.end + to_stamp)]
+        if poll.blocked == last.blocked:
+            return []
+        self.uncertainty = uncertainty
+        self.worst_uncertainty = max(self.worst_uncertainty, uncertainty)
+        stamp = last.begin + uncertainty + to_stamp
+        return [
+            EyeEdge(stamp, eye, poll.blocked[eye])
+            for eye in (Eye.INFEED, Eye.OUTFEED)
+            if poll.blocked[eye] != last.blocked[eye]
+        ]
+
+    def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEdge | EyesLost | EyesBack]:
+        """Note that polls fail; said once, until one succeeds."""
+        if self._lost:
+            return []
+        self._lost = True
+        self.losses += 1
+        since = now if self._last is None else self._last.begin
+        return [EyesLost(since + to_stamp - self._delay, text)]

@@ -1,0 +1,258 @@
+"""Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+import threading
+from typing import ClassVar
+
+import gpiod
+from gpiod.line import Bias, Clock, Direction, Edge, Value
+
+from checkweigher_driver.line_io.outputs import OutputPort, PortLostError
+from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import Eye, EyeEdge
+
+_CONSUMER = 'checkweigher'
+_BUFFER_SIZE = 1024  # events that the kernel keeps
+_WAIT = 0.2  # s, after which `close` is noticed
+_CLOSE_TIME = 1.0  # s
+_Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
+_BIASES = {
+    'as_is': Bias.AS_IS,
+    'disabled': Bias.DISABLED,
+    'pull_up': Bias.PULL_UP,
+    'pull_down': Bias.PULL_DOWN,
+}
+
+
+@dataclass(frozen=True)
+class GpioEyesParameters(Parameters):
+    """Which lines the photo-eyes are."""
+
+    node: ClassVar[str] = 'gpio'
+
+    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
+    infeed: int = parameter(0, 'offset of the line of the infeed eye', minimum=0)
+    outfeed: int = parameter(1, 'offset of the line of the outfeed eye', minimum=0)
+    infeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
+    outfeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
+    bias: str = parameter('as_is', 'of both lines', choices=tuple(_BIASES))
+    debounce: float = parameter(
+        0.0, 'for which a line has to keep its state, done by the kernel; edges come later by it',
+        unit='s', minimum=0, maximum=1,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.infeed == self.outfeed:
+            raise ParameterError(f'gpio.outfeed: {self.outfeed} is the infeed eye as well')
+
+
+class EdgeOrder:
+    """Make edges of the kernel's events, and notice those that were lost.
+
+    The kernel numbers the events of a request from 1; when its buffer is full it drops the oldest.
+
+    Parameters
+    ----------
+    eyes : dict of int to Eye
+        By offset of the line.
+    """
+
+    def __init__(self, eyes: dict[int, Eye]) -> None:
+        self._eyes = eyes
+        self._next = 1
+        self._last_stamp = 0
+        self.lost = 0
+
+    def take(self, event: gpiod.EdgeEvent) -> list[EyeEdge | EyesLost | EyesBack]:
+        """Return what an event tells."""
+        missing = event.global_seqno - self._next
+        since = self._last_stamp
+        self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
+        rising = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
+        edge = EyeEdge(event.timestamp_ns, self._eyes[event.line_offset], rising)
+        if missing <= 0:
+            return [edge]
+        self.lost += missing
+        text = f'{missing} edges of the photo-eyes were lost: the machine did not keep up'
+        return [EyesLost(since, text), EyesBack(event.timestamp_ns - 1), edge]
+
+
+class GpioEyes(EdgeSource):
+    """Both eyes, each edge with the kernel's stamp on the clock of the host."""
+
+    parameters = GpioEyesParameters
+
+    def __init__(self, parameters: GpioEyesParameters) -> None:
+        lines = {
+            parameters.infeed: (Eye.INFEED, parameters.infeed_active_low),
+            parameters.outfeed: (Eye.OUTFEED, parameters.outfeed_active_low),
+        }
+        settings: _Settings = {
+            offset: gpiod.LineSettings(
+                direction=Direction.INPUT,
+                edge_detection=Edge.BOTH,
+                bias=_BIASES[parameters.bias],
+                active_low=active_low,
+                debounce_period=timedelta(seconds=parameters.debounce),
+                event_clock=Clock.REALTIME,  # that of all stamps
+            )
+            for offset, (_, active_low) in lines.items()
+        }
+        self._request = _request(parameters.chip, settings, 'gpio')
+        self._order = EdgeOrder({offset: eye for offset, (eye, _) in lines.items()})
+        self._closing = threading.Event()
+        self._ended = threading.Event()
+        self._ended.set()
+        self._trouble = ''
+        self._edges = 0
+
+    @property
+    def trouble(self) -> str:
+        """One line while the eyes cannot be read, else empty."""
+        return self._trouble
+
+    def figures(self) -> dict[str, float]:
+        """Return what /diagnostics shows."""
+        return {'edges': self._edges, 'edges lost': self._order.lost}
+
+    def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
+        """Yield edges until `close`.
+
+        Raises
+        ------
+        OSError
+            If the chip is gone: nothing brings it back but a new start.
+        """
+        self._ended.clear()
+        try:
+            while not self._closing.is_set():
+                if not self._request.wait_edge_events(_WAIT):
+                    continue
+                for event in self._request.read_edge_events():
+                    self._edges += 1
+                    yield from self._order.take(event)
+        except OSError as error:
+            self._trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
+            raise
+        finally:
+            self._request.release()
+            self._ended.set()
+
+    def close(self) -> None:
+        """End `events`."""
+        self._closing.set()
+        self._ended.wait(_WAIT + _CLOSE_TIME)
+
+
+@dataclass(frozen=True)
+class GpioOutputParameters(Parameters):
+    """Which lines rejector, stop and belt are."""
+
+    node: ClassVar[str] = 'gpio_outputs'
+
+    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
+    reject: int = parameter(2, 'offset of the line of the rejector', minimum=0)
+    reject_active_low: bool = parameter(False, 'the line is low while the rejector acts')
+    stop: int = parameter(-1, 'offset of the line of the stop request; -1 for none', minimum=-1)
+    stop_active_low: bool = parameter(
+        True, 'the line is high while the line may run, so that a dead wire stops it'
+    )
+    belt: int = parameter(
+        -1, 'offset of an input that is on while the belt runs; -1 for none', minimum=-1
+    )
+    belt_active_low: bool = parameter(False, 'that input is low while the belt runs')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        used = [line for line in (self.reject, self.stop, self.belt) if line >= 0]
+        if len(set(used)) < len(used):
+            raise ParameterError('gpio_outputs: reject, stop and belt have to be different lines')
+
+
+class GpioOutputs(OutputPort):
+    """Rejector and stop as lines, the belt as an input."""
+
+    parameters = GpioOutputParameters
+
+    def __init__(self, parameters: GpioOutputParameters) -> None:
+        self._parameters = parameters
+        self._request: gpiod.LineRequest | None = None
+
+    def open(self, *, reject: bool, stop: bool) -> None:
+        """Ask the kernel for the lines, and have it set them at once."""
+        wanted = self._parameters
+        lines = {
+            wanted.reject: (wanted.reject_active_low, reject),
+            wanted.stop: (wanted.stop_active_low, stop),
+        }
+        settings: _Settings = {
+            offset: gpiod.LineSettings(
+                direction=Direction.OUTPUT, active_low=active_low, output_value=Value(int(value))
+            )
+            for offset, (active_low, value) in lines.items()
+            if offset >= 0
+        }
+        if wanted.belt >= 0:
+            settings[wanted.belt] = gpiod.LineSettings(
+                direction=Direction.INPUT, active_low=wanted.belt_active_low
+            )
+        try:
+            self._request = _request(wanted.chip, settings, 'gpio_outputs')
+        except ParameterError as error:
+            raise PortLostError(f'the rejector is not reached: {error}') from None
+
+    def switch(self, *, reject: bool, stop: bool) -> None:
+        """Set the lines."""
+        wanted = self._parameters
+        values: dict[int | str, Value] = {wanted.reject: Value(int(reject))}
+        if wanted.stop >= 0:
+            values[wanted.stop] = Value(int(stop))
+        try:
+            self._lines.set_values(values)
+        except OSError as error:
+            raise PortLostError(f'the rejector is not reached: gpio: {error}') from None
+
+    def refresh(self, *, reject: bool, stop: bool) -> bool | None:
+        """Set the lines, and read the belt."""
+        self.switch(reject=reject, stop=stop)
+        if self._parameters.belt < 0:
+            return None
+        try:
+            return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
+        except OSError as error:
+            raise PortLostError(f'the belt input is not read: gpio: {error}') from None
+
+    @property
+    def _lines(self) -> gpiod.LineRequest:
+        if self._request is None:
+            raise PortLostError('the rejector is not reached: the lines are not open')
+        return self._request
+
+    def close(self) -> None:
+        """Give the lines back to the kernel."""
+        if self._request is not None:
+            self._request.release()
+            self._request = None
+
+
+def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
+    """Return the lines of a chip, or raise ParameterError."""
+    try:
+        return gpiod.request_lines(
+            chip, config=settings, consumer=_CONSUMER, event_buffer_size=_BUFFER_SIZE
+        )
+    except PermissionError:
+        raise ParameterError(
+            f'{node}.chip: {chip}: no permission; add the user to the group that owns the device'
+        ) from None
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise ParameterError(
+            f'{node}.chip: {chip}: {why}; gpiodetect and gpioinfo show chips and lines in use'
+        ) from None
+    except ValueError as error:
+        raise ParameterError(f'{node}.chip: {chip}: {error}') from None

@@ -1,0 +1,287 @@
+"""Photo-eyes and rejector on a PLC or a bus coupler by Modbus TCP."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import threading
+import time
+from typing import ClassVar
+
+from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
+from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
+from checkweigher_driver.line_io.outputs import OutputPort, PortLostError
+from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge
+
+_MAX_INPUTS = 64  # that one request spans
+_FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
+_LAST_ADDRESS = 65535
+_CLOSE_TIME = 1.0  # s
+
+
+@dataclass(frozen=True)
+class _DeviceParameters(Parameters):
+    """Where the device is."""
+
+    host: str = parameter('', 'name or address of the device')
+    port: int = parameter(502, 'TCP port of the device', minimum=1, maximum=65535)
+    device_id: int = parameter(1, 'unit of the device behind a gateway', minimum=0, maximum=255)
+    timeout: float = parameter(
+        0.2, 'for connecting and for each answer', unit='s', minimum=0.01, maximum=60
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.host.strip():
+            raise ParameterError(f'{self.node}.host: empty, must name the device')
+
+    def link(self) -> ModbusLink:
+        """Return a connection that is yet to be made."""
+        return ModbusLink(self.host, self.port, self.device_id, self.timeout)
+
+
+@dataclass(frozen=True)
+class ModbusEyesParameters(_DeviceParameters):
+    """Which inputs the photo-eyes are, and how often they are read."""
+
+    node: ClassVar[str] = 'modbus'
+
+    host: str = parameter('localhost', 'name or address of the device')
+    inputs: str = parameter('discrete', 'discrete inputs or coils', choices=('discrete', 'coil'))
+    infeed: int = parameter(0, 'address of the infeed eye', minimum=0, maximum=_LAST_ADDRESS)
+    outfeed: int = parameter(1, 'address of the outfeed eye', minimum=0, maximum=_LAST_ADDRESS)
+    infeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
+    outfeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
+    poll_period: float = parameter(
+        0.002, 'from one reading of the eyes to the next', unit='s', minimum=0, maximum=1
+    )
+    delay: float = parameter(
+        0.0,
+        'from an eye to the input that is read: filter and cycle',
+        unit='s',
+        minimum=0,
+        maximum=1,
+    )
+    max_uncertainty: float = parameter(
+        0.01, 'an edge whose time is less certain counts as eyes lost', unit='s',
+        minimum=1e-4, maximum=1,
+    )  # fmt: skip
+    longest_gap: float = parameter(
+        0.05, 'without a reading, after which a product may have passed unseen', unit='s',
+        minimum=1e-3, maximum=1,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.infeed == self.outfeed:
+            raise ParameterError(f'modbus.outfeed: {self.outfeed} is the infeed eye as well')
+        if abs(self.infeed - self.outfeed) >= _MAX_INPUTS:
+            raise ParameterError(
+                f'modbus.outfeed: {self.outfeed} is {_MAX_INPUTS} or more from the infeed eye at '
+                f'{self.infeed}; one request cannot read both'
+            )
+        if self.poll_period / 2 > self.max_uncertainty:
+            raise ParameterError(
+                f'modbus.poll_period: {self.poll_period:g} s makes every edge less certain than '
+                f'max_uncertainty {self.max_uncertainty:g} s'
+            )
+
+
+class ModbusEyes(EdgeSource):
+    """Both eyes, polled; a device that is not there is waited for, with the eyes lost."""
+
+    parameters = ModbusEyesParameters
+
+    def __init__(self, parameters: ModbusEyesParameters) -> None:
+        self._parameters = parameters
+        self._link = parameters.link()
+        self._polling = EdgePolling(
+            *(
+                round(value * NANOSECONDS)
+                for value in (parameters.max_uncertainty, parameters.longest_gap, parameters.delay)
+            )
+        )
+        self._closing = threading.Event()
+        self._ended = threading.Event()
+        self._ended.set()
+        self._trouble = 'the photo-eyes have not been read yet'
+        self._polls = 0
+        self._round_trips = 0  # ns, sum and maximum
+        self._longest_round_trip = 0
+        self._periods = 0  # ns, sum
+        self._last_begin: int | None = None
+
+    @property
+    def trouble(self) -> str:
+        """One line while the eyes cannot be read, else empty."""
+        return self._trouble
+
+    def figures(self) -> dict[str, float]:
+        """Return what /diagnostics shows; times in ms.
+
+        ``edge uncertainty`` is what the mean period and round trip make of a typical edge,
+        ``largest edge uncertainty`` that of the worst edge that was taken.
+        """
+        polls = max(self._polls, 1)
+        period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
+        return {
+            'polls': self._polls,
+            'poll period ms': period,
+            'round trip ms': round_trip,
+            'longest round trip ms': 1e-6 * self._longest_round_trip,
+            'edge uncertainty ms': (period + round_trip) / 2,
+            'largest edge uncertainty ms': 1e-6 * self._polling.worst_uncertainty,
+            'eye losses': self._polling.losses,
+        }
+
+    def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
+        """Yield edges, and when the eyes were lost and came back, until `close`."""
+        self._ended.clear()
+        try:
+            backoff = _FIRST_BACKOFF
+            while not self._closing.is_set():
+                begin = time.monotonic_ns()
+                try:
+                    self._link.connect()
+                    poll = self._poll()
+                except ModbusLinkError as error:
+                    self._trouble = f'the photo-eyes are not read: {error}'
+                    self._last_begin = None
+                    yield from self._polling.lose(begin, _to_stamp(), self._trouble)
+                    self._closing.wait(backoff)
+                    backoff = min(2 * backoff, _LONGEST_BACKOFF)
+                    continue
+                backoff = _FIRST_BACKOFF
+                self._trouble = ''
+                yield from self._polling.add(poll, _to_stamp())
+                rest = begin / NANOSECONDS + self._parameters.poll_period - time.monotonic()
+                if rest > 0:
+                    self._closing.wait(rest)
+        finally:
+            self._link.close()
+            self._ended.set()
+
+    def _poll(self) -> Poll:
+        wanted = self._parameters
+        first = min(wanted.infeed, wanted.outfeed)
+        begin = time.monotonic_ns()
+        bits = self._link.read_bits(wanted.inputs, first, abs(wanted.infeed - wanted.outfeed) + 1)
+        end = time.monotonic_ns()
+        if self._last_begin is not None:
+            self._polls += 1
+            self._periods += begin - self._last_begin
+            self._round_trips += end - begin
+            self._longest_round_trip = max(self._longest_round_trip, end - begin)
+        self._last_begin = begin
+        return Poll(
+            begin,
+            end,
+            (
+                bits[wanted.infeed - first] != wanted.infeed_inverted,
+                bits[wanted.outfeed - first] != wanted.outfeed_inverted,
+            ),
+        )
+
+    def close(self) -> None:
+        """End `events` after the request that is under way."""
+        self._closing.set()
+        self._ended.wait(self._parameters.timeout + _CLOSE_TIME)
+
+
+def _to_stamp() -> int:
+    """Return what makes stamps of the times of the monotonic clock, ns.
+
+    Asked for at each poll, so that a step of the host's clock does not part the edges from the
+    samples.
+    """
+    return time.time_ns() - time.monotonic_ns()
+
+
+@dataclass(frozen=True)
+class ModbusOutputParameters(_DeviceParameters):
+    """Which coils rejector and stop are, and what tells the device that its master lives."""
+
+    node: ClassVar[str] = 'modbus_outputs'
+
+    host: str = parameter('localhost', 'name or address of the device')
+    reject: int = parameter(0, 'coil of the rejector', minimum=0, maximum=_LAST_ADDRESS)
+    reject_inverted: bool = parameter(False, 'the coil is off while the rejector acts')
+    stop: int = parameter(
+        -1, 'coil of the stop request; -1 for none', minimum=-1, maximum=_LAST_ADDRESS
+    )
+    stop_inverted: bool = parameter(
+        True, 'the coil is on while the line may run, so that a dead wire stops it'
+    )
+    watchdog: int = parameter(
+        -1, 'holding register that counts up with each cycle; -1 for none', minimum=-1,
+        maximum=_LAST_ADDRESS,
+    )  # fmt: skip
+    belt: int = parameter(
+        -1, 'discrete input that is on while the belt runs; -1 for none', minimum=-1,
+        maximum=_LAST_ADDRESS,
+    )  # fmt: skip
+    belt_inverted: bool = parameter(False, 'the input is on while the belt stands')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.stop == self.reject:
+            raise ParameterError(f'modbus_outputs.stop: coil {self.stop} is the rejector as well')
+
+
+class ModbusOutputs(OutputPort):
+    """Rejector and stop as coils, the belt as an input, and a register that counts."""
+
+    parameters = ModbusOutputParameters
+
+    def __init__(self, parameters: ModbusOutputParameters) -> None:
+        self._parameters = parameters
+        self._link = parameters.link()
+        self._cycles = 0
+        self._written: dict[int, bool] = {}
+
+    def open(self, *, reject: bool, stop: bool) -> None:
+        """Connect and write both coils."""
+        self._written = {}
+        try:
+            self._link.connect()
+        except ModbusLinkError as error:
+            raise PortLostError(f'the rejector is not reached: {error}') from None
+        self._write(self._coils(reject, stop))
+
+    def switch(self, *, reject: bool, stop: bool) -> None:
+        """Write the coils that change."""
+        wanted = self._coils(reject, stop)
+        self._write({a: value for a, value in wanted.items() if self._written.get(a) != value})
+
+    def refresh(self, *, reject: bool, stop: bool) -> bool | None:
+        """Write both coils and the watchdog, and read the belt."""
+        self._write(self._coils(reject, stop))
+        wanted = self._parameters
+        try:
+            if wanted.watchdog >= 0:
+                self._cycles = (self._cycles + 1) % 2**16
+                self._link.write_register(wanted.watchdog, self._cycles)
+            if wanted.belt < 0:
+                return None
+            return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
+        except ModbusLinkError as error:
+            raise PortLostError(f'the rejector is not reached: {error}') from None
+
+    def _coils(self, reject: bool, stop: bool) -> dict[int, bool]:
+        wanted = self._parameters
+        coils = {wanted.reject: reject != wanted.reject_inverted}
+        if wanted.stop >= 0:
+            coils[wanted.stop] = stop != wanted.stop_inverted
+        return coils
+
+    def _write(self, coils: dict[int, bool]) -> None:
+        try:
+            for address, value in coils.items():
+                self._link.write_coil(address, value)
+                self._written[address] = value
+        except ModbusLinkError as error:
+            raise PortLostError(f'the rejector is not reached: {error}') from None
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._link.close()

@@ -1,0 +1,103 @@
+"""A Modbus TCP device: what is read and written, each with one answer or an error in words."""
+
+from collections.abc import Callable
+import logging
+from typing import Any
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+# It logs every refused connection; what is wrong is said by the error that is raised.
+logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
+
+
+class ModbusLinkError(ValueError):
+    """A request that was not answered as it should be; one line that says which and why."""
+
+
+class ModbusLink:
+    """A connection to one device. Only one thread uses it.
+
+    After an error the connection is closed: a late answer must not pass for that to the next
+    question.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+    device_id : int
+        Unit of the device behind a gateway.
+    timeout : float
+        s, for connecting and for each answer.
+    """
+
+    def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
+        self._name = f'modbus {host}:{port}'
+        self._device_id = device_id
+        self._timeout = timeout
+        self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0)
+
+    def connect(self) -> None:
+        """Connect, if there is no connection.
+
+        Raises
+        ------
+        ModbusLinkError
+            If that fails.
+        """
+        if not self._client.connect():
+            raise ModbusLinkError(
+                f'{self._name}: no connection within {self._timeout:g} s; check cable, address and '
+                'whether the device runs'
+            )
+
+    def read_bits(self, kind: str, address: int, count: int) -> list[bool]:
+        """Return the state of successive discrete inputs (``discrete``) or coils (``coil``)."""
+        client = self._client
+        read = client.read_discrete_inputs if kind == 'discrete' else client.read_coils
+        what = f'{"discrete input" if kind == "discrete" else "coil"} {address}'
+        bits = self._ask(read, address, f'{what} cannot be read', count=count).bits
+        if len(bits) < count:
+            self.close()
+            raise ModbusLinkError(f'{self._name}: {what}: {len(bits)} bits came, not {count}')
+        return list(bits[:count])
+
+    def write_coil(self, address: int, value: bool) -> None:
+        """Set a coil."""
+        self._ask(
+            self._client.write_coil, address, f'coil {address} cannot be written', value=value
+        )
+
+    def write_register(self, address: int, value: int) -> None:
+        """Set a holding register."""
+        self._ask(
+            self._client.write_register, address, f'register {address} cannot be written',
+            value=value,
+        )  # fmt: skip
+
+    def _ask(
+        self, request: Callable[..., Any], address: int, what: str, **arguments: int | bool
+    ) -> Any:
+        try:
+            answer = request(address, device_id=self._device_id, **arguments)
+        except (ModbusException, OSError) as error:
+            self.close()
+            raise ModbusLinkError(
+                f'{self._name}: {what}: no answer within {self._timeout:g} s ({_brief(error)})'
+            ) from None
+        if answer.isError():
+            self.close()
+            raise ModbusLinkError(
+                f'{self._name}: {what}: the device refuses, exception code '
+                f'{getattr(answer, "exception_code", "unknown")}; check address and device id'
+            )
+        return answer
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+
+def _brief(error: Exception) -> str:
+    """Return the kind of an error without the addresses in memory that pymodbus puts into it."""
+    return type(error).__name__

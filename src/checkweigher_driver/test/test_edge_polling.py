@@ -1,0 +1,90 @@
+"""Edges from polls: always within the stated uncertainty, never invented."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
+from checkweigher_driver.sources import EyesBack, EyesLost
+from checkweigher_dsp.records import Eye, EyeEdge
+
+CLEAR = (False, False)
+
+
+def polling(max_uncertainty=1000, longest_gap=5000, delay=0):
+    return EdgePolling(max_uncertainty, longest_gap, delay)
+
+
+def test_an_edge_is_in_the_middle_of_what_two_polls_leave_open():
+    found = polling()
+    assert found.add(Poll(0, 10, CLEAR), 0) == []
+    assert found.add(Poll(100, 130, (True, False)), 0) == [EyeEdge(65, Eye.INFEED, True)]
+    assert found.uncertainty == 65
+    assert found.add(Poll(200, 210, (False, True)), 7000) == [
+        EyeEdge(7155, Eye.INFEED, False),
+        EyeEdge(7155, Eye.OUTFEED, True),
+    ]
+
+
+def test_the_delay_of_the_input_is_taken_off():
+    found = polling(delay=40)
+    found.add(Poll(0, 10, CLEAR), 0)
+    assert found.add(Poll(100, 130, (True, False)), 0) == [EyeEdge(25, Eye.INFEED, True)]
+
+
+def test_an_edge_that_is_too_uncertain_is_none():
+    found = polling(max_uncertainty=50)
+    found.add(Poll(0, 10, CLEAR), 0)
+    lost, back = found.add(Poll(100, 130, (True, False)), 0)
+    assert isinstance(lost, EyesLost)
+    assert lost.stamp == 0
+    assert '0.0 ms' in lost.text
+    assert back == EyesBack(130)
+    assert found.losses == 1
+    # From then on it is the known state.
+    assert found.add(Poll(140, 150, (False, False)), 0) == [EyeEdge(125, Eye.INFEED, False)]
+
+
+def test_without_a_change_a_short_gap_is_no_loss_and_a_long_one_is():
+    found = polling(max_uncertainty=50, longest_gap=500)
+    found.add(Poll(0, 10, CLEAR), 0)
+    assert found.add(Poll(400, 410, CLEAR), 0) == []
+    lost, back = found.add(Poll(900, 910, CLEAR), 0)
+    assert (lost.stamp, back.stamp) == (400, 910)
+
+
+def test_a_loss_is_said_once_and_the_state_that_is_found_then_is_no_edge():
+    found = polling()
+    found.add(Poll(0, 10, CLEAR), 0)
+    assert found.lose(50, 0, 'cable') == [EyesLost(0, 'cable')]
+    assert found.lose(90, 0, 'cable') == []
+    assert found.add(Poll(700, 710, (True, True)), 0) == [EyesBack(710)]
+    assert found.add(Poll(720, 730, (True, False)), 0) == [EyeEdge(715, Eye.OUTFEED, False)]
+
+
+def test_eyes_that_are_not_there_at_the_start_are_lost_from_then_on():
+    found = polling()
+    assert found.lose(50, 1000, 'no answer') == [EyesLost(1050, 'no answer')]
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 40), st.integers(1, 30)), min_size=2, max_size=60),
+    st.lists(st.integers(0, 2000), max_size=10, unique=True),
+    st.randoms(use_true_random=False),
+)
+def test_no_edge_is_further_from_the_truth_than_stated(waits, switches, random):
+    """An eye that switches at known times, read at a random moment of each poll."""
+    found, now, truth, taken = polling(10**6, 10**6), 0, sorted(switches), []
+    last_read = -1
+    for wait, length in waits:
+        begin = now + wait
+        moment = random.randint(begin, begin + length)
+        blocked = sum(time <= moment for time in truth) % 2 == 1
+        for edge in found.add(Poll(begin, begin + length, (blocked, False)), 0):
+            between = [time for time in truth if last_read < time <= moment]
+            assert min(abs(edge.stamp - time) for time in between) <= found.uncertainty + 1
+            taken.append(edge)
+        last_read, now = moment, begin + length
+    assert found.worst_uncertainty >= found.uncertainty
+    assert [edge.blocked for edge in taken] == [
+        taken[0].blocked ^ (number % 2 == 1) for number in range(len(taken))
+    ]

@@ -1,0 +1,167 @@
+"""Pulses of the rejector, also while the belt stands."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from checkweigher_driver.line_io.reject_pulses import BeltTime, RejectPulses
+
+
+def pulses(duration=100, min_pause=20, late_tolerance=10, belt_margin=0):
+    return RejectPulses(duration, min_pause, late_tolerance, belt_margin)
+
+
+def changes(schedule, now, end):
+    """Return when the rejector switches from `now` to `end`, as a thread does that waits."""
+    found = []
+    acting = False
+    while now is not None and now <= end:
+        if schedule.acting(now) != acting:
+            acting = not acting
+            found.append(now)
+        following = schedule.next_change(now)
+        assert following is None or following > now
+        now = following
+    return found
+
+
+def test_an_item_gets_its_pulse_at_its_time():
+    schedule = pulses()
+    assert schedule.add(1000, 500, now=600) == 0
+    assert schedule.next_change(600) == 1000
+    assert changes(schedule, 600, 5000) == [1000, 1100]
+    assert schedule.next_change(1100) is None
+
+
+def test_pulses_that_overlap_or_nearly_touch_are_one():
+    schedule = pulses()
+    for due in (1000, 1050, 1160, 1300):
+        schedule.add(due, None, now=0)
+    # 1160 is 10 after the end of the one before, less than a pause; 1300 is 40 after its end.
+    assert changes(schedule, 0, 5000) == [1000, 1260, 1300, 1400]
+
+
+def test_a_late_item_is_rejected_at_once_and_said_to_be_late():
+    schedule = pulses()
+    assert schedule.add(1000, 500, now=1005) == 0
+    assert changes(schedule, 1005, 5000) == [1005, 1100]
+    assert schedule.add(2000, 1500, now=2011) == 11
+    assert changes(schedule, 2011, 5000) == [2011, 2111]
+
+
+def test_an_item_that_nobody_knows_the_place_of_is_rejected_at_once():
+    schedule = pulses()
+    assert schedule.add(None, None, now=700) is None
+    assert changes(schedule, 700, 5000) == [700, 800]
+
+
+def test_while_the_belt_stands_nothing_switches_and_what_was_due_comes_later():
+    schedule = pulses()
+    schedule.add(1000, 500, now=600)
+    schedule.belt(False, 900)
+    assert schedule.next_change(900) is None
+    assert not schedule.acting(5000)
+    schedule.belt(True, 5000)
+    assert changes(schedule, 5000, 9000) == [5100, 5200]
+
+
+def test_a_stop_during_a_pulse_holds_the_rejector():
+    schedule = pulses()
+    schedule.add(1000, 500, now=600)
+    schedule.belt(False, 1040)
+    assert schedule.acting(1040)
+    assert schedule.acting(8000)
+    schedule.belt(True, 8000)
+    assert schedule.next_change(8000) == 8060
+
+
+def test_a_verdict_that_comes_after_a_stop_counts_from_where_its_item_was():
+    schedule = pulses()
+    schedule.belt(False, 600)
+    schedule.belt(True, 1600)
+    # At the eye at 500, 400 of running belt from the rejector: 100 before the stop, 300 after it.
+    assert schedule.add(900, 500, now=1700) == 0
+    assert changes(schedule, 1700, 5000) == [1900, 2000]
+
+
+def test_a_verdict_that_comes_while_the_belt_stands_waits_with_its_item():
+    schedule = pulses()
+    schedule.belt(False, 600)
+    assert schedule.add(900, 500, now=1500) == 0
+    schedule.belt(True, 1600)
+    assert changes(schedule, 1600, 5000) == [1900, 2000]
+
+
+def test_what_a_stop_delayed_is_rejected_for_longer_at_both_ends():
+    before, during, after = (pulses(belt_margin=30) for _ in range(3))
+    before.add(900, 500, now=550)
+    for schedule in (before, during, after):
+        schedule.belt(False, 600)
+        if schedule is during:
+            schedule.add(900, 500, now=1000)
+        schedule.belt(True, 1600)
+    after.add(900, 500, now=1650)
+    for schedule in (before, during, after):
+        assert changes(schedule, 1650, 5000) == [1870, 2030]
+
+
+def test_a_pulse_that_nobody_switched_is_counted():
+    schedule = pulses()
+    for due in (1000, 2000, 3000):
+        schedule.add(due, None, now=0)
+    assert not schedule.acting(0)
+    assert schedule.acting(1050)
+    assert not schedule.acting(1500)
+    assert schedule.skipped == 0
+    assert schedule.acting(3010)
+    assert schedule.skipped == 1
+
+
+def test_safe_means_that_nothing_is_to_come():
+    schedule = pulses()
+    schedule.add(1000, 500, now=600)
+    schedule.clear()
+    assert changes(schedule, 600, 5000) == []
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 2000)), min_size=1, max_size=20),
+    st.lists(st.integers(1, 1000), max_size=6),
+)
+def test_every_item_finds_the_rejector_acting_for_the_whole_of_its_pulse(items, stops):
+    """Against the belt walked step by step: verdicts and stops at any time, in order of time."""
+    schedule = pulses(min_pause=0)
+    now, running, travelled, places = 0, True, 0, []
+    moments = sorted({stop * 7 for stop in stops})
+    pending = sorted((came, due) for came, due in items)
+    acted = set()
+    for now in range(12_000):
+        if moments and now == moments[0]:
+            moments.pop(0)
+            running = not running
+            schedule.belt(running, now)
+        while pending and pending[0][0] == now:
+            _, ahead = pending.pop(0)
+            schedule.add(now + ahead, now, now)
+            places.append(travelled + ahead)
+        if schedule.acting(now):
+            acted.add(travelled)
+        travelled += running
+    if not running:
+        places = [place for place in places if place + 100 < travelled]
+    assert all(place + step in acted for place in places for step in range(100))
+
+
+@given(st.lists(st.integers(1, 50), max_size=20), st.integers(0, 1200))
+def test_the_time_of_the_belt_counts_the_steps_for_which_it_ran(lengths, asked):
+    belt, now, running, ran = BeltTime(), 0, True, [0]
+    for length in lengths:
+        ran += [ran[-1] + running * (step + 1) for step in range(length)]
+        now += length
+        running = not running
+        (belt.run if running else belt.stop)(now)
+    ran += [ran[-1] + running * (step + 1) for step in range(1200)]
+    assert belt.at(asked) == ran[asked]
+    if running:
+        assert belt.when(belt.at(now) + 7) == now + 7
+    else:
+        assert belt.when(belt.at(now) + 7) is None
