@@ -1,0 +1,208 @@
+"""Static calibration: from readings of known masses at rest to zero and sensitivity.
+
+    counts = zero_counts + counts_per_kg * mass
+
+is fitted by weighted least squares. The variance of a point is that of its reading and that of its
+mass, carried over by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912 (1982)).
+Where the points scatter more than these two explain, the uncertainties are enlarged by the square
+root of chi-squared over its degrees of freedom (Birge ratio): a cell that is not straight is not
+known better than it is straight.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BATCHES = 10  # whose means show how well the mean is known, whatever the noise is like
+_LEAST_SAMPLES = 10 * _BATCHES
+_ITERATIONS = 10  # the variances depend on the sensitivity only weakly
+_LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
+
+
+class CalibrationError(ValueError):
+    """Readings that make no calibration; one line that says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class StaticReading:
+    """What a load cell at rest reads, in counts.
+
+    Attributes
+    ----------
+    mean : float
+    std_error : float
+        Standard uncertainty of the mean, from the means of ten successive stretches.
+    drift : float
+        Mean of the second half less that of the first.
+    noise : float
+        Standard deviation of the samples.
+    """
+
+    mean: float
+    std_error: float
+    drift: float
+    noise: float
+
+    def is_stable(self, tolerance: float) -> bool:
+        """Tell whether the halves agree to within `tolerance` counts, and the mean is known to."""
+        return abs(self.drift) <= tolerance and self.std_error <= tolerance
+
+
+def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
+    """Read a stretch of samples as a load at rest.
+
+    Parameters
+    ----------
+    counts : ndarray, (n,) int32
+        Successive samples.
+    min_counts, max_counts : int
+        Limits of the converter.
+
+    Raises
+    ------
+    CalibrationError
+        If the samples are too few or at a limit.
+    """
+    if len(counts) < _LEAST_SAMPLES:
+        raise CalibrationError(f'{len(counts)} samples are too few, {_LEAST_SAMPLES} are needed')
+    if np.any((counts <= min_counts) | (counts >= max_counts)):
+        raise CalibrationError(
+            'the converter is at its limit; check overload, load-cell wiring and the range'
+        )
+    values = counts.astype(np.float64)
+    half = len(values) // 2
+    means = np.array([np.mean(batch) for batch in np.array_split(values, _BATCHES)])
+    return StaticReading(
+        mean=float(np.mean(values)),
+        std_error=float(np.std(means, ddof=1) / math.sqrt(_BATCHES)),
+        drift=float(np.mean(values[half:]) - np.mean(values[:half])),
+        noise=float(np.std(values, ddof=1)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPoint:
+    """A known mass and what was read under it.
+
+    Attributes
+    ----------
+    mass, mass_uncertainty : float
+        kg; of the empty belt both are 0.
+    reading, reading_uncertainty : float
+        counts.
+    """
+
+    mass: float
+    reading: float
+    reading_uncertainty: float
+    mass_uncertainty: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StaticCalibration:
+    """Zero and sensitivity with standard uncertainties.
+
+    Attributes
+    ----------
+    zero_counts, zero_uncertainty : float
+        counts.
+    counts_per_kg, counts_per_kg_uncertainty : float
+    correlation : float
+        Of the two.
+    residuals : tuple of float
+        kg, of each point: what the calibration makes of its reading, less its mass.
+    birge_ratio : float
+        By how much the points scatter more than their uncertainties explain; NaN where there are
+        no more points than unknowns.
+    """
+
+    zero_counts: float
+    counts_per_kg: float
+    zero_uncertainty: float
+    counts_per_kg_uncertainty: float
+    correlation: float
+    residuals: tuple[float, ...]
+    birge_ratio: float
+
+    @property
+    def largest_residual(self) -> float:
+        """Largest residual, kg, without its sign."""
+        return max(map(abs, self.residuals))
+
+    def mass_uncertainty(self, mass: float) -> float:
+        """Return the standard uncertainty that the calibration gives a mass, kg."""
+        zero, slope = self.zero_uncertainty, mass * self.counts_per_kg_uncertainty
+        return math.sqrt(zero**2 + slope**2 + 2 * self.correlation * zero * slope) / abs(
+            self.counts_per_kg
+        )
+
+
+def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
+    """Fit zero and sensitivity.
+
+    Parameters
+    ----------
+    points : sequence of CalibrationPoint
+        At least two different masses; the same mass may come several times.
+
+    Raises
+    ------
+    CalibrationError
+        If the points do not determine both.
+    """
+    masses = np.array([point.mass for point in points])
+    readings = np.array([point.reading for point in points])
+    of_readings = np.array([point.reading_uncertainty for point in points])
+    of_masses = np.array([point.mass_uncertainty for point in points])
+    if not all(np.all(np.isfinite(each)) for each in (masses, readings, of_readings, of_masses)):
+        raise CalibrationError('a point is not a finite number')
+    if np.any(of_readings < 0) or np.any(of_masses < 0):
+        raise CalibrationError('an uncertainty is negative')
+    if len(set(masses.tolist())) < 2:
+        raise CalibrationError('at least two different masses are needed, one may be none')
+    # A reading that does not move at all still stands for a step of the converter.
+    of_readings = np.maximum(of_readings, 1 / math.sqrt(12))
+    slope = float(np.polyfit(masses, readings, 1)[0])
+    for _ in range(_ITERATIONS):
+        weights = 1 / (of_readings**2 + (slope * of_masses) ** 2)
+        centre = float(np.sum(weights * masses) / np.sum(weights))
+        spread = float(np.sum(weights * (masses - centre) ** 2))
+        slope = float(np.sum(weights * (masses - centre) * readings) / spread)
+    level = float(np.sum(weights * readings) / np.sum(weights))
+    zero = level - slope * centre
+    misfits = readings - zero - slope * masses
+    freedom = len(points) - 2
+    birge = math.sqrt(float(np.sum(weights * misfits**2)) / freedom) if freedom else math.nan
+    factor = birge if birge > 1 else 1.0
+    slope_uncertainty = factor / math.sqrt(spread)
+    zero_uncertainty = factor * math.sqrt(1 / float(np.sum(weights)) + centre**2 / spread)
+    if abs(slope) < _LEAST_SPAN * slope_uncertainty:
+        raise CalibrationError(
+            'the readings hardly differ between the masses; check that they rest on the belt, and '
+            'the load-cell wiring'
+        )
+    return StaticCalibration(
+        zero_counts=zero,
+        counts_per_kg=slope,
+        zero_uncertainty=zero_uncertainty,
+        counts_per_kg_uncertainty=slope_uncertainty,
+        correlation=-centre * (slope_uncertainty / zero_uncertainty),
+        residuals=tuple((misfits / slope).tolist()),
+        birge_ratio=birge,
+    )
+
+
+def with_zero(calibration: StaticCalibration, empty: StaticReading) -> StaticCalibration:
+    """Return a calibration with a new reading of the empty belt; the sensitivity stays."""
+    return StaticCalibration(
+        zero_counts=empty.mean,
+        counts_per_kg=calibration.counts_per_kg,
+        zero_uncertainty=max(empty.std_error, 1 / math.sqrt(12)),
+        counts_per_kg_uncertainty=calibration.counts_per_kg_uncertainty,
+        correlation=0.0,
+        residuals=(0.0,),
+        birge_ratio=math.nan,
+    )
