@@ -12,6 +12,9 @@ import yaml
 
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_driver.driver_node import DriverParameters
+from checkweigher_driver.line_io.gpio import GpioEyesParameters, GpioOutputParameters
+from checkweigher_driver.line_io.modbus import ModbusEyesParameters, ModbusOutputParameters
+from checkweigher_driver.line_io.outputs import OutputParameters
 from checkweigher_driver.sources import SOURCES, source_class
 from checkweigher_dsp import audit_trail
 from checkweigher_dsp.audit_log import TORN
@@ -32,6 +35,16 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'product': ('', ProductParameters),
     'driver': ('', DriverParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
+    **{
+        f'driver, {title}': (f'{parameters.node}.', parameters)
+        for title, parameters in (
+            ('photo-eyes modbus', ModbusEyesParameters),
+            ('photo-eyes gpio', GpioEyesParameters),
+            ('rejector', OutputParameters),
+            ('outputs modbus', ModbusOutputParameters),
+            ('outputs gpio', GpioOutputParameters),
+        )
+    },
     'identifier, every estimator': ('NAME.', EstimatorParameters),
     **{
         f'identifier, estimator {name}': (f'{name}.', type(getattr(IdentifierParameters(), name)))
@@ -169,7 +182,12 @@ def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
 
 
 @pytest.mark.parametrize(
-    'path', ['README.md', 'CONTRIBUTING.md', 'docs/method.md', 'docs/accuracy.md']
+    'path',
+    [
+        'README.md',
+        'CONTRIBUTING.md',
+        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware_io')),
+    ],
 )
 def test_files_that_the_docs_name_are_there(path: str):
     base = (ROOT / path).parent

@@ -28,6 +28,8 @@ COMMANDS = (
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
     ('evaluate', 'evaluate', 'show the accuracy of the estimators on passes of known mass',
      'evaluate --protocol paper --html report.html'),
+    ('calibrate', 'calibrate', 'calibrate the load cell with known masses at rest',
+     'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
     ('audit', 'audit', 'verify the chain of an audit log and show what was changed',
      'audit /var/log/checkweigher/lane1.log'),
     ('import', 'import_csv', 'turn a CSV log of a scale into a bag',

@@ -195,13 +195,16 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     )
 
 
-def with_zero(calibration: StaticCalibration, empty: StaticReading) -> StaticCalibration:
-    """Return a calibration with a new reading of the empty belt; the sensitivity stays."""
+def zero_only(empty: CalibrationPoint, counts_per_kg: float) -> StaticCalibration:
+    """Return a calibration with a new reading of the empty belt and a sensitivity that stays.
+
+    The uncertainty of that sensitivity is not known here: NaN.
+    """
     return StaticCalibration(
-        zero_counts=empty.mean,
-        counts_per_kg=calibration.counts_per_kg,
-        zero_uncertainty=max(empty.std_error, 1 / math.sqrt(12)),
-        counts_per_kg_uncertainty=calibration.counts_per_kg_uncertainty,
+        zero_counts=empty.reading,
+        counts_per_kg=counts_per_kg,
+        zero_uncertainty=max(empty.reading_uncertainty, 1 / math.sqrt(12)),
+        counts_per_kg_uncertainty=math.nan,
         correlation=0.0,
         residuals=(0.0,),
         birge_ratio=math.nan,

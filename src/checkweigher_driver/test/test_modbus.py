@@ -286,10 +286,11 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
     program = tmp_path / 'master.py'
     program.write_text(
         'import sys, time\n'
-        'from checkweigher_driver.line_io import open_outputs\n'
+        'from checkweigher_driver.line_io import prepare_outputs\n'
         'values = {"modbus_outputs": {"host": "127.0.0.1", "port": int(sys.argv[1]), "stop": 1,\n'
-        '                             "watchdog": 0}, "outputs": {}}\n'
-        'outputs = open_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
+        '                             "watchdog": 0}, "rejector": {}}\n'
+        'prepared = prepare_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
+        'outputs = prepared()\n'
         'outputs.activate()\n'
         'time.sleep(60)\n'
     )

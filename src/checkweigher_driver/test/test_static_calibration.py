@@ -11,7 +11,7 @@ from checkweigher_driver.static_calibration import (
     CalibrationPoint,
     calibrate,
     read_static,
-    with_zero,
+    zero_only,
 )
 
 LIMITS = -(2**23), 2**23 - 1
@@ -119,11 +119,10 @@ def test_a_load_that_still_moves_is_not_stable():
 
 
 def test_a_new_zero_leaves_the_sensitivity():
-    before = calibrate([CalibrationPoint(0.0, 1000.0, 3.0), CalibrationPoint(2.0, 5000.0, 4.0)])
-    after = with_zero(before, read_static(np.full(200, 1100, np.int32), *LIMITS))
-    assert after.zero_counts == 1100
-    assert after.counts_per_kg == before.counts_per_kg
+    after = zero_only(CalibrationPoint(0.0, 1100.0, 0.0), 5e5)
+    assert (after.zero_counts, after.counts_per_kg) == (1100.0, 5e5)
     assert after.zero_uncertainty == pytest.approx(1 / math.sqrt(12))
+    assert math.isnan(after.counts_per_kg_uncertainty)
 
 
 @pytest.mark.parametrize(

@@ -38,10 +38,12 @@ def output_class(name: str) -> Any:
     return getattr(import_module(module), found)
 
 
-def open_outputs(
+def prepare_outputs(
     name: str, read: Callable[[type[Parameters]], Parameters]
-) -> MachineOutputs | None:
-    """Return the outputs of a machine, safe until they are activated; None if there are none.
+) -> Callable[[], MachineOutputs] | None:
+    """Read the parameters of a machine's outputs, and return what opens them; None without any.
+
+    What is opened is safe until it is activated.
 
     Parameters
     ----------
@@ -58,6 +60,7 @@ def open_outputs(
     if name == 'none':
         return None
     kind = output_class(name)
-    parameters = read(OutputParameters)
-    assert isinstance(parameters, OutputParameters)
-    return MachineOutputs(kind(read(kind.parameters)), parameters)
+    port = read(kind.parameters)
+    common = read(OutputParameters)
+    assert isinstance(common, OutputParameters)
+    return lambda: MachineOutputs(kind(port), common)

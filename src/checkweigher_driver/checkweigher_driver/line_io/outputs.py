@@ -21,7 +21,7 @@ _REFRESH_TIME = 5_000_000  # ns, that is kept free of it before the rejector is 
 class OutputParameters(Parameters):
     """How rejector and stop are switched."""
 
-    node: ClassVar[str] = 'outputs'
+    node: ClassVar[str] = 'rejector'
 
     pulse: float = parameter(
         0.1, 'how long the rejector acts for one product', unit='s', minimum=0.001, maximum=60
@@ -50,7 +50,7 @@ class OutputParameters(Parameters):
         super().__post_init__()
         if self.min_pause > 10 * self.pulse:
             raise ParameterError(
-                f'outputs.min_pause: {self.min_pause:g} s is more than ten pulses of '
+                f'rejector.min_pause: {self.min_pause:g} s is more than ten pulses of '
                 f'{self.pulse:g} s'
             )
 

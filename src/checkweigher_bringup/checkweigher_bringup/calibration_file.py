@@ -1,0 +1,190 @@
+"""Calibrations as parameter files: each one a new version, the old ones kept beside it."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+import os
+from pathlib import Path
+import re
+import sysconfig
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+import yaml
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_driver.bag_file import check_folder_of, output_error
+from checkweigher_driver.static_calibration import CalibrationPoint, StaticCalibration
+from checkweigher_dsp.parameters import flatten
+from checkweigher_validation.results import GRAMS
+from checkweigher_validation.whole_file import write_whole
+
+_FIRST_LINE = '# Made by checkweigher calibrate, version '
+_DRIVER = '/**/driver'
+
+
+def check_calibration_file(path: Path) -> None:
+    """Raise UserError or OutputError if a calibration cannot be written: before the work.
+
+    Parameters
+    ----------
+    path : Path
+        A file that is there has to be a calibration, which then is kept as an older version. A file
+        in an installed package is refused: the next installation would replace it.
+    """
+    for tree in _installed():
+        if any(each.is_relative_to(tree) for each in (path.absolute(), path.resolve())):
+            raise UserError(
+                f'{path}: lies in the installed packages in {tree}; the next installation would '
+                'replace it, choose a place of the machine, such as /etc/checkweigher'
+            )
+    if path.is_dir():
+        raise UserError(f'{path}: is a folder, not a file to write to')
+    check_folder_of(path)
+    if path.exists():
+        read_version(path)
+
+
+def _installed() -> list[Path]:
+    trees = [Path(sysconfig.get_path('purelib')), Path('/opt/ros')]
+    with suppress(PackageNotFoundError):
+        trees.append(Path(get_package_prefix('checkweigher_bringup')))
+    return [each for tree in trees for each in {tree.absolute(), tree.resolve()}]
+
+
+def read_version(path: Path) -> int:
+    """Return which version a calibration file is, or raise UserError if it is none."""
+    try:
+        with path.open(encoding='utf-8') as file:
+            first = file.readline()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f'{path}: cannot be read: {error}') from None
+    found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
+    if found is None:
+        raise UserError(
+            f'{path}: exists already and is no calibration; choose another name for the calibration'
+        )
+    return int(found.group(1))
+
+
+def calibration_text(
+    version: int,
+    source: str,
+    calibration: StaticCalibration,
+    points: Sequence[CalibrationPoint],
+    sections: dict[str, Any],
+    made: datetime | None = None,
+) -> str:
+    """Return the text of a calibration file.
+
+    Parameters
+    ----------
+    version : int
+        From 1.
+    source : str
+        Whose parameters ``counts_per_kg`` and ``zero_counts`` are.
+    calibration : StaticCalibration
+        What they are.
+    points : sequence of CalibrationPoint
+        What it was made from.
+    sections : dict
+        Content of a parameter file to which they are added.
+    made : datetime, optional
+        When; by default now.
+    """
+    made = made or datetime.now(UTC)
+    lines = [
+        f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
+        f'# {made.isoformat(timespec="seconds")}',
+        *(f'# {line}' for line in calibration_table(calibration, points)),
+    ]
+    driver = sections.setdefault(_DRIVER, {}).setdefault('ros__parameters', {})
+    own = driver.setdefault(source, {})
+    own['counts_per_kg'] = calibration.counts_per_kg
+    own['zero_counts'] = calibration.zero_counts
+    return '\n'.join(lines) + '\n' + yaml.safe_dump(sections, sort_keys=False, width=100)
+
+
+def calibration_table(
+    calibration: StaticCalibration, points: Sequence[CalibrationPoint]
+) -> list[str]:
+    """Return what a calibration says and rests on, a line each."""
+    lines = [
+        f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
+        f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
+        f'{calibration.zero_counts:.2f} +- {calibration.zero_uncertainty:.2f} (standard '
+        'uncertainties)',
+        f'{"mass g":>12}{"reading":>14}{"+-":>9}{"residual g":>13}{"+- g":>9}',
+    ]
+    for point, residual in zip(points, calibration.residuals, strict=True):
+        uncertainty = abs(point.reading_uncertainty / calibration.counts_per_kg)
+        lines.append(
+            f'{GRAMS * point.mass:12.3f}{point.reading:14.2f}{point.reading_uncertainty:9.2f}'
+            f'{GRAMS * residual:13.4f}{GRAMS * uncertainty:9.4f}'
+        )
+    return lines
+
+
+def write_version(
+    path: Path,
+    source: str,
+    calibration: StaticCalibration,
+    points: Sequence[CalibrationPoint],
+    base: Path | None = None,
+) -> int:
+    """Write a calibration as the newest version of a file and return its number.
+
+    The version before is kept as ``NAME.vN.yaml``. What else stands in it, or in `base`, goes into
+    the new one.
+
+    Raises
+    ------
+    UserError, OutputError
+        If it cannot be written; what is there then stays.
+    """
+    check_calibration_file(path)
+    old = read_version(path) if path.exists() else None
+    version = max([old or 0, *_kept_versions(path)]) + 1
+    sections = _sections(base if base is not None else path if old else None)
+    text = calibration_text(version, source, calibration, points, sections)
+    if old is not None:
+        kept = path.with_name(f'{path.stem}.v{old}{path.suffix}')
+        try:
+            # It is there if an attempt before this one broke off here.
+            with suppress(FileExistsError):
+                os.link(path, kept)
+        except OSError as error:
+            raise output_error(kept, error) from None
+    write_whole(path, text)
+    return version
+
+
+def _kept_versions(path: Path) -> list[int]:
+    pattern = re.compile(re.escape(path.stem) + r'\.v(\d+)' + re.escape(path.suffix))
+    found = (pattern.fullmatch(other.name) for other in path.parent.iterdir())
+    return [int(match.group(1)) for match in found if match]
+
+
+def _sections(path: Path | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise UserError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
+    if not isinstance(content, dict) or not all(
+        isinstance(section, dict) and isinstance(section.get('ros__parameters'), dict)
+        for section in content.values()
+    ):
+        raise UserError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
+    return content
+
+
+def source_values(path: Path, source: str) -> dict[str, object]:
+    """Return what a parameter file says of a source, by the names of its own set."""
+    found: dict[str, object] = {}
+    for address, section in _sections(path).items():
+        if str(address).rsplit('/', 1)[-1] in ('**', 'driver'):
+            found.update(flatten(section['ros__parameters']))
+    prefix = f'{source}.'
+    return {name[len(prefix) :]: found[name] for name in found if name.startswith(prefix)}

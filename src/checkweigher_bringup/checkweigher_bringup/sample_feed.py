@@ -1,0 +1,128 @@
+"""Samples of a load at rest, from a running line or from a source that is opened for it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import queue
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.node import Node
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.pacing import Pacer
+from checkweigher_driver.sources import Source
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import load_cell_from, samples_from
+from checkweigher_dsp.records import LoadCell, SampleBlock
+
+_PATIENCE = 5.0  # s without a sample
+
+_Message = LoadCell | SampleBlock | str
+
+
+class SampleFeed:
+    """Blocks as they come, put in by another thread.
+
+    Parameters
+    ----------
+    name : str
+        Where they come from, for errors.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.load_cell: LoadCell | None = None
+        self._messages: queue.SimpleQueue[_Message] = queue.SimpleQueue()
+        self._next: int | None = None
+
+    def put(self, message: _Message) -> None:
+        """Hand over a block, the load cell, or why none will come; from any thread."""
+        self._messages.put(message)
+
+    def wait_for_load_cell(self) -> LoadCell:
+        """Return what the load cell is, or raise UserError if nobody says so."""
+        while self.load_cell is None:
+            self._take()
+        return self.load_cell
+
+    def forget(self) -> None:
+        """Drop what has come up to now: it was before the load was put on."""
+        while not self._messages.empty():
+            self._take()
+        self._next = None
+
+    def blocks(self) -> Iterator[tuple[NDArray[np.int32], bool]]:
+        """Yield counts as they come, and whether they follow on those before."""
+        while True:
+            block = self._take()
+            if block is not None:
+                whole = self._next is None or block.first_index == self._next
+                self._next = block.first_index + len(block.counts)
+                yield block.counts, whole
+
+    def _take(self) -> SampleBlock | None:
+        try:
+            message = self._messages.get(timeout=_PATIENCE)
+        except queue.Empty:
+            raise UserError(
+                f'no samples within {_PATIENCE:.0f} s from {self.name}; is the line running?'
+            ) from None
+        if isinstance(message, str):
+            raise UserError(f'{self.name}: {message}')
+        if isinstance(message, LoadCell):
+            self.load_cell = message
+            return None
+        return message
+
+
+@contextmanager
+def line_feed(namespace: str) -> Iterator[SampleFeed]:
+    """Give the samples of a running line."""
+    with spinning(namespace) as spinner:
+        node = Node('calibrate')
+        feed = SampleFeed(node.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name))
+
+        def listen(topic: topics.Topic, read: Any) -> None:
+            node.create_subscription(
+                topic.type, topic.name, lambda message: feed.put(read(message)), topic.qos
+            )
+
+        listen(topics.LOAD_CELL_INFO, load_cell_from)
+        listen(topics.LOAD_CELL_SAMPLES, samples_from)
+        spinner.add(node)
+        yield feed
+
+
+@contextmanager
+def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
+    """Give the samples of a source, which is closed afterwards."""
+    feed = SampleFeed(f'source {name}')
+    feed.put(source.load_cell)
+    ending = threading.Event()
+
+    def read() -> None:
+        pacer = Pacer(1.0, source.load_cell.sample_rate, time.monotonic())
+        try:
+            for event in source:
+                if source.paced:
+                    ending.wait(max(pacer.due(event) - time.monotonic(), 0.0))
+                if ending.is_set():
+                    return
+                if isinstance(event, SampleBlock):
+                    feed.put(event)
+            feed.put('the source has ended')
+        except Exception as error:
+            feed.put(str(error))
+
+    thread = threading.Thread(target=read, name='source', daemon=True)
+    thread.start()
+    try:
+        yield feed
+    finally:
+        ending.set()
+        source.close()
+        thread.join(timeout=2.0)
