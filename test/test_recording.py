@@ -6,12 +6,15 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 
 from lines import simulated
 import pytest
+from rclpy.node import Node
 from running import run_command
 import yaml
 
+from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.bag_writing import write_bag
 
 MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
@@ -79,3 +82,36 @@ def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
         rows_of_other, silence = other.communicate(timeout=30)
     assert rows_of_other == ''
     assert 'nobody publishes /other/load_cell/samples' in silence
+
+
+def test_passes_of_a_known_mass_are_recorded_with_it(
+    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
+):
+    with started(
+        'record', '--output', tmp_path / 'bag', '--namespace', 'known', '--reference', 150,
+        '--passes', 3,
+    ) as recorder:  # fmt: skip
+        wait_for_node('/known/record')
+        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'known')
+        output, errors = recorder.communicate(timeout=20)
+    assert recorder.returncode == 0, errors
+    assert '3 passes' in output
+    assert 'pass 3 of 3' in output + errors
+    # What the line itself says of its masses is not in the bag.
+    masses = [(row['t1'], row['reference_g']) for row in rows('weigh', tmp_path / 'bag')]
+    known = [t1 for t1, reference in masses if reference]
+    assert [reference for _, reference in masses if reference] == ['150.000000'] * 3
+    times = [row['t1'] for row in replayed]
+    assert known == times[times.index(known[0]) :][:3]
+
+
+def wait_for_node(name: str) -> None:
+    with spinning() as spinner:
+        node = Node('watcher')
+        spinner.add(node)
+        end = time.monotonic() + 30
+        while name not in {
+            f'{space.rstrip("/")}/{own}' for own, space in node.get_node_names_and_namespaces()
+        }:
+            assert time.monotonic() < end, f'waited in vain for {name}'
+            time.sleep(0.02)

@@ -12,9 +12,10 @@ from rclpy.node import Node
 from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.reference_passes import ReferencePasses
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.bag_file import BagFile
-from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, Topic
+from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERENCE_MASS, Topic
 from checkweigher_dsp.nodes import topics
 
 _POLL_PERIOD = 0.2  # s
@@ -39,16 +40,26 @@ class RecorderNode(Node):
             # What is kept for late joiners is wanted of the latched topics only: old verdicts
             # would belong to items that are not in the recording.
             qos = profile.qos if topic.latched else profile.stage_qos
-            self.create_subscription(profile.type, profile.name, self._taker(topic), qos, raw=True)
+            self.create_subscription(profile.type, profile.name, self.taker(topic), qos, raw=True)
 
-    def _taker(self, topic: Topic) -> Callable[[bytes], None]:
+    def taker(self, topic: Topic) -> Callable[[bytes], None]:
+        """Return what queues serialized messages of a topic."""
+
         def take(data: bytes) -> None:
             self.messages.put((topic, time.time_ns(), data))
 
         return take
 
 
-def record(path: Path, namespace: str, duration: float | None, *, inputs_only: bool = False) -> int:
+def record(
+    path: Path,
+    namespace: str,
+    duration: float | None,
+    *,
+    inputs_only: bool = False,
+    reference: float | None = None,
+    passes: int | None = None,
+) -> int:
     """Record until the duration is over or SIGINT or SIGTERM comes; return the exit status.
 
     Parameters
@@ -61,6 +72,11 @@ def record(path: Path, namespace: str, duration: float | None, *, inputs_only: b
         s.
     inputs_only : bool
         Whether to leave out what a replay makes anew.
+    reference : float, optional
+        kg, known mass of every product that passes: it goes into the bag as reference_mass, in
+        place of what the line itself may say.
+    passes : int, optional
+        Weighed passes of it after which to end.
 
     Raises
     ------
@@ -76,10 +92,13 @@ def record(path: Path, namespace: str, duration: float | None, *, inputs_only: b
 
     signal.signal(signal.SIGTERM, end)
     with BagFile(path, recorded, namespace) as bag, spinning(namespace) as spinner:
-        node = RecorderNode(recorded)
+        known = None if reference is None else ReferencePasses(reference, passes)
+        node = RecorderNode(tuple(t for t in recorded if not (known and t is REFERENCE_MASS)))
         spinner.add(node)
+        if known is not None:
+            known.attach(node, node.taker(REFERENCE_MASS))
         with suppress(KeyboardInterrupt):
-            _take(bag, node, duration)
+            _take(bag, node, duration, known)
         while not node.messages.empty():
             bag.put(*node.messages.get())
         if bag.message_count == 0:
@@ -88,15 +107,19 @@ def record(path: Path, namespace: str, duration: float | None, *, inputs_only: b
                 f'{node.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)}; is the line running?'
             )
         count = bag.message_count
-    print(f'{path}: {count} messages')
+    print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))
     return 0
 
 
-def _take(bag: BagFile, node: RecorderNode, duration: float | None) -> None:
+def _take(
+    bag: BagFile, node: RecorderNode, duration: float | None, known: ReferencePasses | None
+) -> None:
     end = None if duration is None else time.monotonic() + duration
     silent_since = time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while end is None or time.monotonic() < end:
+        while (end is None or time.monotonic() < end) and not (known and known.done):
+            for line in known.news() if known else ():
+                progress.write(line)
             try:
                 message = node.messages.get(timeout=_POLL_PERIOD)
             except queue.Empty:

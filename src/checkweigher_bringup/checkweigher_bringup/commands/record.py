@@ -15,16 +15,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--inputs-only', action='store_true',
         help='leave out windows, estimates and verdicts, which a replay makes anew',
     )  # fmt: skip
+    parser.add_argument(
+        '--reference', type=float, metavar='G',
+        help='known mass of every product that passes, for tune and evaluate',
+    )  # fmt: skip
+    parser.add_argument(
+        '--passes', type=int, metavar='N', help='end after N weighed passes of the reference'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Record until interrupted; the bag is complete when the command has ended."""
+    from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.recorder import record
     from checkweigher_bringup.settings import check_namespace, check_positive
 
+    reference = check_positive('--reference', arguments.reference)
+    if arguments.passes is not None and reference is None:
+        raise UserError('--passes: needs the mass of the product, --reference')
     return record(
         arguments.output,
         check_namespace(arguments.namespace),
         check_positive('--duration', arguments.duration),
         inputs_only=arguments.inputs_only,
+        reference=None if reference is None else 0.001 * reference,
+        passes=check_positive('--passes', arguments.passes),
     )

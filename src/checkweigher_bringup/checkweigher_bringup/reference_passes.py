@@ -1,0 +1,79 @@
+"""Passes of a product of known mass over a running line: the dynamic setting."""
+
+from collections.abc import Callable
+import queue
+import time
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import reference_to, verdict_from
+from checkweigher_dsp.records import Decision, Reference
+from checkweigher_validation.results import GRAMS
+
+_TRAIL = 1.0  # s, in which the last product leaves the belt
+
+
+class ReferencePasses:
+    """Say of every item that was weighed what it weighs.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    wanted : int, optional
+        Passes after which that is enough.
+
+    Attributes
+    ----------
+    count : int
+        Passes up to now; those that could not be weighed do not count and get no mass.
+    """
+
+    def __init__(self, mass: float, wanted: int | None) -> None:
+        self._mass = mass
+        self._wanted = wanted
+        self._news: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._last = 0.0
+        self.count = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether there were enough, and the last one has left the belt."""
+        return (
+            self._wanted is not None
+            and self.count >= self._wanted
+            and time.monotonic() > self._last + _TRAIL
+        )
+
+    def attach(self, node: Node, put: Callable[[bytes], None]) -> None:
+        """Listen with a node, and hand over serialized messages of reference_mass."""
+
+        def hear(message: Any) -> None:
+            verdict = verdict_from(message)
+            if self._wanted is not None and self.count >= self._wanted:
+                return
+            if verdict.decision == Decision.FAULT or verdict.t1 is None:
+                self._news.put(f'a pass that was not weighed: {", ".join(verdict.reasons)}')
+                return
+            put(serialize_message(reference_to(Reference(verdict.t1, self._mass))))
+            self.count += 1
+            self._last = time.monotonic()
+            of = '' if self._wanted is None else f' of {self._wanted}'
+            self._news.put(
+                f'pass {self.count}{of}: {GRAMS * verdict.mass:.3f} g, '
+                f'{GRAMS * (verdict.mass - self._mass):+.3f} g'
+            )
+
+        node.create_subscription(
+            topics.VERDICT.type, topics.VERDICT.name, hear, topics.VERDICT.stage_qos
+        )
+
+    def news(self) -> list[str]:
+        """Return a line for each pass since the last call."""
+        lines = []
+        while not self._news.empty():
+            lines.append(self._news.get())
+        return lines
