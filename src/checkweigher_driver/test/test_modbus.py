@@ -116,6 +116,11 @@ def switching(plc, port_parameters=None, **parameters):
         outputs.close()
 
 
+def run(outputs):
+    outputs.activate()
+    outputs.stop_request(False)
+
+
 def reject(item, due, decision=Decision.FAULT):
     return Verdict(item, due - 100 * MS, decision, reject_at=due)
 
@@ -200,7 +205,7 @@ def test_the_rejector_is_switched_when_it_is_due(plc):
     # However busy the machine is on which the test runs: no pulse is to be lost for it.
     with switching(plc, {'timeout': 2.0}, pulse=0.2, late_tolerance=2.0) as outputs:
         wait_for(lambda: outputs.trouble == '', 'the connection')
-        outputs.activate()
+        run(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         first = time.time_ns() + 200 * MS
         dues = [first + number * 400 * MS for number in range(5)]
@@ -235,7 +240,7 @@ def test_each_reject_of_a_line_is_switched_at_its_time_and_no_accepted_item(plc)
         reading(plc, max_uncertainty=0.2, longest_gap=1.0, timeout=1.0) as (_, events),
         switching(plc, {'timeout': 1.0}, late_tolerance=2.0) as outputs,
     ):
-        outputs.activate()
+        run(outputs)
         taken = 0
         for block in recording.blocks:
             if len(verdicts) == 8:
@@ -274,8 +279,10 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         assert plc.state(REJECTOR) is True  # ejects
         assert plc.state(RELEASE) is False
         outputs.activate()
+        wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
+        assert plc.state(RELEASE) is False  # nobody has said that the line may run
+        outputs.stop_request(False)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
-        assert plc.state(REJECTOR) is False
         outputs.stop_request(True)
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
         assert plc.state(REJECTOR) is False
@@ -283,7 +290,7 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         outputs.safe()
         wait_for(lambda: plc.state(REJECTOR) is True, 'the safe state')
-        outputs.activate()
+        run(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
     assert plc.state(REJECTOR) is True
     assert plc.state(RELEASE) is False
@@ -293,7 +300,7 @@ def test_a_verdict_that_comes_too_late_is_rejected_at_once_and_stops_the_line(pl
     plc.start()
     with switching(plc, pulse=0.05) as outputs:
         wait_for(lambda: outputs.trouble == '', 'the connection')
-        outputs.activate()
+        run(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         outputs.verdict(reject(7, time.time_ns() - 30 * MS))
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
@@ -312,7 +319,7 @@ def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_st
     plc.start()
     with switching(plc, {'timeout': 0.1}, pulse=0.02) as outputs:
         wait_for(lambda: outputs.trouble == '', 'the connection')
-        outputs.activate()
+        run(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         due = time.time_ns() + 300 * MS
         outputs.verdict(reject(1, due))
@@ -339,6 +346,7 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
         'prepared = prepare_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
         'outputs = prepared()\n'
         'outputs.activate()\n'
+        'outputs.stop_request(False)\n'
         'time.sleep(60)\n'
     )
     with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:
@@ -359,7 +367,7 @@ def test_the_belt_input_holds_the_rejector_back(plc):
     link.connect()
     with switching(plc, {'belt': 2}, pulse=0.1, belt_margin=0.0, late_tolerance=5.0) as outputs:
         wait_for(lambda: outputs.trouble == '', 'the connection')
-        outputs.activate()
+        run(outputs)
         wait_for(lambda: outputs.belt_runs is True and plc.state(REJECTOR) is False, 'the belt')
         due = time.time_ns() + 400 * MS
         outputs.verdict(reject(1, due))

@@ -6,6 +6,7 @@ import threading
 import time
 from typing import ClassVar
 
+from checkweigher_driver.line_io.clock_watch import read_clocks
 from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
 from checkweigher_driver.line_io.outputs import OutputPort, PortLostError
@@ -194,7 +195,8 @@ def _to_stamp() -> int:
     Asked for at each poll, so that a step of the host's clock does not part the edges from the
     samples.
     """
-    return time.time_ns() - time.monotonic_ns()
+    monotonic, real = read_clocks()
+    return real - monotonic
 
 
 @dataclass(frozen=True)

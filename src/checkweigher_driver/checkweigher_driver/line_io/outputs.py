@@ -6,6 +6,7 @@ import threading
 import time
 from typing import ClassVar
 
+from checkweigher_driver.line_io.clock_watch import ClockWatch
 from checkweigher_driver.line_io.reject_pulses import RejectPulses
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import NANOSECONDS, Decision, Verdict
@@ -13,6 +14,7 @@ from checkweigher_dsp.records import NANOSECONDS, Decision, Verdict
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 # A reject time further ahead is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
+_CLOCK_STEP = 5_000_000  # ns
 _CLOSE_TIME = 3.0  # s
 _REFRESH_TIME = 5_000_000  # ns, that is kept free of it before the rejector is due
 
@@ -86,8 +88,9 @@ class MachineOutputs:
     """Reject at the time that a verdict names, and stop the line when it has to.
 
     The outputs are safe from the beginning, until `activate`, and after `safe` or `close`: the
-    rejector in its safe state, the stop output set. A rejected product that the rejector can have
-    missed sets the stop output as well, until `reset`.
+    rejector in its safe state, the stop output set. It stays set until `stop_request` has said that
+    the line may run. A rejected product that the rejector can have missed sets it as well, until
+    `reset`.
 
     Parameters
     ----------
@@ -110,8 +113,9 @@ class MachineOutputs:
             )
         )  # fmt: skip
         self._changed = threading.Condition()
-        self._active = self._closing = self._stop_requested = False
-        self._connected = False
+        self._clock = ClockWatch(_CLOCK_STEP)
+        self._active = self._closing = self._connected = False
+        self._stop_requested = True  # until somebody says that the line may run
         self._port_trouble = 'the outputs are not connected yet'
         self._missed = ''
         self._belt: bool | None = None
@@ -140,7 +144,7 @@ class MachineOutputs:
         device said so, the largest one beside the mean; positive is late.
         """
         with self._changed:
-            return self._figures.shown()
+            return {**self._figures.shown(), 'clock steps': self._clock.steps}
 
     def activate(self) -> None:
         """Leave the safe state."""
@@ -172,14 +176,19 @@ class MachineOutputs:
         if verdict.decision == Decision.ACCEPT:
             return
         with self._changed:
-            now = time.monotonic_ns()
-            to_monotonic = now - time.time_ns()  # the stamps are on the clock of the host
-            due = None if verdict.reject_at is None else verdict.reject_at + to_monotonic
-            since = None if verdict.t3 is None else verdict.t3 + to_monotonic
-            if due is not None and due - now > _FURTHEST:
-                due = None
-            late = self._pulses.add(due, since, now)
             self._figures.rejects += 1
+            if not self._active:
+                if self._parameters.safe_state != 'eject':
+                    self._miss(f'item {verdict.item_id}: the rejector was not active; look for it')
+                return
+            now, to_monotonic = time.monotonic_ns(), self._clock.look()
+            due = since = None
+            if verdict.reject_at is not None and to_monotonic is not None:
+                due = verdict.reject_at + to_monotonic
+                since = None if verdict.t3 is None else verdict.t3 + to_monotonic
+                if due - now > _FURTHEST:
+                    due = None
+            late = self._pulses.add(due, since, now)
             if late is None:
                 self._miss(f'item {verdict.item_id}: nobody knows when it is at the rejector')
             elif late:
@@ -254,6 +263,7 @@ class MachineOutputs:
                 if self._closing:
                     return
                 now = time.monotonic_ns()
+                self._clock.look()
                 due, wanted = self._due, self._wanted(now)
                 self._due = self._pulses.next_change(now) if self._active else None
                 # A refresh must not be under way when the rejector is due.
