@@ -1,0 +1,53 @@
+"""What every decoder of a serial stream returns."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """Values in the order of the stream.
+
+    Attributes
+    ----------
+    counts : ndarray, (n,) int32
+        Readings.
+    overflow : ndarray, (n,) bool
+        Where the device says that its converter or its scale was exceeded.
+    lost : ndarray, (n,) int64
+        Values that are missing between each reading and the one before it, at least 1 wherever
+        anything had to be skipped.
+    """
+
+    counts: NDArray[np.int32]
+    overflow: NDArray[np.bool_]
+    lost: NDArray[np.int64]
+
+
+class Decoder(Protocol):
+    """Turns bytes into readings, however the bytes are cut.
+
+    Attributes
+    ----------
+    skipped_bytes : int
+        Bytes that were part of no reading, so far.
+    bad_frames : int
+        Readings that were refused where one was expected, so far.
+    """
+
+    skipped_bytes: int
+    bad_frames: int
+
+    def feed(self, data: bytes) -> Decoded:
+        """Take the next bytes of the stream and return the readings that they complete."""
+
+    @property
+    def waiting(self) -> int:
+        """Whole readings that have come but are not returned yet."""
+
+    @property
+    def missing(self) -> int:
+        """Bytes to come until the next reading is whole, as far as that is known; at least 1."""
