@@ -32,12 +32,15 @@ class Decoder(Protocol):
 
     Attributes
     ----------
+    frame_bytes : int
+        Size of a reading on the wire, 0 while it is not known.
     skipped_bytes : int
         Bytes that were part of no reading, so far.
     bad_frames : int
         Readings that were refused where one was expected, so far.
     """
 
+    frame_bytes: int
     skipped_bytes: int
     bad_frames: int
 

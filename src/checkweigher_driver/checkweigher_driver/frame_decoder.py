@@ -25,7 +25,7 @@ TRAILERS = ('auto', 'crlf', 'none')
 
 _WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame
 _RUN = 5  # good frames in a row that make a place the true one
-_DISTRUSTED = 3  # of them that are not returned, unless CR LF tells where they begin
+_CLEARLY, _TINY = 8, 64  # by how much smoother another place must be, and counts
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # bytes that finding the size looks at
 _OVERFLOW = 0b0111  # net, gross and converter overflow
 _UNUSED = 0b1100_0000  # bits of the status byte
@@ -54,17 +54,15 @@ class _Places:
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # Two measures, so that each errs to the safe side. To go on: the changes of which those at
-        # a wrong place are multiples. To begin: all of which those at the true place are part.
+        # Two measures. To begin, all changes, of which those at the true place are part: in doubt
+        # it is put off. To go on, only what a wrong place makes of them: 256 times as much.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(
             self.counts[last] - self.counts[size * (_RUN - 2) : size * (_RUN - 2) + k]
         )
-        pair, step = self._runs(size, 2, k + size - 1 if k else 0)
         for i in range(1, size):
             other = slice(i, i + k)
-            unsure |= pair[other] & (step[other] < step[:k])
-            self.slipped |= run[other] & (change[other] < change[:k])
+            self.slipped |= run[other] & (_CLEARLY * change[other] + _TINY < change[:k])
             unsure |= run[other] & (change[other] <= all_change)
         self.begins = self.run & ~unsure
         # Whether a frame could be misplaced and still good: where CR LF is inside it.
@@ -149,7 +147,7 @@ class FrameDecoder:
     def feed(self, data: bytes) -> Decoded:
         """Take the next bytes of the stream and return the readings that they complete."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
-        if self._synchronised and self.frame_bytes == _WITH_TRAILER:
+        if self._begun and self._since_frame == 0 and self.frame_bytes == _WITH_TRAILER:
             whole = self._all_good()
             if whole is not None:
                 return whole
@@ -165,10 +163,12 @@ class FrameDecoder:
                 if begin >= len(places.begins):
                     break
                 self._synchronised = True
-                if places.doubtful[begin]:
-                    # Where bytes are lost just behind it, a wrong place may turn into the true one.
-                    self._skip(_DISTRUSTED * self.frame_bytes)
-                    position += _DISTRUSTED * self.frame_bytes
+                size = self.frame_bytes
+                if places.doubtful[begin : begin + _RUN * size : size].any():
+                    # Where bytes are lost within this run, it may begin at a wrong place and
+                    # still be good: the place is the true one only from then on.
+                    self._skip(_RUN * size)
+                    position += _RUN * size
             number, broken = self._follow(places, position)
             if number:
                 found.append((position, number))

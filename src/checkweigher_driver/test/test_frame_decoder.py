@@ -75,7 +75,10 @@ def disturbed(draw, sizes):
     size = sizes[trailer]
     data = [bytearray(frame(count, trailer)) for count in signal]
     touched = set()
-    for number in draw(st.lists(st.integers(0, len(signal) - 2), max_size=4, unique=True)):
+    # Where CR LF is inside frames as well, two losses close to each other may make up a third one.
+    apart = 12 if any(b'\r\n' in frame(count, 'none') for count in signal) else 1
+    last = (len(signal) - 2) // apart
+    for number in draw(st.lists(st.integers(0, last).map(apart.__mul__), max_size=4, unique=True)):
         kind = draw(st.sampled_from(['change', 'lose', 'junk']))
         place = draw(st.integers(0, size - 1))
         if kind == 'change':
@@ -101,7 +104,7 @@ def test_every_value_of_an_undisturbed_stream_is_found(trailer, mode):
     decoder = FrameDecoder(trailer='auto' if mode == 'auto' else trailer)
     counts, indices = decode(decoder, [b''.join(frame(c, trailer) for c in signal)])
 
-    first = 0 if trailer == 'crlf' else 3
+    first = 0 if trailer == 'crlf' else 5
     assert counts == signal[first : len(signal) - decoder.waiting]
     assert indices == list(range(len(counts)))
     assert decoder.waiting == (0 if trailer == 'crlf' else 4)
@@ -133,7 +136,7 @@ def test_with_cr_lf_no_wrong_value_passes_and_five_good_frames_are_enough(case):
 
     earliest = matched(counts, signal)  # nothing but what was sent, in its order
     latest = [len(signal) - 1 - n for n in matched(counts[::-1], signal[::-1])[::-1]]
-    assert len(counts) >= len(signal) - 4 * 6 - 5
+    assert len(counts) >= len(signal) - 4 * 16 - 9
     if touched & set(range(latest[0] + 1, earliest[-1])):
         assert indices[-1] + 1 > len(counts)
 
@@ -157,7 +160,7 @@ def test_without_cr_lf_a_slipped_stream_is_never_taken_for_a_signal(seed, scale,
     counts, indices = decode(FrameDecoder(trailer='none'), [b''.join(data)])
 
     matched(counts, signal)
-    assert len(counts) >= len(signal) - 7 - 14 * len(losses)
+    assert len(counts) >= len(signal) - 9 - 16 * len(losses)
     assert indices[-1] + 1 >= len(counts) + len(losses)
 
 
@@ -171,7 +174,7 @@ def test_the_checksum_alone_would_have_let_a_slip_pass(place):
     assert passing > 0.9 or place > 1
 
     counts, _ = decode(FrameDecoder(trailer='none'), [data])
-    assert counts == signal[4 if place else 3 : -4]
+    assert counts == signal[6 if place else 5 : -4]
 
 
 @pytest.mark.parametrize('trailer', ENDS)
@@ -183,7 +186,7 @@ def test_what_a_disturbed_byte_costs_is_counted(trailer):
     counts, indices = decode(decoder, [b''.join(data)])
 
     # Without CR LF those that wait for it as well, and the first ones when it begins again.
-    begin, last, again = (0, 49, 51) if trailer == 'crlf' else (3, 45, 54)
+    begin, last, again = (0, 49, 51) if trailer == 'crlf' else (5, 45, 56)
     size = len(data[0])
     assert counts == signal[begin : last + 1] + signal[again : len(signal) - decoder.waiting]
     assert indices[last - begin : last - begin + 2] == [last - begin, again - begin]
@@ -228,8 +231,8 @@ def test_a_signal_that_stands_still_is_waited_for():
     assert decode(decoder, [data[1:]]) == ([], [])
     after = walk(3, 20)
     counts, _ = decode(decoder, [b''.join(frame(count, 'none') for count in after)])
-    assert counts[-16:] == after[:16]
-    assert set(counts[:-16]) <= {1_250_123}
+    assert len(counts) >= 14
+    assert counts == after[16 - len(counts) : 16]
 
 
 def test_junk_gives_no_values():

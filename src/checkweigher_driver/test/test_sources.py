@@ -6,7 +6,15 @@ from checkweigher_driver.bag_messages import BagError
 from checkweigher_driver.bag_writing import write_bag
 from checkweigher_driver.recording import canonical_order
 from checkweigher_driver.simulation import SimulationParameters, simulate
-from checkweigher_driver.sources import SOURCES, Source, source_class
+from checkweigher_driver.sources import (
+    EYES,
+    SOURCES,
+    EdgeSource,
+    Source,
+    eyes_class,
+    source_class,
+    source_maker,
+)
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import LoadCell
 
@@ -21,8 +29,28 @@ def test_every_registered_source_keeps_the_interface(name):
     assert isinstance(found.paced, bool)
 
 
+@pytest.mark.parametrize('name', [name for name in EYES if name != 'none'])
+def test_all_registered_eyes_keep_the_interface(name):
+    found = eyes_class(name)
+
+    assert issubclass(found, EdgeSource)
+    assert issubclass(found.parameters, Parameters)
+    assert found.parameters.node == name
+
+
+def test_a_source_with_eyes_of_its_own_takes_no_others(tmp_path):
+    def read(kind):
+        return kind.from_mapping({'count': 1} if kind.node == 'simulator' else {})
+
+    assert source_maker('simulator', 'none', read)().paced
+    with pytest.raises(ParameterError, match="'replayed', but the source 'simulator' has eyes"):
+        source_maker('simulator', 'replayed', read)
+    with pytest.raises(ParameterError, match=r"eyes: 'laser' is not one of .*replayed"):
+        source_maker('aed', 'laser', read)
+
+
 def test_an_unknown_source_is_refused_with_the_list_of_known_ones():
-    with pytest.raises(ParameterError, match="'adc' is not one of simulator, bag"):
+    with pytest.raises(ParameterError, match="'adc' is not one of simulator, bag, aed, ascii"):
         source_class('adc')
 
 

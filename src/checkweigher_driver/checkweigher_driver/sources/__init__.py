@@ -1,23 +1,31 @@
 """Where samples and photo-eye edges come from: one interface, one registry.
 
-A further source is one module with a `Source` class in it and one line in `SOURCES`.
+A further source is one module with a `Source` class in it and one line in `SOURCES`. A load cell
+that knows nothing of the photo-eyes is joined with an `EdgeSource` of `EYES`.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
 from checkweigher_driver.recording import Event
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.records import EyeEdge, LoadCell
+from checkweigher_dsp.records import EyeEdge, LoadCell, SampleBlock
 
 # Name and class. A class is imported when it is asked for, so that a machine needs only what its
 # own source needs.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
+    'aed': 'checkweigher_driver.sources.aed:AedSource',
+    'ascii': 'checkweigher_driver.sources.ascii:AsciiSource',
+}
+NO_EYES = 'none'
+EYES = {
+    NO_EYES: '',
+    'replayed': 'checkweigher_driver.sources.replayed:ReplayedEyes',
 }
 
 
@@ -67,10 +75,19 @@ class Source(ABC):
     def close(self) -> None:
         """Let go of what is open; an iterator that blocks ends. May come from another thread."""
 
+    @property
+    def trouble(self) -> str:
+        """What is wrong at present, in one line; empty if all is well. For any thread."""
+        return ''
+
+    def figures(self) -> dict[str, float]:
+        """Return what a technician wants to know, counted since the opening. For any thread."""
+        return {}
+
 
 @dataclass(frozen=True, slots=True)
 class EyesLost:
-    """The eyes are not read any more since ``stamp``, ns; ``text`` says why."""
+    """The eyes are not read any more; they last were at `stamp`, ns."""
 
     stamp: int
     text: str
@@ -78,7 +95,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """The eyes are read again from ``stamp`` on, ns; the state found then is no edge."""
+    """The eyes are read again, from `stamp` on, ns. The state that they are found in is no edge."""
 
     stamp: int
 
@@ -89,12 +106,12 @@ class EdgeSource(ABC):
     Parameters
     ----------
     parameters : Parameters
-        An instance of the class's own set; its ``node`` names the source.
+        An instance of the class's own set.
 
     Raises
     ------
     ValueError
-        If the source cannot be opened; the message is one line for a technician.
+        If the eyes cannot be read; the message is one line for a technician.
     """
 
     parameters: ClassVar[type[Parameters]]
@@ -104,19 +121,23 @@ class EdgeSource(ABC):
 
     @abstractmethod
     def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
-        """Yield what happens, blocking, until `close`."""
+        """Yield edges, stamped on the clock of the samples, as they come; block in between."""
 
     @abstractmethod
     def close(self) -> None:
         """Let go of what is open; `events` ends soon. May come from another thread."""
 
+    def follow(self, block: SampleBlock) -> list[EyeEdge]:
+        """Return the edges that belong to a block, where they hang on the samples themselves."""
+        return []
+
     @property
     def trouble(self) -> str:
-        """One line while something is wrong, else empty."""
+        """What is wrong at present, in one line; empty if all is well. For any thread."""
         return ''
 
     def figures(self) -> dict[str, float]:
-        """Return what /diagnostics shows."""
+        """Return what a technician wants to know, counted since the opening. For any thread."""
         return {}
 
 
@@ -135,5 +156,72 @@ def source_class(name: str) -> type[Source]:
     """
     if name not in SOURCES:
         raise ParameterError(f'source: {name!r} is not one of {", ".join(SOURCES)}')
-    module, found = SOURCES[name].split(':')
-    return cast(type[Source], getattr(import_module(module), found))
+    return cast(type[Source], _found(SOURCES[name]))
+
+
+def eyes_class(name: str) -> type[EdgeSource]:
+    """Return the class of photo-eyes that are read beside the load cell.
+
+    Parameters
+    ----------
+    name : str
+        One of `EYES` but 'none'.
+
+    Raises
+    ------
+    ParameterError
+        If there are no such eyes.
+    """
+    if not EYES.get(name):
+        known = [eyes for eyes in EYES if eyes != NO_EYES]
+        raise ParameterError(f'eyes: {name!r} is not one of {", ".join(known)}')
+    return cast(type[EdgeSource], _found(EYES[name]))
+
+
+def _found(place: str) -> Any:
+    module, name = place.split(':')
+    return getattr(import_module(module), name)
+
+
+def source_maker(
+    name: str, eyes: str, read: Callable[[type[Parameters]], Parameters]
+) -> Callable[[], Source]:
+    """Return what opens a source of samples, and with it the photo-eyes that are read beside it.
+
+    Parameters
+    ----------
+    name : str
+        One of `SOURCES`.
+    eyes : str
+        One of `EYES`; 'none' for a source that knows the eyes itself, or for no eyes.
+    read : callable
+        Returns the parameters of a class of them; called at once.
+
+    Raises
+    ------
+    ParameterError
+        If the two do not go together or a parameter cannot be used. What is returned raises
+        ValueError if one of the two cannot be opened, in one line for a technician.
+    """
+    make_source = source_class(name)
+    parameters = read(make_source.parameters)
+    if eyes == NO_EYES:
+        return lambda: make_source(parameters)
+    make_eyes = eyes_class(eyes)
+    if make_source.paced:
+        raise ParameterError(
+            f'eyes: {eyes!r}, but the source {name!r} has eyes of its own; must be {NO_EYES!r}'
+        )
+    eye_parameters = read(make_eyes.parameters)
+
+    def make() -> Source:
+        from checkweigher_driver.sources.machine import Machine  # which imports this module
+
+        edges = make_eyes(eye_parameters)
+        try:
+            return Machine(make_source(parameters), edges)
+        except BaseException:
+            edges.close()
+            raise
+
+    return make

@@ -1,0 +1,108 @@
+"""A load cell and photo-eyes on different wires, as one source."""
+
+from collections.abc import Callable, Iterator
+import queue
+import threading
+from typing import Any, ClassVar
+
+from checkweigher_driver.recording import Event
+from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
+from checkweigher_dsp.parameters import Parameters
+from checkweigher_dsp.records import SampleBlock
+
+_END_PATIENCE = 2.0  # s for a thread to end
+
+
+class Machine(Source):
+    """Join the samples of one device with the edges of another, in the order in which they come.
+
+    Each device is read in a thread of its own. While the eyes are not read no samples are handed
+    on: what is on the belt then has lost samples, and is a fault, whichever edges are missing.
+
+    Parameters
+    ----------
+    samples : Source
+        Of the load cell.
+    eyes : EdgeSource
+        Of the photo-eyes, stamped on the same clock.
+    """
+
+    parameters: ClassVar[type[Parameters]] = Parameters
+    paced = False
+
+    def __init__(self, samples: Source, eyes: EdgeSource) -> None:
+        self._samples = samples
+        self._eyes = eyes
+        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._closed = False
+        self._blind = ''  # why the eyes are not read
+        self._withheld = 0
+        self.load_cell = samples.load_cell
+        self.start_stamp = samples.start_stamp
+
+    def __iter__(self) -> Iterator[Event]:
+        """Yield events as they come, an edge at once.
+
+        Raises
+        ------
+        Exception
+            What ended one of the devices.
+        """
+        threads = [
+            threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
+            for name, device in (('samples', self._samples.__iter__), ('eyes', self._eyes.events))
+        ]
+        for thread in threads:
+            thread.start()
+        gap = False
+        try:
+            while (event := self._queue.get()) is not None:
+                if isinstance(event, BaseException):
+                    raise event
+                if isinstance(event, EyesLost):
+                    self._blind, gap = event.text, True
+                elif isinstance(event, EyesBack):
+                    self._blind = ''
+                elif isinstance(event, SampleBlock):
+                    if self._blind or gap:
+                        # At least one block, however short the time was.
+                        gap = False
+                        self._withheld += len(event.counts)
+                        continue
+                    yield event
+                    yield from self._eyes.follow(event)
+                else:
+                    yield event
+        finally:
+            self.close()
+            for thread in threads:
+                thread.join(_END_PATIENCE)
+
+    def _read(self, device: Callable[[], Iterator[Any]], what: str) -> None:
+        try:
+            for event in device():
+                self._queue.put(event)
+        except Exception as error:
+            self._queue.put(error)
+        else:
+            self._queue.put(None if self._closed else RuntimeError(f'{what} have ended'))
+
+    def close(self) -> None:
+        """Let go of both devices."""
+        self._closed = True
+        self._samples.close()
+        self._eyes.close()
+        self._queue.put(None)
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong with one of the devices, in one line."""
+        return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures of both."""
+        return {
+            **self._samples.figures(),
+            **self._eyes.figures(),
+            'samples withheld without eyes': self._withheld,
+        }
