@@ -20,6 +20,8 @@ COMMANDS = (
      'run --params my_line.yaml --processes'),
     ('record', 'record', 'record a running graph into a bag',
      'record --output /tmp/shift1 --duration 60'),
+    ('recover', 'recover', 'make a bag of what a killed record left',
+     'recover .shift1.4711.partial/line_0.mcap --output shift1'),
     ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
     ('status', 'status', 'show what is wrong with a running line, worst first, and what to check',

@@ -19,6 +19,7 @@ from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERE
 from checkweigher_dsp.nodes import topics
 
 _POLL_PERIOD = 0.2  # s
+_CHUNK = 16_384  # bytes; a second or two of a line, which is lost if the process is killed
 _PATIENCE = 5.0  # s without a message before that is said
 
 
@@ -91,7 +92,7 @@ def record(
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
-    with BagFile(path, recorded, namespace) as bag, spinning(namespace) as spinner:
+    with BagFile(path, recorded, namespace, _CHUNK) as bag, spinning(namespace) as spinner:
         known = None if reference is None else ReferencePasses(reference, passes)
         node = RecorderNode(tuple(t for t in recorded if not (known and t is REFERENCE_MASS)))
         spinner.add(node)

@@ -49,6 +49,8 @@ class BagFile:
         All topics that there will be messages of.
     namespace : str
         Of the lane, ``''`` for none.
+    chunk_size : int
+        Bytes after which what has come is in the file, and left there if the process is killed.
 
     Raises
     ------
@@ -63,8 +65,11 @@ class BagFile:
     shows. That is why it is written by the mcap package: rosbags leaves the check sums out.
     """
 
-    def __init__(self, path: Path, topics: Sequence[Topic], namespace: str = '') -> None:
+    def __init__(
+        self, path: Path, topics: Sequence[Topic], namespace: str = '', chunk_size: int = 1 << 20
+    ) -> None:
         check_output(path)
+        self._chunk_size = chunk_size
         self._path = path
         self._partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
         self._topics = topics
@@ -81,7 +86,9 @@ class BagFile:
             shutil.rmtree(self._partial, ignore_errors=True)
             raise output_error(self._path, error) from None
         # The check sum of the data section is off by default.
-        self._mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._mcap = Writer(
+            self._file, self._chunk_size, CompressionType.ZSTD, enable_data_crcs=True
+        )
         # The name of the library, by default with its version, is part of the file.
         self._mcap.start(profile='ros2', library='checkweigher')
         self._channels = {topic: self._add_channel(topic) for topic in self._topics}
@@ -128,6 +135,7 @@ class BagFile:
         """
         try:
             self._mcap.add_message(self._channels[topic], stamp, data, publish_time=stamp)
+            self._file.flush()  # a chunk, if that message has filled one
         except OSError as error:
             raise output_error(self._path, error) from None
         if not self._counts:

@@ -41,8 +41,8 @@ def check_mcap(path: Path) -> None:
             footer = size - len(_MAGIC) - _FOOTER.size
             if footer < len(_MAGIC) or data[size - len(_MAGIC) :] != _MAGIC:
                 raise BagError(
-                    f'{path}: cut off: the end of the file is missing; "mcap recover" saves what '
-                    'is there'
+                    f'{path}: cut off: the end of the file is missing; "checkweigher recover" '
+                    'saves what is there'
                 )
             _check_summary(path, data, footer)
             _check_data(path, data, footer)
