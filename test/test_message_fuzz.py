@@ -150,6 +150,17 @@ def spinner() -> Iterator[Spinner]:
         yield running
 
 
+def settle(nodes: list[Node]) -> None:
+    """Wait until the nodes have handled what was sent: acknowledged is not yet handled."""
+
+    def handled() -> int:
+        return sum(sum(node._counters.values()) for node in nodes)
+
+    before = -1
+    while before != (before := handled()):
+        time.sleep(1.0)
+
+
 def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
     """Send `count` things to a line, check that it lives and weighs a bag; return the counts."""
     stages = make_stages()
@@ -166,7 +177,7 @@ def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
         if sent % BURST == 0:
             tormentor.wait()
             assert spinner.alive
-    time.sleep(1.0)  # acknowledged is not yet handled
+    settle([*stages, product])
     for node, parameters in zip(stages, before, strict=True):
         if node.get_name() != 'segmenter':  # its parameters are read-only
             names = node.parameters.as_mapping()
