@@ -154,20 +154,20 @@ def _lattice_of_one(
     """Return what `_lattice` does for one signal, to the last bit, in a third of the time."""
     reflections = np.empty(order)
     turn = np.eye(2)
-    flat = errors[0]
-    forward = flat[: len(flat) // 2]
-    for m in range(order):
-        length = len(flat) // 2
-        forward, backward = flat[: count - m], flat[length : length + count - m]
+    turned = flat = errors[0]
+    size = len(flat) // 2
+    for used in range(count, count - order, -1):
+        forward, backward = flat[:used], flat[size : size + used]
         energy = forward.dot(forward) + backward.dot(backward)
         # What is predicted to the last bit has nothing left to reflect.
         reflection = -2.0 * forward.dot(backward) / (energy if energy > 0 else 1.0)
-        reflections[m] = turn[0, 1] = turn[1, 0] = reflection
-        flat = turn.dot(flat.reshape(2, length)).reshape(-1)
-        forward = flat[:length]
+        reflections[count - used] = turn[0, 1] = turn[1, 0] = reflection
+        turned = turn.dot(flat.reshape(2, size)).ravel()
         # The first forward and the last backward error have no partner in the next order.
-        flat = flat[1:-1]
-    return forward[len(forward) - order - 1 :], reflections
+        flat = turned[1:-1]
+        size -= 1
+    end = len(turned) // 2
+    return turned[end - order - 1 : end], reflections
 
 
 def akaike_order(powers: NDArray[np.float64], count: int) -> Any:
