@@ -224,10 +224,9 @@ def identify_window(
         ``gain`` and ``b1`` in the unit of `denoised`, ``variance`` in its square: floats for one
         window, arrays (passes,) for several. NaN where there is nothing to identify.
     """
-    found, scale = (_identify_one if denoised.ndim == 1 else _identify_several)(
-        denoised, removed_variance, inputs, noise
-    )
+    work = _identify_one if denoised.ndim == 1 else _identify_several
     with np.errstate(all='ignore'):
+        found, scale = work(denoised, removed_variance, inputs, noise)
         return Identification(
             found.a1, found.a2, scale * found.b1, scale * found.gain,
             scale * scale * found.variance,
@@ -271,20 +270,19 @@ def _identify_several(
 ) -> tuple[Identification, Any]:
     """Return what is identified in windows at once and by what each was divided, (passes,)."""
     full = np.ones(denoised.shape, bool) if inputs is None else inputs >= 1.0
-    with np.errstate(all='ignore'):
-        scale = np.add.reduce(denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
-        scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
-        relative = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
-        rising = None if inputs is None else np.ascontiguousarray(inputs.T)
-        measurement = None
-        if rising is not None and not np.all(noise.rise == 1.0):
-            measurement = np.where(rising < 1.0, noise.rise * relative, relative)
-        found = identify(
-            np.ascontiguousarray((denoised / scale[:, None]).T),
-            Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
-            rising,
-            measurement=measurement,
-        )
+    scale = np.add.reduce(denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
+    scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
+    relative = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
+    rising = None if inputs is None else np.ascontiguousarray(inputs.T)
+    measurement = None
+    if rising is not None and not np.all(noise.rise == 1.0):
+        measurement = np.where(rising < 1.0, noise.rise * relative, relative)
+    found = identify(
+        np.ascontiguousarray((denoised / scale[:, None]).T),
+        Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
+        rising,
+        measurement=measurement,
+    )
     return found, scale
 
 
