@@ -26,6 +26,7 @@ from checkweigher_driver.bag_messages import (
 from checkweigher_driver.mcap_integrity import check_mcap
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Event, Recording
+from checkweigher_driver.sample_decoding import sample_block_from
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Eye,
@@ -177,8 +178,11 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane, progress: bool) -> Recor
     for connection, _, data in messages:
         name = connection.topic
         read[name] += 1
-        message: Any = deserialize(data, connection.msgtype)
         make = makers[name]
+        if make is _block and (block := sample_block_from(data)):
+            events.append(block)
+            continue
+        message: Any = deserialize(data, connection.msgtype)
         if make is None:
             cells.append(_load_cell(path, message))
         else:
