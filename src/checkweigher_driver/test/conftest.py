@@ -1,10 +1,11 @@
 """A small recording, and a writer of bags that differ from those that the project writes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from modbus_machine import Plc
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys.store import Typestore
@@ -100,3 +101,12 @@ def same() -> Callable[[Recording, Recording], bool]:
         )
 
     return compare
+
+
+@pytest.fixture
+def plc(tmp_path: Path) -> Iterator[Plc]:
+    """Return a PLC that is yet to be started."""
+    made = Plc(tmp_path)
+    yield made
+    if made.process is not None and made.process.poll() is None:
+        made.kill()

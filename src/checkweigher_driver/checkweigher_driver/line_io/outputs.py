@@ -9,7 +9,7 @@ from typing import ClassVar
 from checkweigher_driver.line_io.clock_watch import ClockWatch
 from checkweigher_driver.line_io.reject_pulses import RejectPulses
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Decision, Verdict
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
 
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 # A reject time further ahead is not on the clock of this machine.
@@ -39,6 +39,10 @@ class OutputParameters(Parameters):
     belt_margin: float = parameter(
         0.05, 'by which a pulse is longer at both ends if the belt stopped before it', unit='s',
         minimum=0, maximum=60,
+    )  # fmt: skip
+    verdict_timeout: float = parameter(
+        0.0, 'from a product at the outfeed eye to the next verdict, at most: else eject and stop; '
+        '0: not checked', unit='s', minimum=0, maximum=60,
     )  # fmt: skip
     safe_state: str = parameter(
         'eject', 'what the rejector does while nobody decides', choices=('eject', 'retract')
@@ -118,6 +122,7 @@ class MachineOutputs:
         self._stop_requested = True  # until somebody says that the line may run
         self._port_trouble = 'the outputs are not connected yet'
         self._missed = ''
+        self._unanswered: int | None = None  # ns, when the first product came without a verdict
         self._belt: bool | None = None
         self._written: tuple[bool, bool] | None = None
         self._due: int | None = None  # when the rejector switches next
@@ -156,6 +161,7 @@ class MachineOutputs:
         """Take the safe state, and forget what was to come."""
         with self._changed:
             self._active = False
+            self._unanswered = None
             self._pulses.clear()
             self._changed.notify_all()
 
@@ -171,8 +177,18 @@ class MachineOutputs:
             self._missed = ''
             self._changed.notify_all()
 
+    def edge(self, edge: EyeEdge) -> None:
+        """Take an edge of the photo-eyes: a product that leaves the belt must have its verdict."""
+        if edge.eye != Eye.OUTFEED or not edge.blocked:
+            return
+        with self._changed:
+            if self._unanswered is None:
+                self._unanswered = time.monotonic_ns()
+
     def verdict(self, verdict: Verdict) -> None:
-        """Take a verdict; only what is not accepted matters."""
+        """Take a verdict; of those that accept only that they come matters."""
+        with self._changed:
+            self._unanswered = None
         if verdict.decision == Decision.ACCEPT:
             return
         with self._changed:
@@ -219,11 +235,24 @@ class MachineOutputs:
         """Return what rejector and stop are to be."""
         if not self._active:
             return self._parameters.safe_state == 'eject', True
+        self._check_answer(now)
         skipped = self._pulses.skipped
         acting = self._pulses.acting(now)
         if self._pulses.skipped > skipped:
             self._miss('the machine was too busy to switch the rejector; look behind it')
         return acting, self._stop_requested or bool(self._missed)
+
+    def _check_answer(self, now: int) -> None:
+        """Eject and stop if no verdict comes: whoever gives them hangs."""
+        timeout = round(self._parameters.verdict_timeout * NANOSECONDS)
+        if timeout and self._unanswered is not None and now - self._unanswered > timeout:
+            self._unanswered = None
+            self._pulses.add(None, None, now)
+            self._miss(
+                f'a product left the belt and no verdict came within '
+                f'{self._parameters.verdict_timeout:g} s; check that reject runs, and look behind '
+                'the rejector'
+            )
 
     def _run(self) -> None:
         backoff, safe = _FIRST_BACKOFF, self._parameters.safe_state == 'eject'

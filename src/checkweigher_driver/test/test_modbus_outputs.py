@@ -1,119 +1,16 @@
-"""Photo-eyes and rejector over Modbus TCP, against a server process on a real port."""
+"""Rejector and stop over Modbus TCP, against a server process on a real port."""
 
-from contextlib import contextmanager
 from dataclasses import replace
-import json
-from pathlib import Path
-import socket
 import subprocess
 import sys
-import threading
 import time
 
-import pytest
+from modbus_machine import BAG, MS, REJECTOR, RELEASE, reading, switching, wait_for
 
 from checkweigher_driver.bag_reading import read_bag
-from checkweigher_driver.line_io.modbus import (
-    ModbusEyes,
-    ModbusEyesParameters,
-    ModbusOutputParameters,
-    ModbusOutputs,
-)
-from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
-from checkweigher_driver.line_io.outputs import MachineOutputs, OutputParameters
-from checkweigher_driver.sources import EyesBack, EyesLost
+from checkweigher_driver.line_io.modbus_link import ModbusLink
 from checkweigher_dsp.line import LineParameters, WeighingLine
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
-
-PLC = Path(__file__).with_name('modbus_plc.py')
-BAG = Path(__file__).parents[3] / 'bags/paper_90'
-REJECTOR, RELEASE = 0, 1
-MS = 1_000_000
-PATIENCE = 10.0  # s, for what has to come
-
-
-class Plc:
-    """The server process, and what was written to its coils."""
-
-    def __init__(self, folder):
-        with socket.socket() as probe:
-            probe.bind(('127.0.0.1', 0))
-            self.port = probe.getsockname()[1]
-        self.log = folder / f'coils_{self.port}.jsonl'
-        self.process = None
-
-    def start(self, *arguments):
-        command = [sys.executable, PLC, '--port', self.port, '--log', self.log, *arguments]
-        self.process = subprocess.Popen(
-            [str(word) for word in command], stdout=subprocess.PIPE, text=True
-        )
-        word, began = self.process.stdout.readline().split()
-        assert word == 'ready'
-        return int(began)
-
-    def kill(self):
-        self.process.kill()
-        self.process.wait()
-        self.process.stdout.close()
-
-    def switches(self, coil):
-        """Return when a coil was switched (ns) and to what."""
-        lines = [json.loads(line) for line in self.log.read_text().splitlines()]
-        return [(when, value) for when, written, value in lines if written == coil]
-
-    def state(self, coil):
-        found = self.switches(coil) if self.log.exists() else []
-        return found[-1][1] if found else None
-
-
-@pytest.fixture
-def plc(tmp_path):
-    made = Plc(tmp_path)
-    yield made
-    if made.process.poll() is None:
-        made.kill()
-
-
-def wait_for(condition, what):
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, f'waited in vain for {what}'
-        time.sleep(0.005)
-
-
-@contextmanager
-def reading(plc, **parameters):
-    """Read the eyes in a thread, as the machine does; give the source and what it said."""
-    eyes = ModbusEyes(ModbusEyesParameters(host='127.0.0.1', port=plc.port, **parameters))
-    events = []
-
-    def read():
-        for event in eyes.events():
-            events.append(event)
-
-    thread = threading.Thread(target=read)
-    thread.start()
-    try:
-        yield eyes, events
-    finally:
-        eyes.close()
-        thread.join(PATIENCE)
-        assert not thread.is_alive()
-
-
-@contextmanager
-def switching(plc, port_parameters=None, **parameters):
-    port = ModbusOutputs(
-        ModbusOutputParameters(
-            host='127.0.0.1', port=plc.port, stop=RELEASE, watchdog=0, **(port_parameters or {})
-        )
-    )
-    outputs = MachineOutputs(port, OutputParameters(**parameters))
-    try:
-        yield outputs
-    finally:
-        outputs.close()
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
 
 
 def run(outputs):
@@ -123,81 +20,6 @@ def run(outputs):
 
 def reject(item, due, decision=Decision.FAULT):
     return Verdict(item, due - 100 * MS, decision, reject_at=due)
-
-
-def test_the_edges_of_a_bag_come_with_the_uncertainty_that_is_stated(plc):
-    recording = read_bag(BAG)
-    skipped = 1.5  # s, of two of empty belt
-    begin = recording.blocks[0].stamp + round(skipped * NANOSECONDS)
-    start = plc.start('--bag', BAG, '--skip', skipped)
-    truth = [
-        (edge.stamp - begin + start, edge.eye, edge.blocked)
-        for edge in recording.edges
-        if edge.stamp - begin < 2 * NANOSECONDS
-    ]
-    # However busy the machine is on which the test runs: no edge is to be lost for it.
-    with reading(plc, max_uncertainty=0.5, longest_gap=1.0, timeout=1.0) as (eyes, events):
-        wait_for(lambda: len(events) >= len(truth), 'all edges')
-        figures = eyes.figures()
-        assert eyes.trouble == ''
-
-    found = [event for event in events if isinstance(event, EyeEdge)][: len(truth)]
-    assert [(edge.eye, edge.blocked) for edge in found] == [(eye, on) for _, eye, on in truth]
-    errors = [edge.stamp - stamp for edge, (stamp, _, _) in zip(found, truth, strict=True)]
-    worst = max(map(abs, errors))
-    stated = figures['largest edge uncertainty ms'] * MS
-    print(f'{len(truth)} edges, worst error {worst / MS:.3f} ms, {figures}')
-    assert worst <= stated
-    assert figures['eye losses'] == 0
-    assert figures['edge uncertainty ms'] == pytest.approx(
-        (figures['poll period ms'] + figures['round trip ms']) / 2
-    )
-
-
-def test_a_device_that_dies_loses_the_eyes_and_comes_back_without_an_invented_edge(plc):
-    plc.start()
-    with reading(plc, timeout=0.1) as (eyes, events):
-        wait_for(lambda: eyes.figures()['polls'] > 10, 'polls')
-        plc.kill()
-        wait_for(lambda: events, 'the loss')
-        assert 'not read' in eyes.trouble
-        assert f'127.0.0.1:{plc.port}' in eyes.trouble
-        killed = time.time_ns()
-        # It comes back in the middle of a product.
-        recording = read_bag(BAG)
-        entered, on = (edge.stamp - recording.blocks[0].stamp for edge in recording.edges[:2])
-        plc.start('--bag', BAG, '--skip', 0.5 * (entered + on) / NANOSECONDS)
-        wait_for(lambda: any(isinstance(event, EyesBack) for event in events), 'the eyes')
-        wait_for(lambda: isinstance(events[-1], EyeEdge), 'an edge')
-
-    lost, back = events[0], events[1]
-    assert isinstance(lost, EyesLost)
-    assert lost.stamp <= killed
-    assert 'no connection' in lost.text or 'no answer' in lost.text
-    assert isinstance(back, EyesBack)
-    assert sum(isinstance(event, EyesLost) for event in events) == 1
-    assert all(edge.stamp >= back.stamp - 10 * MS for edge in events[2:])
-    assert eyes.trouble == ''
-
-
-def test_a_device_that_is_not_there_is_waited_for(plc):
-    with reading(plc, timeout=0.1) as (eyes, events):
-        wait_for(lambda: events, 'the loss')
-        assert 'check cable, address' in eyes.trouble
-        plc.start()
-        wait_for(lambda: isinstance(events[-1], EyesBack), 'the eyes')
-        assert eyes.trouble == ''
-
-
-def test_a_device_that_refuses_is_said_to(plc):
-    plc.start()
-    link = ModbusLink('127.0.0.1', plc.port, 1, 1.0)
-    link.connect()
-    with pytest.raises(ModbusLinkError, match='discrete input 900 cannot be read: the device ref'):
-        link.read_bits('discrete', 900, 1)
-    link.connect()
-    assert link.read_bits('discrete', 0, 3) == [False, False, True]  # the belt runs
-    link.close()
 
 
 def test_the_rejector_is_switched_when_it_is_due(plc):
@@ -315,6 +137,25 @@ def test_a_verdict_that_comes_too_late_is_rejected_at_once_and_stops_the_line(pl
         assert 'nobody knows when it is at the rejector' in outputs.trouble
 
 
+def test_a_product_without_any_verdict_is_ejected_and_stops_the_line(plc):
+    plc.start()
+    with switching(plc, pulse=0.5, verdict_timeout=0.3) as outputs:
+        run(outputs)
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        left = EyeEdge(time.time_ns(), Eye.OUTFEED, True)
+        outputs.edge(left)
+        outputs.verdict(Verdict(1, left.stamp, Decision.ACCEPT))
+        outputs.edge(replace(left, blocked=False))
+        answered = time.monotonic()
+        wait_for(lambda: time.monotonic() > answered + 0.4, 'the time of an answer')
+        assert outputs.trouble == ''
+        outputs.edge(left)
+        wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
+        wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the pulse')
+        assert [on for _, on in plc.switches(REJECTOR)] == [True, False, True, False]
+        assert 'no verdict came within 0.3 s' in outputs.trouble
+
+
 def test_a_device_that_restarts_gets_the_safe_state_first_and_a_missed_reject_stops_the_line(plc):
     plc.start()
     with switching(plc, {'timeout': 0.1}, pulse=0.02) as outputs:
@@ -379,18 +220,3 @@ def test_the_belt_input_holds_the_rejector_back(plc):
         wait_for(lambda: plc.state(REJECTOR) is True, 'the pulse')
         assert outputs.trouble == ''
     link.close()
-
-
-@pytest.mark.parametrize(
-    ('kind', 'values', 'message'),
-    [
-        (ModbusEyesParameters, {'host': ' '}, r'modbus\.host: empty'),
-        (ModbusEyesParameters, {'outfeed': 0}, r'modbus\.outfeed: 0 is the infeed eye as well'),
-        (ModbusEyesParameters, {'outfeed': 64}, r'one request cannot read both'),
-        (ModbusEyesParameters, {'poll_period': 0.05}, r'less certain than'),
-        (ModbusOutputParameters, {'stop': 0}, r'modbus_outputs\.stop: coil 0 is the rejector'),
-    ],
-)
-def test_parameters_that_cannot_be_are_refused(kind, values, message):
-    with pytest.raises(ParameterError, match=message):
-        kind(**values)

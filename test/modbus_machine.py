@@ -1,0 +1,101 @@
+"""A PLC in a process of its own, and eyes and outputs that are connected to it."""
+
+from contextlib import contextmanager
+import json
+from pathlib import Path
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+from running import BAGS
+
+from checkweigher_driver.line_io.modbus import (
+    ModbusEyes,
+    ModbusEyesParameters,
+    ModbusOutputParameters,
+    ModbusOutputs,
+)
+from checkweigher_driver.line_io.outputs import MachineOutputs, OutputParameters
+
+PLC = Path(__file__).with_name('modbus_plc.py')
+BAG = BAGS / 'paper_90'
+REJECTOR, RELEASE = 0, 1
+MS = 1_000_000
+PATIENCE = 10.0  # s, for what has to come
+
+
+class Plc:
+    """The server process, and what was written to its coils."""
+
+    def __init__(self, folder):
+        with socket.socket() as probe:
+            probe.bind(('127.0.0.1', 0))
+            self.port = probe.getsockname()[1]
+        self.log = folder / f'coils_{self.port}.jsonl'
+        self.process = None
+
+    def start(self, *arguments):
+        command = [sys.executable, PLC, '--port', self.port, '--log', self.log, *arguments]
+        self.process = subprocess.Popen(
+            [str(word) for word in command], stdout=subprocess.PIPE, text=True
+        )
+        word, began = self.process.stdout.readline().split()
+        assert word == 'ready'
+        return int(began)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+        self.process.stdout.close()
+
+    def switches(self, coil):
+        """Return when a coil was switched (ns) and to what."""
+        lines = [json.loads(line) for line in self.log.read_text().splitlines()]
+        return [(when, value) for when, written, value in lines if written == coil]
+
+    def state(self, coil):
+        found = self.switches(coil) if self.log.exists() else []
+        return found[-1][1] if found else None
+
+
+def wait_for(condition, what):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, f'waited in vain for {what}'
+        time.sleep(0.005)
+
+
+@contextmanager
+def reading(plc, **parameters):
+    """Read the eyes in a thread, as the machine does; give the source and what it said."""
+    eyes = ModbusEyes(ModbusEyesParameters(host='127.0.0.1', port=plc.port, **parameters))
+    events = []
+
+    def read():
+        for event in eyes.events():
+            events.append(event)
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    try:
+        yield eyes, events
+    finally:
+        eyes.close()
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+
+
+@contextmanager
+def switching(plc, port_parameters=None, **parameters):
+    port = ModbusOutputs(
+        ModbusOutputParameters(
+            host='127.0.0.1', port=plc.port, stop=RELEASE, watchdog=0, **(port_parameters or {})
+        )
+    )
+    outputs = MachineOutputs(port, OutputParameters(**parameters))
+    try:
+        yield outputs
+    finally:
+        outputs.close()
