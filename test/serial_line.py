@@ -7,8 +7,28 @@ import sys
 import threading
 import time
 
+from checkweigher_driver.sources import source_class
+
 PROGRAM = Path(__file__).with_name('serial_device.py')
 PATIENCE = 20.0  # s, after which something hangs
+
+
+RATE = 1200.0
+CELL = {'counts_per_kg': 5e5, 'capacity': 7.2, 'weigh_length': 0.2}
+# Source, its parameters, options of the device.
+LINES = {
+    'aed with CR LF': ('aed', {}, ()),
+    'aed without CR LF': ('aed', {}, ('--trailer', 'none')),
+    'aed without checksum': ('aed', {'checksum': False}, ()),
+    'ascii': ('ascii', {'baud_rate': 230_400}, ('--protocol', 'ascii', '--baud', 230_400)),
+}
+
+
+def make(name, link, **values):
+    """Open a source on a port."""
+    kind = source_class(name)
+    given = {'port': str(link), 'sample_rate': RATE, 'timeout': 1.0, **CELL, **values}
+    return kind(kind.parameters.from_mapping(given))
 
 
 class SerialDevice:
@@ -52,11 +72,11 @@ class Reader:
         except Exception as error:
             self.error = error
 
-    def wait_for(self, condition: Callable[[], object]) -> float:
+    def wait_for(self, condition: Callable[[], object], patience: float = PATIENCE) -> float:
         """Wait until a condition holds; return how long that took, s."""
         begin = time.monotonic()
         while not condition():
-            assert time.monotonic() - begin < PATIENCE, (self.source.figures(), self.source.trouble)
+            assert time.monotonic() - begin < patience, (self.source.figures(), self.source.trouble)
             time.sleep(0.005)
         return time.monotonic() - begin
 
@@ -64,10 +84,10 @@ class Reader:
     def end_index(self) -> int:
         return self.events[-1].first_index + len(self.events[-1].counts) if self.events else 0
 
-    def wait_for_samples(self, number: int) -> float:
+    def wait_for_samples(self, number: float, patience: float = PATIENCE) -> float:
         """Wait until so many more samples have come than by now."""
         until = self.end_index + number
-        return self.wait_for(lambda: self.end_index >= until)
+        return self.wait_for(lambda: self.end_index >= until, patience)
 
     def close(self) -> float:
         """Close the source; return how long its iterator took to end, s."""

@@ -12,10 +12,10 @@ import yaml
 
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_driver.driver_node import DriverParameters
-from checkweigher_driver.line_io.gpio import GpioEyesParameters, GpioOutputParameters
-from checkweigher_driver.line_io.modbus import ModbusEyesParameters, ModbusOutputParameters
+from checkweigher_driver.line_io.gpio import GpioOutputParameters
+from checkweigher_driver.line_io.modbus import ModbusOutputParameters
 from checkweigher_driver.line_io.outputs import OutputParameters
-from checkweigher_driver.sources import SOURCES, source_class
+from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, eyes_class, source_class
 from checkweigher_dsp import audit_trail
 from checkweigher_dsp.audit_log import TORN
 from checkweigher_dsp.estimation import IdentifierParameters
@@ -36,10 +36,13 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'driver': ('', DriverParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
     **{
+        f'driver, photo-eyes {name}': (f'{name}.', eyes_class(name).parameters)
+        for name in EYES
+        if name != NO_EYES
+    },
+    **{
         f'driver, {title}': (f'{parameters.node}.', parameters)
         for title, parameters in (
-            ('photo-eyes modbus', ModbusEyesParameters),
-            ('photo-eyes gpio', GpioEyesParameters),
             ('rejector', OutputParameters),
             ('outputs modbus', ModbusOutputParameters),
             ('outputs gpio', GpioOutputParameters),
@@ -186,7 +189,7 @@ def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
     [
         'README.md',
         'CONTRIBUTING.md',
-        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware_io')),
+        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware', 'hardware_io')),
     ],
 )
 def test_files_that_the_docs_name_are_there(path: str):

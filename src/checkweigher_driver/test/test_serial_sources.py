@@ -8,27 +8,10 @@ import os
 import numpy as np
 import pytest
 from serial_device import number_of
-from serial_line import Reader, SerialDevice
+from serial_line import LINES, RATE, Reader, SerialDevice, make
 
 from checkweigher_driver.serial_port import SerialError, open_port
-from checkweigher_driver.sources import source_class
 from checkweigher_dsp.parameters import ParameterError
-
-RATE = 1200.0
-CELL = {'counts_per_kg': 5e5, 'capacity': 7.2, 'weigh_length': 0.2}
-# Source, its parameters, options of the device.
-LINES = {
-    'aed with CR LF': ('aed', {}, ()),
-    'aed without CR LF': ('aed', {}, ('--trailer', 'none')),
-    'aed without checksum': ('aed', {'checksum': False}, ()),
-    'ascii': ('ascii', {'baud_rate': 230_400}, ('--protocol', 'ascii', '--baud', 230_400)),
-}
-
-
-def make(name, link, **values):
-    kind = source_class(name)
-    given = {'port': str(link), 'sample_rate': RATE, 'timeout': 1.0, **CELL, **values}
-    return kind(kind.parameters.from_mapping(given))
 
 
 @pytest.fixture

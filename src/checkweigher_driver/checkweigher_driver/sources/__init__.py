@@ -26,6 +26,8 @@ NO_EYES = 'none'
 EYES = {
     NO_EYES: '',
     'replayed': 'checkweigher_driver.sources.replayed:ReplayedEyes',
+    'modbus': 'checkweigher_driver.line_io.modbus:ModbusEyes',
+    'gpio': 'checkweigher_driver.line_io.gpio:GpioEyes',
 }
 
 
