@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 from checkweigher_driver.driver_health import DriverWatch
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
-from checkweigher_driver.sources import SOURCES, Source, source_class
+from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, Source, source_maker
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
@@ -56,6 +56,10 @@ class DriverParameters(Parameters):
     source: str = parameter(
         'simulator', 'where samples and edges come from', choices=tuple(SOURCES)
     )
+    eyes: str = parameter(
+        NO_EYES, 'photo-eyes that are read beside the load cell; none where the source has them',
+        choices=tuple(EYES),
+    )  # fmt: skip
     rate: float = parameter(
         1.0, 'pace of a recorded or simulated source, seconds of signal in a second; '
         '0 as fast as nothing is lost', minimum=0, maximum=1e6,
@@ -80,9 +84,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
         self._source: Source | None = None
         try:
-            self._make_source = source_class(self.parameters.source)
-            self._source_parameters = declare(
-                self, self._make_source.parameters, f'{self.parameters.source}.', read_only=True
+            self._make_source = source_maker(
+                self.parameters.source,
+                self.parameters.eyes,
+                lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
             )
         except ParameterError:
             self.destroy_node()
@@ -119,7 +124,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def configure(self) -> None:
         """Open the source."""
         try:
-            self._source = self._make_source(self._source_parameters)
+            self._source = self._make_source()
         except ParameterError:
             raise
         except ValueError as error:
