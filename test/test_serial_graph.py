@@ -15,11 +15,11 @@ from checkweigher_driver.driver_node import DriverNode
 from checkweigher_driver.simulation import SimulationParameters, simulate
 from checkweigher_dsp.line import LineParameters, WeighingLine
 
-COUNT = 4
+COUNT = 2
 
 
 def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Path):
-    recording = simulate(SimulationParameters(count=COUNT, lead_in=1.5, run_out=0.5))
+    recording = simulate(SimulationParameters(count=COUNT, lead_in=1.1, run_out=0.3))
     cell, port, bag = recording.load_cell, tmp_path / 'port', tmp_path / 'bag'
     write_bag(bag, cell, recording)
     line = WeighingLine(cell, LineParameters())

@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
+import termios
 import threading
 import time
 
@@ -20,6 +21,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, SampleBlock
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
+_BROKEN = (OSError, termios.error)  # what a port raises that is gone; the latter is no OSError
 _RESUMING = 0.1  # s of signal after a break, from which the index is found
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 2.0  # s between attempts to open the port again
 
@@ -175,7 +177,7 @@ class SerialSource(Source):
         port = open_port(self._settings.port, self._settings.baud_rate)
         try:
             identity = self._start_up(port)
-        except OSError as error:
+        except _BROKEN as error:
             port.close()
             name = self._settings.port
             raise SerialError(f'{name}: {reason_of(name, error)}') from None
@@ -199,7 +201,7 @@ class SerialSource(Source):
             while not self._closed.is_set():
                 try:
                     yield from self._stream()
-                except (OSError, SerialError) as error:
+                except (*_BROKEN, SerialError) as error:
                     self._break_off(error)
                     self._open_again()
         finally:
@@ -295,7 +297,7 @@ class SerialSource(Source):
             return
         self._breaks += 1
         text = str(error)
-        if isinstance(error, OSError):
+        if isinstance(error, _BROKEN):
             text = f'{self._settings.port}: the connection broke off; is the device plugged in?'
         self._trouble = text
         self._let_go()
@@ -324,7 +326,7 @@ class SerialSource(Source):
             return
         try:
             self._end(port)
-        except OSError:
+        except _BROKEN:
             pass  # it is gone
         finally:
             port.close()

@@ -153,7 +153,7 @@ def mass_of(window):
 
 
 def test_over_the_port_come_the_windows_and_masses_of_the_recording(tmp_path):
-    recording = simulate(SimulationParameters(count=3, lead_in=1.2, speed=1.2, run_out=0.2, seed=3))
+    recording = simulate(SimulationParameters(count=2, lead_in=1.1, speed=1.2, run_out=0.1, seed=3))
     write_bag(tmp_path / 'bag', recording.load_cell, recording)
     cell = recording.load_cell
     given = {
@@ -180,7 +180,7 @@ def test_over_the_port_come_the_windows_and_masses_of_the_recording(tmp_path):
     over_port = windows_of(reader.source.load_cell, reader.events)
     recorded = windows_of(cell, [*recording.blocks, *recording.edges])
 
-    assert [w.reasons for w in over_port] == [()] * 3
+    assert [w.reasons for w in over_port] == [()] * 2
     for found, expected in zip(over_port, recorded, strict=True):
         where = ('first_index', 'empty_begin', 'window_begin', 'window_end')
         assert [getattr(found, n) for n in where] == [getattr(expected, n) for n in where]

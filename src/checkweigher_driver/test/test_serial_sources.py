@@ -83,15 +83,58 @@ def travel(name, values, options, link):
     return journey
 
 
+def stopped(link):
+    """Return the reader of a stream that somebody else stops."""
+    machine = SerialDevice(link, '--rate', RATE)
+    reader = Reader(make('aed', link))
+    reader.wait_for_samples(1)
+    machine.tell('stop')
+    reader.wait_for_samples(50)
+    reader.close()
+    machine.end()
+    return reader
+
+
+def replaced(link):
+    """Return the reader of a device in whose place another one is plugged in."""
+    machine = SerialDevice(link, '--rate', RATE)
+    reader = Reader(make('aed', link))
+    reader.wait_for_samples(1)
+    machine.tell('unplug')
+    machine.tell('identity HBM,FIT/5,9999999,P72')
+    machine.tell('replug')
+    reader.wait_for_end()
+    machine.end()
+    return reader
+
+
+def overflowing(link):
+    """Return the reader of a device whose status says overflow."""
+    machine = SerialDevice(link, '--rate', RATE, '--status', 0b0010)
+    reader = Reader(make('aed', link, checksum=False))
+    reader.wait_for_samples(20)
+    reader.close()
+    machine.end()
+    return reader
+
+
 @pytest.fixture(scope='module')
-def journeys(tmp_path_factory):
-    """Return all of them; they run side by side, for most of the time nobody does anything."""
-    with ThreadPoolExecutor() as pool:
-        running = {
-            name: pool.submit(travel, *line, tmp_path_factory.mktemp('line') / 'port')
-            for name, line in LINES.items()
-        }
-        return {name: journey.result() for name, journey in running.items()}
+def running(tmp_path_factory):
+    """Have all that takes long run side by side; for most of the time nobody does anything."""
+
+    def port():
+        return tmp_path_factory.mktemp('line') / 'port'
+
+    with ThreadPoolExecutor(8) as pool:
+        done = {name: pool.submit(travel, *line, port()) for name, line in LINES.items()}
+        for task in (stopped, replaced, overflowing):
+            done[task] = pool.submit(task, port())
+        yield done
+
+
+@pytest.fixture
+def journeys(running):
+    return {name: running[name].result() for name in LINES}
 
 
 def numbers(block):
@@ -208,34 +251,20 @@ def test_a_device_that_does_not_answer_as_it_should_is_refused(device, options, 
         make('aed', device(*options).link, filter=5)
 
 
-def test_another_device_in_its_place_ends_the_stream(device):
-    machine = device()
-    reader = Reader(make('aed', machine.link))
-    reader.wait_for_samples(1)
-    machine.tell('unplug')
-    machine.tell('identity HBM,FIT/5,9999999,P72')
-    machine.tell('replug')
-    reader.wait_for_end()
+def test_another_device_in_its_place_ends_the_stream(running):
+    reader = running[replaced].result()
     assert isinstance(reader.error, SerialError)
     assert 'HBM FIT/5 9999999 answers, HBM FIT/5 0123456 did at the start' in str(reader.error)
 
 
-def test_a_stream_that_is_stopped_is_started_again(device):
-    machine = device()
-    reader = Reader(make('aed', machine.link))
-    reader.wait_for_samples(1)
-    machine.tell('stop')
-    reader.wait_for_samples(50)
-    reader.close()
-    assert reader.source.figures()['breaks'] == 1
-    assert reader.source.figures()['samples lost'] > 1.0 * RATE
+def test_a_stream_that_is_stopped_is_started_again(running):
+    figures = running[stopped].result().source.figures()
+    assert figures['breaks'] == 1
+    assert figures['samples lost'] > 1.0 * RATE
 
 
-def test_an_overflow_that_the_device_reports_is_a_saturated_reading(device):
-    reader = Reader(make('aed', device('--status', 0b0010).link, checksum=False))
-    reader.wait_for_samples(20)
-    reader.close()
-    counts = np.concatenate([block.counts for block in reader.events])
+def test_an_overflow_that_the_device_reports_is_a_saturated_reading(running):
+    counts = np.concatenate([block.counts for block in running[overflowing].result().events])
     assert set(counts.tolist()) <= {-(2**23), 2**23 - 1}
 
 
