@@ -174,7 +174,9 @@ def test_a_cut_bag_is_refused(copy: tuple[Path, Path], whole: list[tuple[object,
         assert outcome(path, whole) == 'refused'
 
 
-def test_a_cut_sqlite_bag_is_refused(bag: Path, whole: list[tuple[object, ...]], tmp_path: Path):
+def test_a_cut_sqlite_bag_is_refused_or_gives_the_right_masses(
+    bag: Path, whole: list[tuple[object, ...]], tmp_path: Path
+):
     path = tmp_path / 'sqlite'
     with Reader(bag) as reader, Bag(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as new:
         known = {
@@ -188,7 +190,8 @@ def test_a_cut_sqlite_bag_is_refused(bag: Path, whole: list[tuple[object, ...]],
     data = file.read_bytes()
     for cut in range(0, len(data), len(data) // 50):
         file.write_bytes(data[:cut])
-        assert outcome(path, whole) == 'refused'
+        # A last page that SQLite has left empty is no loss.
+        assert outcome(path, whole) in ('refused', 'right')
 
 
 @pytest.mark.parametrize(
