@@ -22,6 +22,8 @@ from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, Sam
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
 _BROKEN = (OSError, termios.error)  # what a port raises that is gone; the latter is no OSError
+_RATE_PERIOD = 5.0  # s over which the rate is measured; a stall of the machine is shorter
+_RATE_TOLERANCE = 0.05
 _RESUMING = 0.1  # s of signal after a break, from which the index is found
 _FIRST_WAIT, _LONGEST_WAIT = 0.1, 2.0  # s between attempts to open the port again
 
@@ -97,6 +99,31 @@ class SerialParameters(Parameters):
             )
 
 
+class _RateCheck:
+    """Notice a device that is set to another rate than it is said to be."""
+
+    def __init__(self, parameters: SerialParameters) -> None:
+        self._name, self._rate = f'{parameters.node}.sample_rate', parameters.sample_rate
+        self._begin: float | None = None
+        self._number = 0
+        self.text = ''
+
+    def add(self, number: int) -> None:
+        """Take a number of values that have come by now."""
+        now = time.monotonic()
+        if self._begin is None:
+            self._begin = now
+            return
+        self._number += number
+        if (elapsed := now - self._begin) >= _RATE_PERIOD:
+            found = self._number / elapsed
+            well = abs(found / self._rate - 1) < _RATE_TOLERANCE
+            self.text = '' if well else (
+                f'the device sends {found:.0f} values a second, {self._name} is {self._rate:g}'
+            )  # fmt: skip
+            self._begin, self._number = now, 0
+
+
 class SerialSource(Source):
     """Values that a device streams over a serial port.
 
@@ -123,6 +150,7 @@ class SerialSource(Source):
         self._lock = threading.Lock()
         self._port: serial.Serial | None = None
         self._trouble = ''
+        self._rate = _RateCheck(parameters)
         self._figures = {'samples': 0, 'samples lost': 0, 'bytes skipped': 0, 'bad frames': 0}
         self._breaks = 0
         self._clock = SampleClock(
@@ -212,6 +240,7 @@ class SerialSource(Source):
         if port is None:
             return
         resumed = self._index > 0
+        self._rate = _RateCheck(self._settings)
         first_reads: list[tuple[Decoded, int]] = []
         enough = _RESUMING * self._settings.sample_rate
         self._begin(port)
@@ -230,6 +259,7 @@ class SerialSource(Source):
             if len(found.counts):
                 last_value, idle_bytes = time.monotonic(), 0
                 self._trouble = ''
+                self._rate.add(len(found.counts))
                 # What waits in the decoder has come after the last of these.
                 read_at = now - round(decoder.waiting * NANOSECONDS / self._settings.sample_rate)
                 first_reads.append((found, read_at))
@@ -343,7 +373,7 @@ class SerialSource(Source):
     @property
     def trouble(self) -> str:
         """What is wrong at present, in one line."""
-        return self._trouble
+        return self._trouble or self._rate.text
 
     def figures(self) -> dict[str, float]:
         """Return what was read and lost, and what the clock of the samples says."""

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 import itertools
 import os
+import re
 
 import numpy as np
 import pytest
@@ -118,6 +119,17 @@ def overflowing(link):
     return reader
 
 
+def slower(link):
+    """Return what a source says of a device that is set to another rate."""
+    machine = SerialDevice(link, '--rate', 600)
+    reader = Reader(make('aed', link))
+    reader.wait_for(lambda: reader.source.trouble)
+    text = reader.source.trouble
+    reader.close()
+    machine.end()
+    return text
+
+
 @pytest.fixture(scope='module')
 def running(tmp_path_factory):
     """Have all that takes long run side by side; for most of the time nobody does anything."""
@@ -127,7 +139,7 @@ def running(tmp_path_factory):
 
     with ThreadPoolExecutor(8) as pool:
         done = {name: pool.submit(travel, *line, port()) for name, line in LINES.items()}
-        for task in (stopped, replaced, overflowing):
+        for task in (stopped, replaced, overflowing, slower):
             done[task] = pool.submit(task, port())
         yield done
 
@@ -261,6 +273,14 @@ def test_a_stream_that_is_stopped_is_started_again(running):
     figures = running[stopped].result().source.figures()
     assert figures['breaks'] == 1
     assert figures['samples lost'] > 1.0 * RATE
+
+
+def test_a_device_that_is_set_to_another_rate_is_said_to_be(running):
+    found = re.fullmatch(
+        r'the device sends (\d+) values a second, aed.sample_rate is 1200', running[slower].result()
+    )
+    assert found
+    assert float(found[1]) == pytest.approx(600, rel=0.1)
 
 
 def test_an_overflow_that_the_device_reports_is_a_saturated_reading(running):
