@@ -55,9 +55,11 @@ class Plc:
         lines = [json.loads(line) for line in self.log.read_text().splitlines()]
         return [(when, value) for when, written, value in lines if written == coil]
 
-    def state(self, coil):
+    def state(self, coil, time=None):
+        """Return what a coil is, or was at a time, ns; None before the first write."""
         found = self.switches(coil) if self.log.exists() else []
-        return found[-1][1] if found else None
+        states = [value for when, value in found if time is None or when <= time]
+        return states[-1] if states else None
 
 
 def wait_for(condition, what):
