@@ -121,7 +121,8 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def destroy_node(self) -> None:
         """Destroy the node with its state machine, which would keep its place in the graph."""
         super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        if hasattr(self, '_state_machine'):  # not if a parameter was refused
+            self._state_machine.destroy_when_not_in_use()
 
     def _release(self) -> None:
         self.deactivate()
