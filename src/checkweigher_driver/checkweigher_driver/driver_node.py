@@ -8,11 +8,15 @@ import threading
 import time
 from typing import Any, ClassVar
 
+from checkweigher_msgs.msg import StopRequest as StopRequestMessage
 from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
+from std_srvs.srv import Trigger
 
 from checkweigher_driver.driver_health import DriverWatch
+from checkweigher_driver.line_io import OUTPUTS, prepare_outputs
+from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, Source, source_maker
@@ -41,6 +45,7 @@ from checkweigher_dsp.records import (
 )
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
+_OUTPUT_PERIOD = 0.5  # s
 _END_PATIENCE = 2.0  # s, for the last read of a source
 # What line_history has to tell: 20 s and more at five items a second.
 _MAX_EDGES = 400
@@ -68,6 +73,9 @@ class DriverParameters(Parameters):
         True, 'hold a recorded or simulated source back until the segmenter has taken what was '
         'sent; false runs it without a segmenter',
     )  # fmt: skip
+    outputs: str = parameter(
+        'none', 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
+    )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
@@ -89,10 +97,15 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 self.parameters.eyes,
                 lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
             )
+            self._open_outputs = prepare_outputs(
+                self.parameters.outputs,
+                lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
+            )
         except ParameterError:
             self.destroy_node()
             raise
         self._watch = DriverWatch(self.parameters.source)
+        self._outputs: MachineOutputs | None = None
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._begin_stream(0)
@@ -106,6 +119,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
         self.subscribe(topics.STOP_REQUEST, self._on_stop_request, needed=False)
         self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
+        if self._open_outputs is not None:
+            self.create_service(Trigger, topics.RESET_OUTPUTS, self._reset_outputs)
+            self.create_timer(_OUTPUT_PERIOD, self._look_after_outputs)
         self.begin()
 
     def _publisher_of(self, topic: Topic) -> Publisher:
@@ -130,6 +146,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ValueError as error:
             # The bag is damaged, or whatever else keeps the source from being opened.
             raise ParameterError(f'driver.source: {error}') from None
+        if self._outputs is None and self._open_outputs is not None:
+            self._outputs = self._open_outputs()  # safe until activated
 
     def activate(self) -> None:
         """Begin a new stream."""
@@ -141,17 +159,27 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         load_cell = self._source.load_cell
         self.diagnostics.set_hardware(load_cell)
         self._watch.begin(load_cell, time.monotonic())
+        if self._outputs is not None:
+            self._outputs.activate()
         self._thread = threading.Thread(target=self._run, name='source', daemon=True)
         self._thread.start()
 
     def deactivate(self) -> None:
-        """End the stream: what is on the belt becomes a fault."""
+        """End the stream: what is on the belt becomes a fault, and the outputs are safe."""
+        if self._outputs is not None:
+            self._outputs.safe()
         if self._thread is not None and self._stop_reading():
             self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
         self._watch.stop()
 
     def clean_up(self) -> None:
-        """Close the source."""
+        """Close source and outputs."""
+        self._close_source()
+        if self._outputs is not None:
+            self._outputs.close()
+            self._outputs = None
+
+    def _close_source(self) -> None:
         if self._source is not None:
             self._source.close()
             self._source = None
@@ -177,7 +205,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._changed.notify_all()
         going_on = thread.is_alive()
         if self._source is not None and not self._source.paced:
-            self.clean_up()  # only that ends a read that blocks
+            self._close_source()  # only that ends a read that blocks
         thread.join(timeout=_END_PATIENCE)
         if thread.is_alive():
             self.warn(f'source {self.parameters.source}: a read does not end')
@@ -195,6 +223,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
+        if self._outputs is not None:
+            self._outputs.verdict(verdict)  # before all else: the rejector waits
         with self._changed:
             self._verdicts.append(verdict)
             number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
@@ -202,9 +232,29 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._changed.notify_all()
 
     def _on_stop_request(self, message: Any) -> None:
+        if self._outputs is not None:
+            self._outputs.stop_request(message.state != StopRequestMessage.RUN)
         with self._changed:
             self._reject_ready = message.reason != StopReason.NOT_READY
             self._changed.notify_all()
+
+    def _look_after_outputs(self) -> None:
+        """Stop the line while nobody gives verdicts, and tell what is wrong with the outputs."""
+        if self._outputs is None:
+            return
+        if self.count_publishers(self.resolve_topic_name(topics.STOP_REQUEST.name)) == 0:
+            self._outputs.stop_request(True)  # until the next one says that the line may run
+        if self.state == 'active' and self._outputs.trouble:
+            self.warn(self._outputs.trouble)
+
+    def _reset_outputs(self, request: Any, response: Any) -> Any:
+        """Let the line run again after a product that the rejector can have missed."""
+        response.success = True
+        response.message = 'nothing was missed'
+        if self._outputs is not None:
+            response.message = self._outputs.trouble or response.message
+            self._outputs.reset()
+        return response
 
     def _on_line_history(self, request: Any, response: Any) -> Any:
         """Tell what was sent and what verdicts came of it."""
@@ -330,6 +380,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             with self._changed:
                 self._edges.append(event)
                 self._edges_sent += 1
+            if self._outputs is not None:
+                self._outputs.edge(event)
             self._eyes.publish(edge_to(event))
             self.count('edges')
         elif isinstance(event, Reference):

@@ -72,6 +72,7 @@ ZERO_SETTING = _topic('zero_setting', ZeroSetting, _kept(1))
 SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
 # Of type std_srvs/srv/Trigger.
 RESET_STOP_REQUEST = 'reset_stop_request'
+RESET_OUTPUTS = 'reset_outputs'
 # Of type LineHistory.
 LINE_HISTORY = 'line_history'
 DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
