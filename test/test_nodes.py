@@ -23,7 +23,7 @@ from running import BAGS
 from std_msgs.msg import Header
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.listening import EchoNode, ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.line import Weighing
@@ -229,3 +229,16 @@ def test_every_node_says_how_it_is(spinner: Spinner):
     while len(names) < len(STAGE_NODES):
         names.add(heard.get(timeout=10.0))
     assert names == {f'nodes/{name}' for name in STAGE_NODES}
+
+
+def test_a_verdict_is_shown_although_its_estimate_was_missed(spinner: Spinner):
+    echo, reject = EchoNode(), Node('judge')
+    spinner.add(echo)
+    spinner.add(reject)
+    accept = Verdict(item_id=7, estimate_id=3, decision=Verdict.ACCEPT, mass=0.15, std_dev=1e-4)
+    publish(reject, topics.VERDICT, accept)
+
+    weighing = echo.weighings.get(timeout=10.0)
+
+    assert (weighing.verdict.item_id, weighing.estimate.mass) == (7, 0.15)
+    assert weighing.estimate.weighed

@@ -20,6 +20,7 @@ from checkweigher_validation.results import ItemResult, ResultJoiner
 
 _PATIENCE = 5.0  # s without a verdict before the reason is looked for
 _POLL_PERIOD = 0.2  # s
+_ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without the estimate it rests on
 # References that are kept for the items still on the line.
 _MAX_REFERENCES = 100
 # Estimates without verdict and the other way round.
@@ -49,7 +50,7 @@ class ResultListener(Node):
         self.judged = 0
         self._from_start = from_start
         self._estimates: dict[int, MassEstimate] = {}
-        self._verdicts: dict[int, Verdict] = {}
+        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
         self.listen(topics.MASS_ESTIMATE, self._on_estimate)
         self.listen(topics.VERDICT, self._on_verdict)
 
@@ -60,12 +61,12 @@ class ResultListener(Node):
 
     def _on_estimate(self, message: Any) -> None:
         estimate = estimate_from(message)
-        verdict = self._verdicts.pop(estimate.item_id, None)
-        if verdict is None:
+        if estimate.item_id in self._verdicts:
+            _, verdict = self._verdicts.pop(estimate.item_id)
+            self._pair(estimate, verdict)
+        else:
             self._estimates[estimate.item_id] = estimate
             _forget_oldest(self._estimates)
-        else:
-            self._pair(estimate, verdict)
 
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
@@ -74,8 +75,19 @@ class ResultListener(Node):
         elif verdict.estimate_id in self._estimates:
             self._pair(self._estimates.pop(verdict.estimate_id), verdict)
         else:
-            self._verdicts[verdict.estimate_id] = verdict
+            self._verdicts[verdict.estimate_id] = time.monotonic(), verdict
             _forget_oldest(self._verdicts)
+
+    def pair_overdue(self, patience: float) -> None:
+        """Take verdicts whose estimate has not come within `patience` s for what they say alone.
+
+        Whoever has just been started may hear of a verdict, but not of what it rests on.
+        """
+        now = time.monotonic()
+        overdue = [key for key, (came, _) in self._verdicts.items() if now - came > patience]
+        for key in overdue:
+            _, verdict = self._verdicts.pop(key)
+            self._pair(_estimate_of(verdict), verdict)
 
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
@@ -85,9 +97,16 @@ class ResultListener(Node):
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return what is known of an item for which no estimate came in time."""
+    """Return what a verdict alone tells of an item."""
+    reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
     return MassEstimate(
-        verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons or (Reason.NO_ESTIMATE,)
+        verdict.item_id,
+        verdict.t1,
+        None,
+        verdict.t3,
+        reasons,
+        mass=verdict.mass,
+        std_dev=verdict.std_dev,
     )
 
 
@@ -102,6 +121,7 @@ class EchoNode(ResultListener):
 
     def __init__(self) -> None:
         super().__init__('echo', from_start=False)
+        self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
         self.listen(topics.REFERENCE_MASS, lambda m: self._references.append(reference_from(m)))
 
