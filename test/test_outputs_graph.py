@@ -54,7 +54,7 @@ def test_the_line_rejects_over_modbus_and_stops_when_nobody_gives_verdicts(
             spinner.add(reject)
             for name in ('identifier', 'denoise', 'segmenter'):
                 spinner.add(STAGE_NODES[name]())
-            source = {'source': 'simulator', 'simulator.path': str(BAG)}
+            source = {'source': 'simulator', 'live.path': str(BAG)}
             driver = DriverNode({**source, **outputs_of(plc)})
             spinner.add(driver)
             verdicts = [verdict_from(heard.get(timeout=30)) for _ in range(ITEMS)]

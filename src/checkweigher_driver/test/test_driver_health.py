@@ -12,7 +12,8 @@ from checkweigher_dsp.records import NANOSECONDS
 def running():
     """A driver that has sent a line of 3 products in real time, and when it was done."""
     line = simulate(SimulationParameters(count=3))
-    watch = DriverWatch('simulator', line.load_cell, 100.0)
+    watch = DriverWatch('simulator')
+    watch.begin(line.load_cell, 100.0)
     begin, now = line.blocks[0].stamp, 100.0
     for event in sorted([*line.blocks, *line.edges], key=lambda event: event.stamp):
         now = 100.0 + (event.stamp - begin) / NANOSECONDS
@@ -53,4 +54,12 @@ def test_a_source_that_failed_says_why(running):
     watch.end('the port is gone')
     source = watch.findings(now + 60.0, 0.0)[0]
     assert (source.level, source.text) == (Level.ERROR, 'simulator failed: the port is gone')
+    assert source.hint
+
+
+def test_an_inactive_driver_says_so_and_owes_nothing(running):
+    watch, now = running
+    watch.stop()
+    (source,) = watch.findings(now + 60.0, 0.0)
+    assert (source.level, source.text) == (Level.WARN, 'the driver is inactive')
     assert source.hint

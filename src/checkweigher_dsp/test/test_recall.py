@@ -51,15 +51,19 @@ def _over(stage, now):
 @given(
     killed=st.integers(0, 4000),
     dead=st.integers(0, 2500),
-    answer=st.integers(0, 200),
+    answer=st.integers(0, 1500),
     pitch=st.sampled_from([210, 250, 400, 660]),
     timed_out=st.booleans(),
     limit=st.sampled_from([400, 17]),
+    kept_back=st.booleans(),
 )
-def test_one_verdict_an_item_over_both_lives(killed, dead, answer, pitch, timed_out, limit):
+def test_one_verdict_an_item_over_both_lives(
+    killed, dead, answer, pitch, timed_out, limit, kept_back
+):
     timed = _items(12, pitch)
     kill = NANOSECONDS + killed * MILLISECOND
     back = kill + dead * MILLISECOND  # the new stage begins to hear
+    answer = min(answer, 200) if kept_back else answer
     asked = back + answer * MILLISECOND // 2  # the driver answers
     recalled = back + answer * MILLISECOND
     clock = (lambda when: when) if timed_out else (lambda when: None)
@@ -67,8 +71,13 @@ def test_one_verdict_an_item_over_both_lives(killed, dead, answer, pitch, timed_
     early = [v for when, what in timed if when < kill for v in _give(first, what, clock(when))]
 
     kept = [(when, what) for when, what in timed if back <= when < recalled]
+    late = []
+    if not kept_back:  # the answer was too long in coming
+        late += [v for when, what in kept for v in _give(second, what, clock(when))]
+        kept = []
     live = [(what, clock(when)) for when, what in kept if isinstance(what, EyeEdge)]
-    late = second.recall(_history(timed, asked, early, limit), live, clock(recalled))
+    history = _history(timed, asked, [*early, *late], limit)
+    late += second.recall(history, live, clock(recalled))
     masses = [(recalled, what) for _, what in kept if isinstance(what, MassEstimate)]
     masses += [(when, what) for when, what in timed if when >= recalled]
     late += [v for when, what in masses for v in _give(second, what, clock(when))]
@@ -81,13 +90,12 @@ def test_one_verdict_an_item_over_both_lives(killed, dead, answer, pitch, timed_
     wanted = {what.t1 for _, what in timed if isinstance(what, MassEstimate)}
     if limit == 17 and set(starts) != wanted:
         # Then only what had passed both eyes before the history begins is without one.
-        edges = _history(timed, asked, early, limit).edges
-        cut = edges[0].stamp
+        cut = history.edges[0].stamp
         assert all(t1 < cut for t1 in wanted - set(starts))
     else:
         assert set(starts) == wanted
     for verdict in late:
-        if verdict.t3 >= back:  # it was still on the belt
+        if kept_back and verdict.t3 >= back:  # it was still on the belt
             assert verdict.decision is Decision.ACCEPT
 
 

@@ -144,17 +144,22 @@ def test_every_estimator_of_the_line_can_be_tuned():
     assert set(TUNABLES) == set(ESTIMATORS)
 
 
-def test_thresholds_are_searched_where_the_table_has_them_and_stay_off_where_not(group):
+@pytest.mark.parametrize(
+    ('group', 'budget'),
+    [('paper, slow', 10), pytest.param('soft, fast', 30, marks=pytest.mark.soak)],
+    indirect=['group'],
+)
+def test_thresholds_are_searched_where_the_table_has_them_and_stay_off_where_not(group, budget):
     table_1 = {f'denoise.gamma{level}': TABLE_1.gains[level - 5] for level in (5, 6, 7)}
     table_1 |= {f'denoise.lambda{level}': TABLE_1.thresholds[level - 5] for level in (5, 6, 7)}
     base = LineParameters().with_values(table_1)
     with_them, without = (
-        tune([group], ['iswd_eksi'], known, budget=30, workers=1)['iswd_eksi'].parameters.denoise
+        tune([group], ['iswd_eksi'], known, budget=budget, workers=1)['iswd_eksi'].parameters
         for known in (base, LineParameters())
     )
     searched = ('gamma5', 'lambda5', 'lambda6', 'lambda7')
     starts = [float(np.interp(group.speed, base.denoise.speeds, getattr(base.denoise, name)))
               for name in searched]  # fmt: skip
-    found = [getattr(with_them, name)[0] for name in searched]
+    found = [getattr(with_them.denoise, name)[0] for name in searched]
     assert all(abs(one - start) > 1e-3 * start for one, start in zip(found, starts, strict=True))
-    assert [getattr(without, name)[0] for name in searched] == [0.0] * 4
+    assert [getattr(without.denoise, name)[0] for name in searched] == [0.0] * 4

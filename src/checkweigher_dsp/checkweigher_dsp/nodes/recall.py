@@ -6,7 +6,8 @@ import time
 from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 
 _PATIENCE = 1.0  # s in all: what is on the belt cannot wait longer
-_NO_SERVICE = 0.2  # s, after which a driver that is heard but offers no history has none
+_NO_SERVICE = 0.2  # s, after which nothing is kept back any more for a service that is not there
+_LATE_ANSWER = 30.0  # s, in which an answer is still taken: DDS may be long in finding the service
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
 
 
@@ -24,6 +25,8 @@ class Recall:
         What has been kept back, edges with the time at which they came.
     history : LineHistory or None
         The answer.
+    released : bool
+        Whether what comes is no longer kept back, though an answer may yet come.
     """
 
     driver_heard: bool = False
@@ -32,6 +35,7 @@ class Recall:
     edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
     estimates: list[MassEstimate] = field(default_factory=list)
     history: LineHistory | None = None
+    released: bool = False
     _began: float | None = None
     _answered: float | None = None
 
@@ -53,8 +57,15 @@ class Recall:
         """Take the answer, None if there will be none."""
         self.history, self._answered = history, time.monotonic()
 
-    def is_over(self, weigh_length: float | None) -> bool:
-        """Tell whether to go on, with the answer or without.
+    @property
+    def is_over(self) -> bool:
+        """Whether the answer has come, or none is waited for any more."""
+        if self._began is None:
+            return False
+        return self._answered is not None or time.monotonic() - self._began > _LATE_ANSWER
+
+    def may_go_on(self, weigh_length: float | None) -> bool:
+        """Tell whether nothing has to be kept back any more, with the answer or without.
 
         Parameters
         ----------

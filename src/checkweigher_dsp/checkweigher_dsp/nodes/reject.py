@@ -171,7 +171,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _holds_back(self) -> bool:
         """Tell whether a driver will say, or has said, what stream this is."""
         recall = self._recall
-        if recall is None:
+        if recall is None or recall.released:
             return False
         if not recall.waiting:
             name = self.resolve_topic_name(topics.DRIVER_STATUS.name)
@@ -181,7 +181,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return True
 
     def _ask_for_history(self) -> None:
-        """Ask the driver once, as soon as that can be done, and stop waiting in time."""
+        """Ask the driver once, as soon as that can be done; keep nothing back for too long."""
         recall = self._recall
         if recall is None:
             return
@@ -189,7 +189,11 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             recall.asked = True
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(lambda done: self._on_history(recall, done))
-        if recall.is_over(self._stage.weigh_length):
+        if not recall.released and recall.may_go_on(self._stage.weigh_length):
+            recall.released = True
+            if not recall.is_over:
+                self._go_on(recall)
+        if recall.released and recall.is_over:
             self._settle(recall.history)
 
     def _on_history(self, recall: Recall, answer: Any) -> None:
@@ -218,11 +222,17 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._publish(missed)
             if recall.ended:  # what is on the belt will not get any further
                 self._stage.restart(self._now())
-        else:
-            for edge, came in recall.edges:
-                self._publish(self._stage.add_edge(edge, came))
+            recall.edges.clear()
+        self._go_on(recall)
+
+    def _go_on(self, recall: Recall) -> None:
+        """Go on with what was kept back."""
+        for edge, came in recall.edges:
+            self._publish(self._stage.add_edge(edge, came))
         for estimate in recall.estimates:
             self._judge(estimate)
+        recall.edges.clear()
+        recall.estimates.clear()
 
     def _tick(self) -> None:
         """Do what time alone brings, as long as there is something to wait for."""
