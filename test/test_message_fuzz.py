@@ -154,7 +154,7 @@ def settle(nodes: list[Node]) -> None:
     """Wait until the nodes have handled what was sent: acknowledged is not yet handled."""
 
     def handled() -> int:
-        return sum(sum(node._counters.values()) for node in nodes)
+        return sum(sum(node.diagnostics._counters.values()) for node in nodes)
 
     before = -1
     while before != (before := handled()):
