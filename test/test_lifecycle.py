@@ -198,16 +198,18 @@ def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinne
     try:
         spinner.add(DriverNode({**FAST, 'lossless': True}))
         judge_until(verdicts, found, Verdict.ACCEPT)
+        said = [next_of(stops)]
         reject.send_signal(signal.SIGKILL)
         reject.wait()
         reject = start_reject()
         judge_until(verdicts, found, Verdict.FAULT)
         judge_until(verdicts, found, Verdict.ACCEPT)
         judge_until(verdicts, found, Verdict.ACCEPT)
+        said.append(next_of(stops))
     finally:
         reject.terminate()
         reject.wait(timeout=20)
-    said = [next_of(stops) for _ in range(3)]
+    said.append(next_of(stops))
     assert [each.state for each in said] == [StopRequest.RUN, StopRequest.RUN, StopRequest.STOP]
     assert said[-1].reason == 'NotReady'
     while not verdicts.empty():  # those on their way when it ended
