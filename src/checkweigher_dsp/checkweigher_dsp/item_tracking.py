@@ -46,6 +46,7 @@ class ItemTracker:
         self._on_belt: list[Item] = []  # seen at the infeed eye, not yet at the outfeed eye
         self._entering: Item | None = None
         self._entered_last: Item | None = None
+        self._begun: Item | None = None  # of the last t1, whatever has become of it
         self._leaving: Item | None = None
         self._left_last: Item | None = None
         # Their verdict is out, but the outfeed eye may see them yet.
@@ -58,7 +59,6 @@ class ItemTracker:
         self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
-        self._unknown: int | None = None  # when something may have come whose t1 was lost
         self._covered = False  # the outfeed eye, by an item from before the clock began anew
         self._finished: list[Item] = []
 
@@ -167,7 +167,7 @@ class ItemTracker:
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""
-        self._entered_last = self._left_last = self._unknown = None
+        self._entered_last = self._left_last = None
         self._given_up.clear()
         if backwards:
             self._edges.clear()
@@ -207,10 +207,9 @@ class ItemTracker:
         self._give_up_overdue(stamp)
         item = self._new_item()
         item.t1 = stamp
-        item.left_before = self._last_departure(stamp)
-        item.others_there = self._leaving is not None
-        if self._unknown is not None and stamp - self._unknown <= self._max_transit:
-            item.fault(Reason.START_UP)
+        self._begun = item
+        item.left_before = stamp if self._covered else self._last_departure(stamp)
+        item.others_there = self._leaving is not None or self._covered
         self._put_on_belt(item)
         self._entering = item
 
@@ -219,25 +218,20 @@ class ItemTracker:
         if item is not None and item.t4 is None:
             item.t2 = stamp
             return
-        if previous is None:
-            if self._is_no_state(stamp):
-                self._unknown = stamp
+        if previous is None and not self._is_no_state(stamp):
             return
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
             last.fault(Reason.CHATTERING_EYE)
             return
-        if last is not None and last.given_up is not None and previous.blocked and last.t2 is None:
-            last.t2 = stamp  # given up before it was in: it is no further item
-            return
-        gone = next((i for i in self._abandoned if i.t1 == previous.stamp and i.t2 is None), None)
-        if gone is not None:
-            gone.t2 = stamp  # the clock or the source began anew while it came in
+        begun = self._begun
+        if begun is not None and begun.t2 is None and (begun.t4 is None or begun.t4 > stamp):
+            begun.t2 = stamp  # it has its verdict, and is no further item
             return
         self._give_up_overdue(stamp)
         item = self._new_item()
         item.t2 = stamp
-        item.fault(Reason.MISSING_EDGE)
+        item.fault(Reason.MISSING_EDGE if previous is not None else Reason.START_UP)
         self._put_on_belt(item)
 
     def _is_no_state(self, stamp: int) -> bool:
@@ -258,7 +252,9 @@ class ItemTracker:
         if last is not None:
             self._leaving, last.t4 = last, None
             return
-        gone = self._given_up if self._given_up or self._on_belt else self._abandoned
+        # What is yet at the infeed eye cannot be at the outfeed eye, if anything else can.
+        alone = not self._on_belt or self._on_belt == [self._entering]
+        gone = self._given_up if self._given_up or not alone else self._abandoned
         if gone and self._is_of_none_on_belt(stamp):
             late = gone.popleft()
             late.t3, late.t4, late.odd = stamp, None, True
@@ -266,19 +262,17 @@ class ItemTracker:
             for other in self._on_belt:
                 other.fault(Reason.DISTANCE_FAULT)  # it was there as well
             return
-        # What is yet at the infeed eye cannot be at the outfeed eye: what came unseen is.
-        unseen = self._unknown is not None and self._on_belt == [self._entering]
-        item = None if unseen else self._item_leaving_at(stamp)
+        ambiguous = bool(self._given_up)
+        self._given_up.clear()  # whatever was before this item has left
+        self._abandoned.clear()
+        item = self._item_leaving_at(stamp)
         if item is None:
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
-            self._unknown = None
         item.t3 = stamp
         item.usual_transit = self._transit
-        if self._given_up and self._transit_of(item) is None:
+        if ambiguous and self._transit_of(item) is None:
             item.fault(Reason.DISTANCE_FAULT)  # which of them it is nothing tells
-        self._given_up.clear()  # whatever was before this item has left
-        self._abandoned.clear()
         if item is self._entering:
             # Too long to be on the belt as a whole, or its edge was lost: t2 tells, if it comes.
             item.fault(Reason.PRODUCT_TOO_LONG)
@@ -306,7 +300,10 @@ class ItemTracker:
         # An edge far later than its length allows is that of the next item: its own was lost. What
         # is yet at the infeed eye is not the next one: then the belt has stood still.
         if leaving is not None and (
-            not length(leaving) or stamp <= departure(leaving) or self._on_belt == [self._entering]
+            leaving.t3 is None
+            or not length(leaving)
+            or stamp <= departure(leaving)
+            or self._on_belt == [self._entering]
         ):
             leaving.t4 = stamp
             return
@@ -323,12 +320,13 @@ class ItemTracker:
         if last is not None:
             last.t4 = stamp
             return
+        if self._entering is not None and self._on_belt == [self._entering]:
+            self._entering.fault(Reason.DISTANCE_FAULT)  # it cannot have left: another one has
+            return
         item = self._item_leaving_at(stamp)
         if item is not None:
             item.fault(Reason.MISSING_EDGE)
             item.t4 = stamp
-            if item is self._entering:
-                self._entering = None
             self._left_last = item
             self._finished.append(item)
 
@@ -337,7 +335,9 @@ class ItemTracker:
         last = self._left_last
         if last is None:
             return None
-        span = max(0 if last.odd else length(last), self._debounce)
+        span = max(0 if last.odd or last.faults else length(last), self._debounce)
+        if last is self._leaving and self._is_of_none_on_belt(stamp):
+            span *= 2  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
         flickers = last.t4 is not None and 0 <= stamp - last.t4 < self._debounce
         return last if covers or flickers else None
@@ -349,7 +349,7 @@ class ItemTracker:
         position, least = 0, None
         for i, candidate in enumerate(self._on_belt):
             transit = self._transit_of(candidate)
-            if transit is not None:
+            if transit is not None and (candidate is not self._entering or not i):
                 deviation = abs(stamp - candidate.entered - transit)
                 if least is None or deviation < least:
                     position, least = i, deviation
