@@ -25,6 +25,7 @@ LENGTH = 0.1  # m, of a product
 MASSES = (0.11, 0.23, 0.17, 0.31, 0.13, 0.4)  # kg, none within 3 % of another or of a sum
 BLOCK = 96  # samples
 LEAD_IN, RUN_OUT = 1.0, 1.0  # s
+LATENESS = 2 * NANOSECONDS  # ns; what comes later than that is of a stream that begins anew
 NOISE = 1e-4 * np.random.Generator(np.random.PCG64(1)).standard_normal(1 << 17)  # kg
 EDGES = {
     't1': (Eye.INFEED, True),
@@ -309,17 +310,20 @@ def _disorder(plan: Plan, events: list[tuple[int, Event]]) -> list[tuple[int, Ev
 
     for position, by in plan.doubled:
         if movable(position):
-            _insert(events, position + by, events[position][1])
+            _insert(events, position + by, events[position])
     for position, by in plan.delayed:
         if movable(position):
-            _insert(events, position + by, events.pop(position)[1])
+            _insert(events, position + by, events.pop(position))
     return events
 
 
-def _insert(events: list[tuple[int, Event]], position: int, event: Event) -> None:
+def _insert(events: list[tuple[int, Event]], position: int, event: tuple[int, Event]) -> None:
+    """Put in an event, with the time of what it comes behind, but no more than LATENESS late."""
+    arrival, what = event
+    while position > 0 and events[min(position, len(events)) - 1][0] > arrival + LATENESS:
+        position -= 1
     position = min(position, len(events))
-    arrival = events[position - 1][0] if position else 0
-    events.insert(position, (arrival, event))
+    events.insert(position, (events[position - 1][0] if position else 0, what))
 
 
 _GAPS = st.sampled_from([0.6, 0.31, 0.115, 0.15, 0.205, 0.25, 0.36, 0.42, 1.0, 2.5])

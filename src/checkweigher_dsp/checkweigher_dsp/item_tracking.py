@@ -59,6 +59,7 @@ class ItemTracker:
         self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
+        self._unknown: int | None = None  # when something may have come whose t1 was lost
         self._covered = False  # the outfeed eye, by an item from before the clock began anew
         self._finished: list[Item] = []
 
@@ -104,7 +105,7 @@ class ItemTracker:
             else:
                 self._infeed_clears(edge.stamp, previous)
         elif edge.blocked:
-            self._outfeed_blocked(edge.stamp)
+            self._outfeed_blocked(edge.stamp, previous)
         else:
             self._outfeed_clears(edge.stamp, previous)
 
@@ -167,7 +168,7 @@ class ItemTracker:
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""
-        self._entered_last = self._left_last = None
+        self._entered_last = self._left_last = self._unknown = None
         self._given_up.clear()
         if backwards:
             self._edges.clear()
@@ -209,6 +210,8 @@ class ItemTracker:
         item.t1 = stamp
         self._begun = item
         item.left_before = stamp if self._covered else self._last_departure(stamp)
+        if self._may_be_unknown(stamp):
+            item.fault(Reason.START_UP)
         item.others_there = self._leaving is not None or self._covered
         self._put_on_belt(item)
         self._entering = item
@@ -218,7 +221,9 @@ class ItemTracker:
         if item is not None and item.t4 is None:
             item.t2 = stamp
             return
-        if previous is None and not self._is_no_state(stamp):
+        if previous is None:
+            if self._is_no_state(stamp):
+                self._unknown = stamp
             return
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
@@ -231,12 +236,16 @@ class ItemTracker:
         self._give_up_overdue(stamp)
         item = self._new_item()
         item.t2 = stamp
-        item.fault(Reason.MISSING_EDGE if previous is not None else Reason.START_UP)
+        item.fault(Reason.MISSING_EDGE)
         self._put_on_belt(item)
 
     def _is_no_state(self, stamp: int) -> bool:
         """Tell whether an eye that clears first of all tells more than its state at start-up."""
         return self.origin is not None and stamp > self.origin + self._debounce
+
+    def _may_be_unknown(self, stamp: int) -> bool:
+        """Tell whether something may be on the belt whose t1 no eye has shown."""
+        return self._unknown is not None and stamp - self._unknown <= self._max_transit
 
     def _put_on_belt(self, item: Item) -> None:
         """Note that an item has come; with another one on the belt neither can be weighed."""
@@ -246,15 +255,15 @@ class ItemTracker:
         self._on_belt.append(item)
         self._entered_last = item
 
-    def _outfeed_blocked(self, stamp: int) -> None:
+    def _outfeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
         self._covered = False
-        last = self._covers_outfeed(stamp)
+        last = self._covers_outfeed(stamp, previous)
         if last is not None:
             self._leaving, last.t4 = last, None
             return
         # What is yet at the infeed eye cannot be at the outfeed eye, if anything else can.
-        alone = not self._on_belt or self._on_belt == [self._entering]
-        gone = self._given_up if self._given_up or not alone else self._abandoned
+        only_entering = self._on_belt == [self._entering]
+        gone = self._given_up if self._given_up or (self._on_belt and not only_entering) else self._abandoned
         if gone and self._is_of_none_on_belt(stamp):
             late = gone.popleft()
             late.t3, late.t4, late.odd = stamp, None, True
@@ -265,8 +274,9 @@ class ItemTracker:
         ambiguous = bool(self._given_up)
         self._given_up.clear()  # whatever was before this item has left
         self._abandoned.clear()
-        item = self._item_leaving_at(stamp)
+        item = None if only_entering and self._may_be_unknown(stamp) else self._item_leaving_at(stamp)
         if item is None:
+            self._unknown = None
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
         item.t3 = stamp
@@ -277,8 +287,8 @@ class ItemTracker:
             # Too long to be on the belt as a whole, or its edge was lost: t2 tells, if it comes.
             item.fault(Reason.PRODUCT_TOO_LONG)
             item.fault(Reason.MISSING_EDGE)
-        previous, self._leaving, self._left_last = self._left_last, item, item
-        if item.t2 is not None and previous is not None and departure(previous) > item.t2:
+        before, self._leaving, self._left_last = self._left_last, item, item
+        if item.t2 is not None and before is not None and departure(before) > item.t2:
             item.fault(Reason.DISTANCE_FAULT)
         if item.t1 is not None and item.t1 < stamp and not item.faults:
             self._learn(item, stamp - item.t1)
@@ -297,31 +307,25 @@ class ItemTracker:
 
     def _outfeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         leaving, self._leaving = self._leaving, None
-        # An edge far later than its length allows is that of the next item: its own was lost. What
-        # is yet at the infeed eye is not the next one: then the belt has stood still.
-        if leaving is not None and (
-            leaving.t3 is None
-            or not length(leaving)
-            or stamp <= departure(leaving)
-            or self._on_belt == [self._entering]
-        ):
+        if leaving is not None and not self._is_next_departure(stamp):
             leaving.t4 = stamp
             return
         self._outfeed_free = stamp
         if previous is None:
+            if not self._is_no_state(stamp):
+                return
             for present in self._on_belt:
-                if self._is_no_state(stamp):
-                    present.fault(Reason.START_UP)  # something left that nothing had seen
-            return
+                present.fault(Reason.START_UP)  # something left that nothing had seen
         if self._covered:
             self._covered = False
             return
-        last = self._covers_outfeed(stamp)
+        last = self._covers_outfeed(stamp, previous)
         if last is not None:
             last.t4 = stamp
             return
         if self._entering is not None and self._on_belt == [self._entering]:
             self._entering.fault(Reason.DISTANCE_FAULT)  # it cannot have left: another one has
+            self._unknown = None
             return
         item = self._item_leaving_at(stamp)
         if item is not None:
@@ -330,7 +334,17 @@ class ItemTracker:
             self._left_last = item
             self._finished.append(item)
 
-    def _covers_outfeed(self, stamp: int) -> Item | None:
+    def _is_next_departure(self, stamp: int) -> bool:
+        """Tell whether the next item must just have left, so that its t3 was lost and a t4 before."""
+        if not self._on_belt or self._on_belt[0] is self._entering:
+            return False
+        item = self._on_belt[0]
+        transit = self._transit_of(item)
+        if transit is None:
+            return False
+        return abs(stamp - item.entered - length(item) - transit) < _TOO_EARLY * transit
+
+    def _covers_outfeed(self, stamp: int, previous: EyeEdge | None) -> Item | None:
         """Return the item that left last if it must still be in front of the outfeed eye."""
         last = self._left_last
         if last is None:
@@ -339,7 +353,7 @@ class ItemTracker:
         if last is self._leaving and self._is_of_none_on_belt(stamp):
             span *= 2  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
-        flickers = last.t4 is not None and 0 <= stamp - last.t4 < self._debounce
+        flickers = previous is not None and 0 <= stamp - previous.stamp < self._debounce
         return last if covers or flickers else None
 
     def _item_leaving_at(self, stamp: int) -> Item | None:
