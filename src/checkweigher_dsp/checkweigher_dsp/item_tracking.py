@@ -59,7 +59,8 @@ class ItemTracker:
         self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
-        self._unknown: int | None = None  # when something may have come whose t1 was lost
+        self._first_edge: dict[Eye, int] = {}
+        self._cleared_first: int | None = None  # the infeed eye, before it was blocked
         self._covered = False  # the outfeed eye, by an item from before the clock began anew
         self._finished: list[Item] = []
 
@@ -99,6 +100,8 @@ class ItemTracker:
     def _switch(self, edge: EyeEdge) -> None:
         previous = self._last_edge.get(edge.eye)
         self._last_edge[edge.eye] = edge
+        self._first_edge.setdefault(edge.eye, edge.stamp)
+        self._settle_first()
         if edge.eye == Eye.INFEED:
             if edge.blocked:
                 self._infeed_blocked(edge.stamp, previous)
@@ -111,6 +114,7 @@ class ItemTracker:
 
     def _add_late(self, edge: EyeEdge) -> None:
         """Take an edge that comes after a younger one: nothing on the belt can be trusted."""
+        self._settle_first()
         self._doubt_all()
         last = self._last_edge.get(edge.eye)
         item = self._entered_last
@@ -158,6 +162,7 @@ class ItemTracker:
 
     def give_up(self, reason: Reason) -> list[Item]:
         """Return all items still on the belt, with `reason`: nothing more will come."""
+        self._settle_first()
         for item in self._on_belt:
             item.fault(reason)
         self._finished += self._on_belt
@@ -168,12 +173,13 @@ class ItemTracker:
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""
-        self._entered_last = self._left_last = self._unknown = None
+        self._entered_last = self._left_last = None
         self._given_up.clear()
         if backwards:
             self._edges.clear()
-        self._items.clear()
-        self._transit = self._odd_transit = self._newest = self._outfeed_free = None
+            self._items.clear()
+            self._newest = None
+        self._transit = self._odd_transit = self._outfeed_free = None
 
     def _take_finished(self) -> list[Item]:
         finished, self._finished = self._finished, []
@@ -186,14 +192,8 @@ class ItemTracker:
         return item
 
     def _infeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
-        last = self._entered_last
-        if (
-            last is not None
-            and last.t2 is not None
-            and previous is not None
-            and not previous.blocked
-            and 0 <= stamp - last.t2 < self._debounce
-        ):
+        last = self._entered_last if self._entered_last is not None else self._begun
+        if last is not None and self._flickers(stamp, previous):
             if last.t1 is not None:
                 last.t2 = None
             last.fault(Reason.CHATTERING_EYE)
@@ -201,20 +201,18 @@ class ItemTracker:
             return
         entering = self._entering
         if entering is not None:
-            if entering.t1 is not None and 0 <= stamp - entering.t1 < self._debounce:
-                entering.fault(Reason.CHATTERING_EYE)
-                return
             entering.fault(Reason.MISSING_EDGE)
         self._give_up_overdue(stamp)
         item = self._new_item()
         item.t1 = stamp
         self._begun = item
         item.left_before = stamp if self._covered else self._last_departure(stamp)
-        if self._may_be_unknown(stamp):
-            item.fault(Reason.START_UP)
         item.others_there = self._leaving is not None or self._covered
         self._put_on_belt(item)
         self._entering = item
+
+    def _flickers(self, stamp: int, previous: EyeEdge | None) -> bool:
+        return previous is not None and 0 <= stamp - previous.stamp < self._debounce
 
     def _infeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         item, self._entering = self._entering, None
@@ -222,8 +220,8 @@ class ItemTracker:
             item.t2 = stamp
             return
         if previous is None:
-            if self._is_no_state(stamp):
-                self._unknown = stamp
+            if not self._is_state(stamp):
+                self._cleared_first = stamp
             return
         last = self._entered_last
         if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
@@ -234,18 +232,30 @@ class ItemTracker:
             begun.t2 = stamp  # it has its verdict, and is no further item
             return
         self._give_up_overdue(stamp)
+        self._enter_unseen(stamp, Reason.MISSING_EDGE)
+
+    def _enter_unseen(self, stamp: int, reason: Reason) -> None:
         item = self._new_item()
         item.t2 = stamp
-        item.fault(Reason.MISSING_EDGE)
+        item.fault(reason)
         self._put_on_belt(item)
 
-    def _is_no_state(self, stamp: int) -> bool:
-        """Tell whether an eye that clears first of all tells more than its state at start-up."""
-        return self.origin is not None and stamp > self.origin + self._debounce
+    def _is_state(self, stamp: int) -> bool:
+        """Tell whether an eye that clears first of all may only tell its state at start-up.
 
-    def _may_be_unknown(self, stamp: int) -> bool:
-        """Tell whether something may be on the belt whose t1 no eye has shown."""
-        return self._unknown is not None and stamp - self._unknown <= self._max_transit
+        It does so with the first sample or together with the other eye.
+        """
+        if self.origin is not None and stamp <= self.origin + self._debounce:
+            return True
+        return len(self._first_edge) > 1 and (
+            abs(self._first_edge[Eye.INFEED] - self._first_edge[Eye.OUTFEED]) <= self._debounce
+        )
+
+    def _settle_first(self) -> None:
+        """Take the item that the infeed eye saw first of all, unless it has told its state."""
+        stamp, self._cleared_first = self._cleared_first, None
+        if stamp is not None and not self._is_state(stamp):
+            self._enter_unseen(stamp, Reason.START_UP)
 
     def _put_on_belt(self, item: Item) -> None:
         """Note that an item has come; with another one on the belt neither can be weighed."""
@@ -256,13 +266,20 @@ class ItemTracker:
         self._entered_last = item
 
     def _outfeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
+        if self._left_last is None and self._flickers(stamp, previous):
+            self._covered = True
+            return
         self._covered = False
+        only_entering = self._on_belt == [self._entering]
         last = self._covers_outfeed(stamp, previous)
+        if last is None and only_entering and previous is not None and previous.blocked:
+            last = self._leaving  # its t4 was lost, and what is at one eye is not at the other
+            if last is not None and self._entering is not None:
+                self._entering.fault(Reason.MISSING_EDGE)
         if last is not None:
             self._leaving, last.t4 = last, None
             return
         # What is yet at the infeed eye cannot be at the outfeed eye, if anything else can.
-        only_entering = self._on_belt == [self._entering]
         gone = self._given_up if self._given_up or (self._on_belt and not only_entering) else self._abandoned
         if gone and self._is_of_none_on_belt(stamp):
             late = gone.popleft()
@@ -274,9 +291,8 @@ class ItemTracker:
         ambiguous = bool(self._given_up)
         self._given_up.clear()  # whatever was before this item has left
         self._abandoned.clear()
-        item = None if only_entering and self._may_be_unknown(stamp) else self._item_leaving_at(stamp)
+        item = self._item_leaving_at(stamp)
         if item is None:
-            self._unknown = None
             item = self._new_item()
             item.fault(Reason.MISSING_EDGE)
         item.t3 = stamp
@@ -312,7 +328,7 @@ class ItemTracker:
             return
         self._outfeed_free = stamp
         if previous is None:
-            if not self._is_no_state(stamp):
+            if self._is_state(stamp):
                 return
             for present in self._on_belt:
                 present.fault(Reason.START_UP)  # something left that nothing had seen
@@ -325,7 +341,6 @@ class ItemTracker:
             return
         if self._entering is not None and self._on_belt == [self._entering]:
             self._entering.fault(Reason.DISTANCE_FAULT)  # it cannot have left: another one has
-            self._unknown = None
             return
         item = self._item_leaving_at(stamp)
         if item is not None:
@@ -340,7 +355,7 @@ class ItemTracker:
             return False
         item = self._on_belt[0]
         transit = self._transit_of(item)
-        if transit is None:
+        if transit is None or not length(item):
             return False
         return abs(stamp - item.entered - length(item) - transit) < _TOO_EARLY * transit
 
@@ -353,8 +368,7 @@ class ItemTracker:
         if last is self._leaving and self._is_of_none_on_belt(stamp):
             span *= 2  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
-        flickers = previous is not None and 0 <= stamp - previous.stamp < self._debounce
-        return last if covers or flickers else None
+        return last if covers or self._flickers(stamp, previous) else None
 
     def _item_leaving_at(self, stamp: int) -> Item | None:
         """Take from the belt the item that an outfeed edge belongs to, and those before it."""
@@ -383,6 +397,8 @@ class ItemTracker:
             self._miss(self._on_belt.pop(0), stamp)
 
     def _expire(self, stamp: int) -> None:
+        if self._cleared_first is not None and stamp - self._cleared_first > self._max_transit:
+            self._settle_first()
         while self._on_belt and stamp - self._on_belt[0].entered > self._max_transit:
             item = self._on_belt.pop(0)
             self._miss(item, item.entered + self._max_transit)
