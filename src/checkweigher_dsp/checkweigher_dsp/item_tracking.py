@@ -123,6 +123,8 @@ class ItemTracker:
         if clears and own and item is not None:  # also of one that has left meanwhile
             item.t2, self._entering, self._last_edge[edge.eye] = edge.stamp, None, edge
             return
+        if edge.eye == Eye.INFEED and edge.blocked and self._is_known(edge):
+            return
         if last is None or edge.stamp >= last.stamp:
             self._switch(edge)
             self._doubt_all()
@@ -132,12 +134,15 @@ class ItemTracker:
             item = self._entering
             if item is not None and item.t1 is not None and item.t1 < edge.stamp:
                 item.t2, self._entering = edge.stamp, None
-        elif not any(accounts_for(item, edge.stamp, self._debounce) for item in self._items):
-            item = self._new_item()
+        else:
+            item = self._begun = self._new_item()
             item.t1 = item.given_up = edge.stamp
             item.fault(Reason.LATE_EDGE)
             self._finished.append(item)
             self._given_up.append(item)
+
+    def _is_known(self, edge: EyeEdge) -> bool:
+        return any(accounts_for(item, edge.stamp, self._debounce) for item in self._items)
 
     def _doubt_all(self) -> None:
         for item in self._on_belt:
@@ -174,6 +179,7 @@ class ItemTracker:
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""
         self._entered_last = self._left_last = None
+        self._abandoned += self._given_up
         self._given_up.clear()
         if backwards:
             self._edges.clear()
@@ -193,7 +199,7 @@ class ItemTracker:
 
     def _infeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
         last = self._entered_last if self._entered_last is not None else self._begun
-        if last is not None and self._flickers(stamp, previous):
+        if last is not None and self._flickers(stamp, previous, blocked=True):
             if last.t1 is not None:
                 last.t2 = None
             last.fault(Reason.CHATTERING_EYE)
@@ -211,8 +217,12 @@ class ItemTracker:
         self._put_on_belt(item)
         self._entering = item
 
-    def _flickers(self, stamp: int, previous: EyeEdge | None) -> bool:
-        return previous is not None and 0 <= stamp - previous.stamp < self._debounce
+    def _flickers(self, stamp: int, previous: EyeEdge | None, *, blocked: bool) -> bool:
+        """Tell whether an edge is chatter; where the one between was lost, twice as long."""
+        if previous is None:
+            return False
+        longest = self._debounce * (2 if previous.blocked == blocked else 1)
+        return 0 <= stamp - previous.stamp < longest
 
     def _infeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         item, self._entering = self._entering, None
@@ -224,9 +234,12 @@ class ItemTracker:
                 self._cleared_first = stamp
             return
         last = self._entered_last
-        if last is not None and last.t2 is not None and stamp - last.t2 < self._debounce:
-            last.fault(Reason.CHATTERING_EYE)
-            return
+        if last is not None and last.t2 is not None:
+            broken = Reason.CHATTERING_EYE in last.faults and last in self._on_belt
+            if broken or self._flickers(stamp, previous, blocked=False):
+                last.fault(Reason.CHATTERING_EYE)
+                last.t2 = stamp
+                return
         begun = self._begun
         if begun is not None and begun.t2 is None and (begun.t4 is None or begun.t4 > stamp):
             begun.t2 = stamp  # it has its verdict, and is no further item
@@ -266,12 +279,12 @@ class ItemTracker:
         self._entered_last = item
 
     def _outfeed_blocked(self, stamp: int, previous: EyeEdge | None) -> None:
-        if self._left_last is None and self._flickers(stamp, previous):
+        if self._left_last is None and self._flickers(stamp, previous, blocked=True):
             self._covered = True
             return
         self._covered = False
         only_entering = self._on_belt == [self._entering]
-        last = self._covers_outfeed(stamp, previous)
+        last = self._covers_outfeed(stamp, previous, blocked=True)
         if last is None and only_entering and previous is not None and previous.blocked:
             last = self._leaving  # its t4 was lost, and what is at one eye is not at the other
             if last is not None and self._entering is not None:
@@ -335,7 +348,7 @@ class ItemTracker:
         if self._covered:
             self._covered = False
             return
-        last = self._covers_outfeed(stamp, previous)
+        last = self._covers_outfeed(stamp, previous, blocked=False)
         if last is not None:
             last.t4 = stamp
             return
@@ -359,7 +372,9 @@ class ItemTracker:
             return False
         return abs(stamp - item.entered - length(item) - transit) < _TOO_EARLY * transit
 
-    def _covers_outfeed(self, stamp: int, previous: EyeEdge | None) -> Item | None:
+    def _covers_outfeed(
+        self, stamp: int, previous: EyeEdge | None, *, blocked: bool
+    ) -> Item | None:
         """Return the item that left last if it must still be in front of the outfeed eye."""
         last = self._left_last
         if last is None:
@@ -368,7 +383,7 @@ class ItemTracker:
         if last is self._leaving and self._is_of_none_on_belt(stamp):
             span *= 2  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
-        return last if covers or self._flickers(stamp, previous) else None
+        return last if covers or self._flickers(stamp, previous, blocked=blocked) else None
 
     def _item_leaving_at(self, stamp: int) -> Item | None:
         """Take from the belt the item that an outfeed edge belongs to, and those before it."""

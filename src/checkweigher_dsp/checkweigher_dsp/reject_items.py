@@ -37,9 +37,14 @@ def same(one: _Stamped, other: _Stamped) -> bool:
     """
     if one.t1 is not None and other.t1 is not None:
         return one.t1 == other.t1
-    return (one.t3 is not None and one.t3 == other.t3) or (
-        one.t2 is not None and one.t2 == other.t2
-    )
+    if one.t2 is not None and other.t2 is not None:
+        return one.t2 == other.t2
+    return one.t3 is not None and one.t3 == other.t3
+
+
+def _edges_of(item: _Stamped) -> list[tuple[str, int]]:
+    known = (('t1', item.t1), ('t2', item.t2), ('t3', item.t3))
+    return [(name, stamp) for name, stamp in known if stamp is not None]
 
 
 @dataclass(slots=True, eq=False)
@@ -93,10 +98,12 @@ class RejectItems:
         self._forgotten = 0
         self._ahead = 0  # of the count by the eyes
         self._stream = 0
+        self._used: dict[tuple[str, int], None] = {}  # edges of this stream that have a verdict
 
     def restart(self) -> None:
         """Begin a new stream: the same stamps may come again."""
         self._stream += 1
+        self._used.clear()
 
     def add(self, item: RejectItem) -> RejectItem:
         """Take an item that has no verdict yet."""
@@ -111,20 +118,34 @@ class RejectItems:
         """Return the item without a verdict that an estimate is of."""
         return next((item for item in self.pending if same(item, estimate)), None)
 
-    def find_judged(self, estimate: MassEstimate) -> RejectItem | None:
-        """Return the item that had its verdict before the estimate came.
+    def has_judged(self, estimate: MassEstimate) -> bool:
+        """Tell whether the item of an estimate had its verdict before the estimate came.
 
         The stamps of a recording come again when it is played again: then the number differs. It
         does so as well where a segmenter was started with the item on the belt, but in one stream.
         Of an item that is a fault by its edges nobody knows which of them are its own.
         """
+        if not estimate.weighed and self.is_used_up(estimate):
+            return True
         for item in reversed(self._judged):
             whole = item.count is not None and not item.reasons
             again = whole and item.stream == self._stream and not estimate.weighed
             if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
                 item.estimate_id = estimate.item_id
-                return item
-        return None
+                return True
+        return False
+
+    def is_used_up(self, item: _Stamped) -> bool:
+        """Tell whether each edge of an item has a verdict: it is no further one.
+
+        Where edges are missing the stages may have paired the others differently.
+        """
+        edges = _edges_of(item)
+        return bool(edges) and all(edge in self._used for edge in edges)
+
+    def drop(self, item: RejectItem) -> None:
+        """Forget an item that waits: it has its verdict under other edges."""
+        self.pending.remove(item)
 
     def has_seen(self, seen: Item) -> bool:
         """Tell whether an item that the eyes show has its verdict already, and count it as that."""
@@ -135,11 +156,21 @@ class RejectItems:
                 if not seen.faults:  # the estimate may have been of a part of it
                     item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._ahead = max(self._ahead, item.number - item.count)
+                self._use(item)
                 return True
-        return False
+        return self.is_used_up(seen)
 
-    def judge(self, item: RejectItem, estimate_id: int) -> int:
+    def _use(self, item: _Stamped) -> None:
+        for edge in _edges_of(item):
+            self._used[edge] = None
+        while len(self._used) > 3 * _MAX_JUDGED:
+            del self._used[next(iter(self._used))]
+
+    def judge(self, item: RejectItem, estimate: _Stamped | None, estimate_id: int) -> int:
         """Note that an item has its verdict now and return its number."""
+        self._use(item)
+        if estimate is not None:
+            self._use(estimate)
         number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
         while number in self._numbers:
             number += 1

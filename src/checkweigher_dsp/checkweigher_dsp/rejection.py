@@ -138,7 +138,7 @@ class RejectStage:
         """Take an estimate and return the verdict on its item, if there was none yet."""
         item = self._items.find_pending(estimate)
         if item is None:
-            if self._items.find_judged(estimate) is not None:
+            if self._items.has_judged(estimate):
                 self.late_estimates += 1
                 return []
             item = self._items.add(RejectItem(estimate.t1, estimate.t2, estimate.t3))
@@ -146,7 +146,7 @@ class RejectStage:
                 estimate = replace(
                     estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
                 )
-        return [self._give(item, judge(estimate, self.parameters), now)]
+        return [self._give(item, judge(estimate, self.parameters), now, estimate)]
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
@@ -158,7 +158,7 @@ class RejectStage:
             if now is not None and item.due is not None and item.due <= now
         ]
         overdue += [item for item in self._items.too_many() if item not in overdue]
-        return [self._give(item, self._without_estimate(item), now) for item in overdue]
+        return self._give_up(overdue, now)
 
     def stop(self, now: int | None = None) -> list[Verdict]:
         """Give whatever the eyes have shown its verdict: no mass is waited for any more."""
@@ -226,11 +226,20 @@ class RejectStage:
 
     def _give_up_pending(self, now: int | None, stamp: int | None = None) -> list[Verdict]:
         """Return the verdicts on all that wait; `stamp` is the time of the stamps at `now`."""
-        verdicts = []
-        for item in list(self._items.pending):
+        pending = list(self._items.pending)
+        for item in pending:
             if now is not None and stamp is not None and item.reject_at is not None:
                 item.late_from = now + item.reject_at - stamp
-            verdicts.append(self._give(item, self._without_estimate(item), now))
+        return self._give_up(pending, now)
+
+    def _give_up(self, items: Sequence[RejectItem], now: int | None) -> list[Verdict]:
+        """Return the verdicts on items whose mass is waited for no more."""
+        verdicts = []
+        for item in items:
+            if self._items.is_used_up(item):
+                self._items.drop(item)
+            else:
+                verdicts.append(self._give(item, self._without_estimate(item), now))
         return verdicts
 
     def _give_up_overdue(self, now: int) -> None:
@@ -303,14 +312,17 @@ class RejectStage:
             t1=item.t1,
         )
 
-    def _give(self, item: RejectItem, verdict: Verdict, now: int | None) -> Verdict:
+    def _give(
+        self, item: RejectItem, verdict: Verdict, now: int | None,
+        estimate: MassEstimate | None = None,
+    ) -> Verdict:  # fmt: skip
         late_from = item.late_from
         if late_from is None and verdict.reject_at is not None:
             # Its mass was faster than its edges.
             late_from = self._arrival_clock.at(verdict.reject_at)
         late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
-        number = self._items.judge(item, verdict.estimate_id)
+        number = self._items.judge(item, estimate, verdict.estimate_id)
         verdict = replace(verdict, item_id=number, late=late)
         # A segmenter that was started again has not seen all edges of its first item. Of an item
         # that is a fault by its edges nobody knows which of them are its own.
