@@ -125,6 +125,8 @@ class ItemTracker:
             return
         if edge.eye == Eye.INFEED and edge.blocked and self._is_known(edge):
             return
+        if clears and self._complete_infeed(edge.stamp):
+            return
         if last is None or edge.stamp >= last.stamp:
             self._switch(edge)
             self._doubt_all()
@@ -147,6 +149,15 @@ class ItemTracker:
     def _doubt_all(self) -> None:
         for item in self._on_belt:
             item.fault(Reason.LATE_EDGE)
+
+    def _complete_infeed(self, stamp: int) -> bool:
+        """Note the t2 of an item that was at the outfeed eye before this edge came."""
+        for item in self._items:
+            begin = item.t1 if item.t1 is not None else stamp - 1
+            if item.t2 is None and item.t3 is not None and begin < stamp < item.t3:
+                item.t2 = stamp
+                return True
+        return False
 
     def _complete_outfeed(self, edge: EyeEdge) -> None:
         """Note an edge of an item that has left, as far as it is one."""
@@ -228,6 +239,7 @@ class ItemTracker:
         item, self._entering = self._entering, None
         if item is not None and item.t4 is None:
             item.t2 = stamp
+            self._merge_flicker(item)
             return
         if previous is None:
             if not self._is_state(stamp):
@@ -235,8 +247,8 @@ class ItemTracker:
             return
         last = self._entered_last
         if last is not None and last.t2 is not None:
-            broken = Reason.CHATTERING_EYE in last.faults and last in self._on_belt
-            if broken or self._flickers(stamp, previous, blocked=False):
+            chatters = Reason.CHATTERING_EYE in last.faults or 0 < length(last) < self._debounce
+            if (chatters and last in self._on_belt) or self._flickers(stamp, previous, blocked=False):
                 last.fault(Reason.CHATTERING_EYE)
                 last.t2 = stamp
                 return
@@ -246,6 +258,23 @@ class ItemTracker:
             return
         self._give_up_overdue(stamp)
         self._enter_unseen(stamp, Reason.MISSING_EDGE)
+
+    def _merge_flicker(self, item: Item) -> None:
+        """Take what is too short for an item for the end of the one before, whose t2 was lost."""
+        if self._on_belt[-2:-1] == [] or self._on_belt[-1] is not item:
+            return
+        before = self._on_belt[-2]
+        longest = self._debounce * (6 if Reason.CHATTERING_EYE in item.faults else 2)
+        if before.t1 is None or before.t2 is not None or length(item) >= longest:
+            return
+        if item.item_id != self._count:
+            return
+        self._on_belt.pop()
+        self._items.remove(item)
+        self._count -= 1
+        before.t2 = item.t2
+        before.fault(Reason.CHATTERING_EYE)
+        self._entered_last = self._begun = before
 
     def _enter_unseen(self, stamp: int, reason: Reason) -> None:
         item = self._new_item()
@@ -360,6 +389,7 @@ class ItemTracker:
             item.fault(Reason.MISSING_EDGE)
             item.t4 = stamp
             self._left_last = item
+            self._given_up.append(item)  # it may yet come to the eye, if another one has left
             self._finished.append(item)
 
     def _is_next_departure(self, stamp: int) -> bool:

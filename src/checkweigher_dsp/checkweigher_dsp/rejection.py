@@ -99,18 +99,17 @@ class RejectStage:
             return
         self._weigh_length = weigh_length
         self.restart(now)
+        count = self._tracker.count if self._tracker is not None else 0
+        self._tracker = self._new_tracker(weigh_length, count)
         while self._early:
             self.add_edge(*self._early.popleft())
 
     def restart(self, now: int | None = None) -> None:
         """Begin a new stream: what is on the belt will not reach the outfeed eye in it."""
-        count = 0
         if self._tracker is not None:
-            count = self._tracker.count
             for item in self._tracker.give_up(Reason.SOURCE_RESTARTED):
                 self._see(item, now)
-        if self._weigh_length is not None:
-            self._tracker = self._new_tracker(self._weigh_length, count)
+            self._tracker.forget()
         self._items.restart()
         self._first = self._newest = self._came = None
         self._arrival_clock = ArrivalClock()
