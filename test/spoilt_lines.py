@@ -24,6 +24,7 @@ CELL = LoadCell(
 LENGTH = 0.1  # m, of a product
 MASSES = (0.11, 0.23, 0.17, 0.31, 0.13, 0.4)  # kg, none within 3 % of another or of a sum
 BLOCK = 96  # samples
+DEBOUNCE = 5 * MS  # ns; what comes sooner after another product is one with it
 LEAD_IN, RUN_OUT = 1.0, 1.0  # s
 LATENESS = 2 * NANOSECONDS  # ns; what comes later than that is of a stream that begins anew
 NOISE = 1e-4 * np.random.Generator(np.random.PCG64(1)).standard_normal(1 << 17)  # kg
@@ -287,7 +288,7 @@ def _edges(
         begin, end = ('t1', 't2') if eye == Eye.INFEED else ('t3', 't4')
         if any(
             other is not products[number]
-            and (other.at(begin) or time) <= time + 2 * flickers * width * MS
+            and (other.at(begin) or time) <= time + 2 * flickers * width * MS + DEBOUNCE
             and (other.at(end) or other.gone) >= time
             for other in products
         ):
@@ -302,10 +303,12 @@ def _disorder(plan: Plan, events: list[tuple[int, Event]]) -> list[tuple[int, Ev
     """Lose, repeat and delay events; what is delayed arrives with what it comes behind."""
     events = [event for i, event in enumerate(events) if i not in plan.lost_events]
 
-    # A block from before a jump that comes after it cannot be told from another jump.
+    # A block from before a jump that comes after it cannot be told from another jump, and an edge
+    # from before a jump back not from one that is yet to come.
     def movable(position: int) -> bool:
         return position < len(events) and (
-            plan.jump is None or isinstance(events[position][1], EyeEdge)
+            plan.jump is None
+            or (isinstance(events[position][1], EyeEdge) and plan.jump.time >= 0)
         )
 
     for position, by in plan.doubled:

@@ -15,6 +15,7 @@ _OVERDUE = 1.5
 _TOO_EARLY = 0.1
 _REMEMBERED = 64  # edges, in which one that comes twice is known again
 _KNOWN_ITEMS = 16
+_FLICKERS = 6  # debounce times, for which an eye may chatter where an item ends
 
 
 class ItemTracker:
@@ -59,6 +60,7 @@ class ItemTracker:
         self._items: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
+        self._came_last: dict[Eye, EyeEdge] = {}
         self._first_edge: dict[Eye, int] = {}
         self._cleared_first: int | None = None  # the infeed eye, before it was blocked
         self._covered = False  # the outfeed eye, by an item from before the clock began anew
@@ -85,6 +87,10 @@ class ItemTracker:
         """Until when the next item to leave may yet come to the outfeed eye, ns; None if empty."""
         return self._on_belt[0].entered + self._max_transit if self._on_belt else None
 
+    def knows(self, edge: EyeEdge) -> bool:
+        """Tell whether an edge has come before."""
+        return edge in self._edges
+
     def add(self, edge: EyeEdge) -> list[Item]:
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)
@@ -100,6 +106,7 @@ class ItemTracker:
     def _switch(self, edge: EyeEdge) -> None:
         previous = self._last_edge.get(edge.eye)
         self._last_edge[edge.eye] = edge
+        self._came_last[edge.eye] = edge
         self._first_edge.setdefault(edge.eye, edge.stamp)
         self._settle_first()
         if edge.eye == Eye.INFEED:
@@ -107,7 +114,9 @@ class ItemTracker:
                 self._infeed_blocked(edge.stamp, previous)
             else:
                 self._infeed_clears(edge.stamp, previous)
-        elif edge.blocked:
+            return
+        self._merge_flicker()
+        if edge.blocked:
             self._outfeed_blocked(edge.stamp, previous)
         else:
             self._outfeed_clears(edge.stamp, previous)
@@ -116,6 +125,10 @@ class ItemTracker:
         """Take an edge that comes after a younger one: nothing on the belt can be trusted."""
         self._settle_first()
         self._doubt_all()
+        came = self._came_last.get(edge.eye)
+        self._came_last[edge.eye] = edge
+        if came is not None and self._flickers(edge.stamp, came, blocked=edge.blocked):
+            return
         last = self._last_edge.get(edge.eye)
         item = self._entered_last
         clears = edge.eye == Eye.INFEED and not edge.blocked
@@ -216,6 +229,7 @@ class ItemTracker:
             last.fault(Reason.CHATTERING_EYE)
             self._entering = last
             return
+        self._merge_flicker()
         entering = self._entering
         if entering is not None:
             entering.fault(Reason.MISSING_EDGE)
@@ -239,7 +253,6 @@ class ItemTracker:
         item, self._entering = self._entering, None
         if item is not None and item.t4 is None:
             item.t2 = stamp
-            self._merge_flicker(item)
             return
         if previous is None:
             if not self._is_state(stamp):
@@ -247,8 +260,8 @@ class ItemTracker:
             return
         last = self._entered_last
         if last is not None and last.t2 is not None:
-            chatters = Reason.CHATTERING_EYE in last.faults or 0 < length(last) < self._debounce
-            if (chatters and last in self._on_belt) or self._flickers(stamp, previous, blocked=False):
+            began = last in self._on_belt and length(last) < self._longest_flicker(last)
+            if began or self._flickers(stamp, previous, blocked=False):
                 last.fault(Reason.CHATTERING_EYE)
                 last.t2 = stamp
                 return
@@ -259,22 +272,23 @@ class ItemTracker:
         self._give_up_overdue(stamp)
         self._enter_unseen(stamp, Reason.MISSING_EDGE)
 
-    def _merge_flicker(self, item: Item) -> None:
+    def _longest_flicker(self, item: Item) -> int:
+        return self._debounce * (_FLICKERS if Reason.CHATTERING_EYE in item.faults else 1)
+
+    def _merge_flicker(self) -> None:
         """Take what is too short for an item for the end of the one before, whose t2 was lost."""
-        if self._on_belt[-2:-1] == [] or self._on_belt[-1] is not item:
+        if len(self._on_belt) < 2 or self._on_belt[-1].item_id != self._count:
             return
-        before = self._on_belt[-2]
-        longest = self._debounce * (6 if Reason.CHATTERING_EYE in item.faults else 2)
-        if before.t1 is None or before.t2 is not None or length(item) >= longest:
+        before, item = self._on_belt[-2:]
+        if before.t1 is None or before.t2 is not None or not length(item):
             return
-        if item.item_id != self._count:
-            return
-        self._on_belt.pop()
-        self._items.remove(item)
-        self._count -= 1
-        before.t2 = item.t2
-        before.fault(Reason.CHATTERING_EYE)
-        self._entered_last = self._begun = before
+        if length(item) < self._longest_flicker(item):
+            self._on_belt.pop()
+            self._items.remove(item)
+            self._count -= 1
+            before.t2 = item.t2
+            before.fault(Reason.CHATTERING_EYE)
+            self._entered_last = self._begun = before
 
     def _enter_unseen(self, stamp: int, reason: Reason) -> None:
         item = self._new_item()

@@ -45,6 +45,8 @@ def departure(item: Item) -> int:
 def accounts_for(item: Item, stamp: int, debounce: int) -> bool:
     """Tell whether the infeed eye was blocked at `stamp` by this item, and note its t1."""
     if item.t1 is not None:
+        if item.t2 is None and Reason.CHATTERING_EYE in item.faults:
+            return item.t1 <= stamp
         last = item.t2 if item.t2 is not None else item.t1
         return item.t1 <= stamp <= last + debounce
     later = [t for t in (item.t2, item.t3) if t is not None]

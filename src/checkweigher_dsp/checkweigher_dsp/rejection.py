@@ -29,6 +29,7 @@ _RESTART = 2 * NANOSECONDS
 _PATIENCE = NANOSECONDS // 10
 _PATIENCE_GIVEN_UP = NANOSECONDS
 _MAX_EARLY = 10_000
+_PLAYED_AGAIN = 4  # edges, as many as an item has
 _MAX_STAMPS = 4_000
 _MAX_ARRIVALS = 400
 
@@ -71,6 +72,7 @@ class RejectStage:
         self._tracker: ItemTracker | None = None
         self._arrival_clock = ArrivalClock()
         self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
+        self._held: list[tuple[EyeEdge, int | None]] = []  # that came before, long ago
         self._stamps: dict[int, None] = {}  # of the latest edges, an ordered set
         self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
         self._first: int | None = None
@@ -111,6 +113,7 @@ class RejectStage:
                 self._see(item, now)
             self._tracker.forget()
         self._items.restart()
+        self._held.clear()
         self._first = self._newest = self._came = None
         self._arrival_clock = ArrivalClock()
 
@@ -120,7 +123,10 @@ class RejectStage:
             self._early.append((edge, now))
             return []
         if self._newest is not None and edge.stamp < self._newest - _RESTART:
+            if self._tracker.knows(edge):
+                return self._hold(edge, now)
             self.restart(now)
+        self._held.clear()
         self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
         if self._newest is None or edge.stamp >= self._newest:
             self._newest, self._came = edge.stamp, now
@@ -132,6 +138,15 @@ class RejectStage:
         for item in self._tracker.add(edge):
             self._see(item, came)
         return self.advance(now)
+
+    def _hold(self, edge: EyeEdge, now: int | None) -> list[Verdict]:
+        """Pass over an old edge that comes again, unless so many do that all are played again."""
+        self._held.append((edge, now))
+        if len(self._held) < _PLAYED_AGAIN:
+            return self.advance(now)
+        held = list(self._held)
+        self.restart(now)
+        return [verdict for again in held for verdict in self.add_edge(*again)]
 
     def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
         """Take an estimate and return the verdict on its item, if there was none yet."""
