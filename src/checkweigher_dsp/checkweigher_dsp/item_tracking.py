@@ -260,7 +260,7 @@ class ItemTracker:
             return
         last = self._entered_last
         if last is not None and last.t2 is not None:
-            began = last in self._on_belt and length(last) < self._longest_flicker(last)
+            began = last in self._on_belt and 0 < length(last) < self._longest_flicker(last)
             if began or self._flickers(stamp, previous, blocked=False):
                 last.fault(Reason.CHATTERING_EYE)
                 last.t2 = stamp
@@ -472,7 +472,7 @@ class ItemTracker:
         """Tell whether the outfeed eye sees something that was given up, and not what is there."""
         for item in self._on_belt:
             transit = self._transit_of(item)
-            if transit is None and item is self._entering:
+            if item is self._entering:
                 continue  # what is at one eye is not at the other
             if transit is None or item.t1 is None:
                 return False

@@ -157,6 +157,7 @@ class RejectItems:
                     item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._ahead = max(self._ahead, item.number - item.count)
                 self._use(item)
+                self._use(seen)
                 return True
         return self.is_used_up(seen)
 
