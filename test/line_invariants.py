@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import heapq
 
-from spoilt_lines import CELL, LENGTH, SpoiltLine, with_last
+from spoilt_lines import CELL, EDGES, LENGTH, MS, SpoiltLine, with_last
 
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
@@ -27,6 +27,9 @@ def parameters(estimator: str, *, length_known: bool) -> LineParameters:
     )
 
 
+_NAMES = {edge: name for name, edge in EDGES.items()}
+
+
 @dataclass
 class Tally:
     """Counts over many lines."""
@@ -34,7 +37,7 @@ class Tally:
     lines: int = 0
     products: int = 0
     heard: int = 0
-    entered: int = 0
+    entries: int = 0
     verdicts: int = 0
     no_estimate: int = 0
     unseen: int = 0
@@ -57,7 +60,7 @@ class Tally:
         self.lines += 1
         self.products += len(line.products)
         self.heard += sum(line.heard)
-        self.entered += sum(line.entered)
+        self.entries += len(line.entries)
         self.verdicts += len(verdicts)
         self.decisions.update(verdict.decision.name for verdict in verdicts)
         self.reasons.update(reason for verdict in verdicts for reason in verdict.reasons)
@@ -69,8 +72,8 @@ class Tally:
         )
         reasons = ', '.join(f'{name} {count}' for name, count in self.reasons.most_common())
         return (
-            f'{self.lines} lines, {self.products} products, {self.heard} of them heard of and '
-            f'{self.entered} seen to enter, '
+            f'{self.lines} lines, {self.products} products, {self.heard} of them heard of, '
+            f'{self.entries} seen to enter, '
             f'{self.verdicts} verdicts: {decisions}, '
             f'{self.unseen} of them accepted with a neighbour whose t1 was lost or late; '
             f'reasons: {reasons}; '
@@ -128,7 +131,9 @@ def violations(
 ) -> Iterator[str]:
     """Say what is wrong with the verdicts on a line: nothing, if all is well.
 
-    An item is the product that its t1 is of, or its t2 where the t1 is not known, or its t3.
+    An item may be any of the products that its edges are of: more than one where edges in between
+    were lost, and it is a fault then. With each item assigned to one product of its own, none must
+    be left over: neither an item, nor a product that entered.
 
     Parameters
     ----------
@@ -143,8 +148,8 @@ def violations(
     ------
     str
         - an item number that was given twice
-        - a product with more than one verdict
-        - a product that has none although its two infeed edges came in order
+        - an item that is a further one, or none
+        - a product that has no verdict although the infeed eye saw it
         - an accepted item that is no product which was whole and alone on the belt
     """
     numbers = Counter(verdict.item_id for verdict in verdicts)
@@ -152,32 +157,70 @@ def violations(
         if count > 1:
             yield f'number {number} was given {count} times'
     t2s = {estimate.item_id: estimate.t2 for estimate in estimates}
-    entered, left = Counter(), Counter()
-    for verdict in verdicts:
-        t2 = t2s.get(verdict.estimate_id)
-        by_exit = verdict.t1 is None and t2 is None
-        (left if by_exit else entered)[_product_of(line, verdict, t2)] += 1
-    nameless = sum(v.t1 is None and v.t3 is None and not v.estimate_id for v in verdicts)
-    for number, whole in enumerate(line.entered):
-        if entered[number] > 1 or left[number] > 1:
-            yield f'product {number} has {entered[number]} and {left[number]} verdicts'
-        if whole and not entered[number] + left[number]:
-            nameless -= 1
-            if nameless < 0:
-                yield f'product {number} has no verdict'
+    newest = max(stamp for stamps in line.truth for stamp in stamps.values())
+    of_line = [v for v in verdicts if v.t1 is None or v.t1 <= newest]  # not that of `with_last`
+    products = _products_of_edges(line)
+    candidates = [_candidates(products, v, t2s.get(v.estimate_id)) for v in of_line]
+    for item in _without_partner(candidates):
+        yield f'doubled, or no product: {of_line[item]}'
+    entries = [
+        {item for item, numbers in enumerate(candidates) if numbers & set(entry)}
+        for entry in line.entries
+    ]
+    for entry in _without_partner(entries):
+        yield f'products {line.entries[entry]} have no verdict'
     for verdict in verdicts:
         if verdict.decision is not Decision.FAULT and _sound_product(line, verdict) is None:
             yield f'accepted, but no sound product: {verdict}'
 
 
-def _product_of(line: SpoiltLine, verdict: Verdict, t2: int | None) -> int | None:
-    """Return the number of the product that an item is, None if it is none."""
+def _products_of_edges(line: SpoiltLine) -> dict[tuple[str, int], set[int]]:
+    """Return which products the edges that came are of, those of flickers included."""
+    came = {event for _, event in line.events if isinstance(event, EyeEdge)}
+    products: dict[tuple[str, int], set[int]] = {}
+    for number, stamps in enumerate(line.truth):
+        edges = [EyeEdge(stamp, *EDGES[name]) for name, stamp in stamps.items()]
+        for flickering, name, flickers, width in line.plan.chatter:
+            if flickering == number and name in stamps:
+                eye, blocked = EDGES[name]
+                edges += [
+                    EyeEdge(stamps[name] + (k + 1) * width * MS, eye, blocked ^ (k % 2 == 0))
+                    for k in range(2 * flickers)
+                ]
+        for edge in edges:
+            if edge in came:
+                products.setdefault((_NAMES[edge.eye, edge.blocked], edge.stamp), set()).add(number)
+    return products
+
+
+def _candidates(
+    products: dict[tuple[str, int], set[int]], verdict: Verdict, t2: int | None
+) -> set[int]:
+    """Return which products an item may be."""
     known = {'t1': verdict.t1, 't2': t2, 't3': verdict.t3}
-    name = next((name for name, stamp in known.items() if stamp is not None), None)
-    if name is None:
-        return None
-    of_it = [i for i, truth in enumerate(line.truth) if truth.get(name) == known[name]]
-    return of_it[0] if of_it else None
+    numbers: set[int] = set()
+    for name, stamp in known.items():
+        if stamp is not None:
+            numbers |= products.get((name, stamp), set())
+    if verdict.t1 is None and not verdict.estimate_id:
+        # A verdict does not tell t2; without an estimate it may be any.
+        numbers |= {n for (name, _), of_it in products.items() if name == 't2' for n in of_it}
+    return numbers
+
+
+def _without_partner(candidates: Sequence[set[int]]) -> list[int]:
+    """Return what is left over if each gets a candidate of its own, as many as can (Kuhn)."""
+    taken: dict[int, int] = {}
+
+    def find(one: int, tried: set[int]) -> bool:
+        for candidate in candidates[one] - tried:
+            tried.add(candidate)
+            if candidate not in taken or find(taken[candidate], tried):
+                taken[candidate] = one
+                return True
+        return False
+
+    return [one for one in range(len(candidates)) if not find(one, set())]
 
 
 def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None:
@@ -186,12 +229,16 @@ def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None
     Without a known length nothing tells a long product from one that was taken off with its t2 lost
     and a next one with its t1 lost. What is weighed is the next one, and right.
     """
+    came = {event for _, event in line.events if isinstance(event, EyeEdge)}
     for number, (truth, sound) in enumerate(zip(line.truth, line.sound, strict=True)):
         if not sound or truth.get('t3') != item.t3:
             continue
-        lost = {(number - 1, 't2'), (number, 't1')} <= line.plan.lost
-        before = line.truth[number - 1].get('t1') if lost else None
-        return number if item.t1 in (truth['t1'], before) else None
+        if item.t1 == truth['t1']:
+            return number
+        before = line.truth[number - 1] if number else {}
+        lost = [(truth, 't1'), (before, 't2')]
+        heard = any(EyeEdge(of.get(name, 0), *EDGES[name]) in came for of, name in lost)
+        return number if item.t1 == before.get('t1') and not heard else None
     return None
 
 

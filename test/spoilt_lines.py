@@ -98,8 +98,9 @@ class SpoiltLine:
         Stamps of the edges of each product by the clock of the source.
     heard : tuple of bool
         Of each product, whether any of its edges is among the events.
-    entered : tuple of bool
-        Whether both of its infeed edges are, and came before any younger one of that eye.
+    entries : tuple of tuple of int
+        What the infeed eye has shown to enter, each as the products in it: more than one where the
+        edges between them were lost. Edges that came after a younger one of that eye show nothing.
     sound : tuple of bool
         Whether a product was alone on the belt from t2 to t3, as far as the eyes could know, and
         the clock one from t1 to t3.
@@ -112,7 +113,7 @@ class SpoiltLine:
     events: tuple[tuple[int, Event], ...]
     truth: tuple[dict[str, int], ...]
     heard: tuple[bool, ...]
-    entered: tuple[bool, ...]
+    entries: tuple[tuple[int, ...], ...]
     sound: tuple[bool, ...]
     alone: tuple[bool, ...]
 
@@ -214,7 +215,7 @@ def make_line(plan: Plan) -> SpoiltLine:
     )
     return SpoiltLine(
         plan, tuple(products), tuple(events), truth, heard,
-        tuple(_entered(stamps, came) for stamps in truth),
+        _entries_shown(truth, came),
         tuple(_is_sound(i, products, truth, came, jumps) for i in range(len(products))),
         tuple(not _neighbours(products, product) for product in products),
     )  # fmt: skip
@@ -229,15 +230,32 @@ def _first_places(events: Sequence[tuple[int, Event]]) -> dict[EyeEdge, int]:
     return places
 
 
-def _entered(stamps: dict[str, int], came: dict[EyeEdge, int]) -> bool:
-    for name in ('t1', 't2'):
-        edge = EyeEdge(stamps.get(name, 0), *EDGES[name])
-        if edge not in came or any(
-            other.eye == Eye.INFEED and other.stamp > edge.stamp and place < came[edge]
-            for other, place in came.items()
-        ):
-            return False
-    return True
+def _entries_shown(
+    truth: Sequence[dict[str, int]], came: dict[EyeEdge, int]
+) -> tuple[tuple[int, ...], ...]:
+    """Return the products that the infeed eye has shown, together where it has shown them as one."""
+    entries: list[tuple[int, ...]] = []
+    cleared = True  # behind the product before, as far as the eye has shown
+    for number, stamps in enumerate(truth):
+        edges = [EyeEdge(stamps[name], *EDGES[name]) for name in ('t1', 't2') if name in stamps]
+        heard = [edge for edge in edges if edge in came]
+        if not heard:
+            continue
+        in_order = not any(_is_late(edge, came) for edge in heard)
+        if heard[0].blocked or cleared:
+            if in_order:
+                entries.append((number,))
+        elif entries:
+            entries[-1] = (*entries[-1], number)
+        cleared = not heard[-1].blocked and in_order
+    return tuple(entries)
+
+
+def _is_late(edge: EyeEdge, came: dict[EyeEdge, int]) -> bool:
+    return any(
+        other.eye == edge.eye and other.stamp > edge.stamp and place < came[edge]
+        for other, place in came.items()
+    )
 
 
 def _neighbours(products: list[Product], product: Product) -> list[int]:

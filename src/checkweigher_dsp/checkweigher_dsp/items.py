@@ -37,7 +37,8 @@ def departure(item: Item) -> int:
     if item.t4 is not None:
         return item.t4
     if item.t3 is None and item.given_up is not None:
-        return item.given_up  # until then it may have been there
+        # Until then it may have been there.
+        return item.given_up if item.t2 is None else max(item.given_up, item.t2)
     last_seen = item.t3 if item.t3 is not None else item.entered
     return last_seen + 2 * length(item)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.item_tracking import ItemTracker
 from checkweigher_dsp.items import Item
+from checkweigher_dsp.load_check import LoadCheck
 from checkweigher_dsp.motion_check import MotionCheck
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -71,6 +72,7 @@ class Segmenter:
             load_cell.weigh_length / parameters.product_length if known else 0.0,
         )
         self._motion = MotionCheck(load_cell.weigh_length, parameters)
+        self._load_check = LoadCheck()
         sensitivity = abs(load_cell.counts_per_kg)
         self._zero_tracker = ZeroTracker(
             load_cell.zero_counts,
@@ -305,6 +307,11 @@ class Segmenter:
         zero = self._zero_tracker.update(seconds(item.t1), stretch, settled)
         if not zero.trusted:
             return replace(fault, reasons=(Reason.ZERO_OUT_OF_RANGE.value,))
+        empty_begin = min(max(self._empty_from(item, first) - first, 0), entry - first)
+        window = self._buffer.read(begin, end)
+        empty = self._buffer.read(first + empty_begin, entry)
+        if not self._load_check.is_steady(window, empty, zero.counts):
+            return replace(fault, reasons=(Reason.DISTANCE_FAULT.value,))
         return replace(
             fault,
             sample_rate=self.load_cell.sample_rate,
@@ -314,7 +321,7 @@ class Segmenter:
             zero_std_dev=zero.std_dev,
             first_index=first,
             stamp=self._buffer.stamp_at(first),
-            empty_begin=min(max(self._empty_from(item, first) - first, 0), entry - first),
+            empty_begin=empty_begin,
             window_begin=begin - first,
             window_end=end - first,
             counts=self._buffer.read(first, self._sound_end(end, trail_end)),

@@ -1,0 +1,63 @@
+"""Whether the scale agrees that a product was alone: its load changes no more than the belt shakes.
+
+The eyes do not show a product whose edge was lost. The scale does: while one comes or goes within
+the weigh window, the load changes by more than vibration and ring-down explain.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
+_SHARE = 0.15
+_VIBRATION = 3.0  # times the largest change of the empty belt that was seen
+_MEMORY = 0.98  # of that change at each further item
+_FEWEST = 8  # samples
+
+
+class LoadCheck:
+    """Tell a steady load from one that something else came to or left.
+
+    Compared are the mean of the last quarter of a window and that of its first half. What vibration
+    does to it shows the empty belt before the items, over as many samples; where the belt is
+    never empty for so long, what it showed last.
+    """
+
+    def __init__(self) -> None:
+        self._shaking: float | None = None  # counts
+
+    def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
+        """Tell whether the load of a window is that of one item.
+
+        Parameters
+        ----------
+        window : ndarray, (n,) int32
+            Counts from t2 to t3.
+        empty : ndarray, (m,) int32
+            Counts of the empty belt before t1, any number.
+        zero : float
+            Counts of the empty belt.
+        """
+        self._watch(empty, len(window))
+        if self._shaking is None or len(window) < _FEWEST:
+            return True
+        load = abs(float(np.mean(window)) - zero)
+        change = abs(float(_changes(window.astype(np.float64), len(window))[0]))
+        return change <= _SHARE * load + _VIBRATION * self._shaking
+
+    def _watch(self, empty: NDArray[np.int32], size: int) -> None:
+        if len(empty) < size or size < _FEWEST:
+            return
+        seen = float(np.max(np.abs(_changes(empty.astype(np.float64), size))))
+        self._shaking = seen if self._shaking is None else max(seen, _MEMORY * self._shaking)
+
+
+def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return last quarter less first half of each stretch of `size` samples, (n - size + 1,)."""
+    half, quarter = size // 2, size // 4
+    sums = np.concatenate(([0.0], np.cumsum(counts - counts[0])))
+    begin = np.arange(len(counts) - size + 1)
+    end = begin + size
+    last = (sums[end] - sums[end - quarter]) / quarter
+    first = (sums[begin + half] - sums[begin]) / half
+    changes: NDArray[np.float64] = last - first
+    return changes
