@@ -1,27 +1,32 @@
 """Recording and listening to a running graph, each in a process of its own."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+import csv
 from pathlib import Path
+import random
 import signal
 import subprocess
 import sys
-import time
 
+from checkweigher_msgs.msg import LoadCellSamples, PhotoEyeEvent, Verdict
 from lines import simulated
 import pytest
 from rclpy.node import Node
 from running import run_command
+from test_nodes import wait_for
 import yaml
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.bag_writing import write_bag
+from checkweigher_driver.recording import Recording
+from checkweigher_dsp.nodes import topics
 
 MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
-# A late listener misses what was sent before DDS has brought it together with the line, which can
-# take seconds: so long an empty belt comes first. Of it only the last second matters to a mass.
-EMPTY_BELT = 20.0  # s
+# A listener that is there before the line may still miss its first blocks, until DDS has brought
+# the two together: an empty belt comes first. Of it only the last second matters to a mass.
+EMPTY_BELT = 8.0  # s
 RATE = 4
 
 
@@ -53,6 +58,7 @@ def test_a_recording_weighs_as_the_line_did(
     bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
 ):
     with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:
+        wait_for_node('/taped/record')
         replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'taped')
         recorder.send_signal(signal.SIGINT)
         output, errors = recorder.communicate(timeout=20)
@@ -67,34 +73,134 @@ def test_a_recording_weighs_as_the_line_did(
     assert {'/taped/statistics', '/taped/zero_setting', '/taped/reject_eye'} <= set(counts)
 
 
-def unfinished(folder: Path) -> Path:
-    """Return the file that a recorder left that could not end."""
-    (file,) = folder.glob('.*.partial/*.mcap')
-    return file
+class Watcher(Node):
+    """Sees what happens on a line."""
+
+    def __init__(self) -> None:
+        super().__init__('watcher')
+        self.blocks = self.edges = self.judged = 0
+        self.on_belt = False
+        for topic, take in (
+            (topics.PHOTO_EYES, self._on_edge), (topics.VERDICT, self._on_verdict),
+            (topics.LOAD_CELL_SAMPLES, self._on_block),
+        ):  # fmt: skip
+            self.create_subscription(topic.type, topic.name, take, topic.stage_qos)
+
+    def _on_edge(self, message: PhotoEyeEvent) -> None:
+        self.edges += 1
+        if message.eye == PhotoEyeEvent.INFEED and message.blocked:
+            self.on_belt = True
+        elif message.eye == PhotoEyeEvent.OUTFEED and not message.blocked:
+            self.on_belt = False
+
+    def _on_verdict(self, message: Verdict) -> None:
+        self.judged += 1
+
+    def _on_block(self, message: LoadCellSamples) -> None:
+        self.blocks += 1
 
 
-def test_a_recording_that_was_killed_says_so_and_weighs_up_to_the_cut_once_recovered(
-    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
-):
-    with started('record', '--output', tmp_path / 'bag', '--namespace', 'killed') as recorder:
-        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'killed')
-        recorder.kill()
-        recorder.communicate(timeout=20)
-    assert not (tmp_path / 'bag').exists()
-    file = unfinished(tmp_path)
-    refused = run_command('weigh', file)
-    assert refused.returncode == 2
-    assert 'checkweigher recover' in refused.stderr
+def check_killed(
+    line: Recording, rate: float, folder: Path, moments: Sequence[Callable[[Watcher], bool]]
+) -> list[tuple[int, int]]:
+    """Replay a line, kill a recorder with SIGKILL at each moment, and weigh what it has left.
 
-    recovered = run_command('recover', file, '--output', tmp_path / 'bag')
-    assert recovered.returncode == 0, recovered.stderr
-    weighed = rows('weigh', tmp_path / 'bag')
-    whole = [row for row in weighed if 'StreamEnded' not in row['reasons']]
-    assert len(whole) >= len(replayed) - 3  # of the last chunk, a second or two
-    expected = replayed[: len(whole)]
-    for last in (whole[-1], expected[-1]):
-        del last['t4']  # which may lie behind the cut
-    assert whole == expected
+    The moments come one after the other. Return the verdicts that had been given at each of them,
+    and the items that could be weighed afterwards.
+    """
+    write_bag(folder / 'line', line.load_cell, line)
+    judged = []
+    with ExitStack() as stack:
+        recorders = [
+            stack.enter_context(
+                started('record', '--output', folder / f'killed{n}', '--namespace', 'killed')
+            )
+            for n in range(len(moments))
+        ]
+        spinner = stack.enter_context(spinning('killed'))
+        watcher = Watcher()
+        spinner.add(watcher)
+        wait_for(lambda: watcher.get_node_names().count('record') == len(moments), 60.0)
+        replay = stack.enter_context(
+            started('replay', folder / 'line', '--rate', rate, '--namespace', 'killed',
+                    '--csv', folder / 'line.csv')
+        )  # fmt: skip
+        for recorder, moment in zip(recorders, moments, strict=True):
+            wait_for(lambda: moment(watcher), 60.0)  # noqa: B023
+            recorder.kill()
+            judged.append(watcher.judged)
+        _, errors = replay.communicate(timeout=60)
+        assert replay.returncode == 0, errors
+    whole = read_rows(folder / 'line.csv')
+    weighed = []
+    for n in range(len(moments)):
+        done = run_command('weigh', folder / f'killed{n}', '--csv', folder / f'{n}.csv')
+        assert done.returncode == 0, done.stderr
+        (notice,) = done.stderr.splitlines()
+        assert f'{folder / f"killed{n}"}: the recording broke off' in notice
+        rows = read_rows(folder / f'{n}.csv')
+        weighed.append(sum('StreamEnded' not in row['reasons'] for row in rows))
+        check_beginning(rows, whole, weighed[-1])
+    return list(zip(judged, weighed, strict=True))
+
+
+def check_beginning(rows: list[dict[str, str]], whole: list[dict[str, str]], count: int) -> None:
+    """Check that rows are the first `count` of the whole line, and then what was on the belt."""
+    assert all('StreamEnded' in row['reasons'] for row in rows[count:])
+    assert all(not row['mass_g'] and row['decision'] == 'FAULT' for row in rows[count:])
+    assert len(rows) - count <= 2
+    expected = [dict(row) for row in whole[:count]]
+    if rows[:count]:
+        for last in (rows[count - 1], expected[-1]):
+            del last['t4']  # which may lie behind the cut
+    assert rows[:count] == expected
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding='utf-8', newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def has_begun(watcher: Watcher, folder: Path) -> bool:
+    """Whether samples have come for longer than a recorder keeps them, so that it has written."""
+    written = sum(file.stat().st_size for file in folder.glob('*.mcap'))
+    return watcher.blocks > 250 and written > 3000
+
+
+def test_a_recording_that_was_killed_weighs_up_to_the_cut(tmp_path: Path):
+    moments: list[Callable[[Watcher], bool]] = [
+        lambda watcher: has_begun(watcher, tmp_path / 'killed0'),
+        lambda watcher: watcher.judged > 3 and watcher.on_belt,
+        lambda watcher: watcher.judged > 6,
+    ]
+
+    rate = 2.0
+    line = simulated(count=10, lead_in=5.0, run_out=0.5)
+    ends = check_killed(line, rate, tmp_path, moments)
+
+    # Of the last second, with 1.5 items in a second of the line, and on a busy machine a bit more.
+    assert all(weighed >= judged - 2 * 1.5 * rate for judged, weighed in ends)
+    assert ends[0][1] < ends[2][1]
+
+
+@pytest.mark.soak
+def test_recordings_killed_at_many_moments_weigh_up_to_the_cut(tmp_path: Path):
+    chance = random.Random(3)
+    for number in range(5):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        moments: list[Callable[[Watcher], bool]] = [
+            lambda watcher, folder=folder: has_begun(watcher, folder / 'killed0'),
+            *(after(edges) for edges in sorted(chance.sample(range(1, 60), 5))),
+        ]
+        line = simulated(count=15, spacing=0.4, lead_in=4.0, seed=number)
+        ends = check_killed(line, 2.0, folder, moments)
+        print(f'\nverdicts at the moment of the kill, and items weighed after it: {ends}')
+
+
+def after(edges: int) -> Callable[[Watcher], bool]:
+    """Return the moment after so many edges: before, in the middle of and after an item."""
+    return lambda watcher: watcher.edges >= edges
 
 
 def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
@@ -102,6 +208,7 @@ def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
         started('echo', '--namespace', 'seen', '--count', '5') as seen,
         started('echo', '--namespace', 'other', '--duration', '12') as other,
     ):
+        wait_for_node('/seen/echo', '/other/echo')
         done = run_command('replay', bag, '--rate', RATE, '--namespace', 'seen')
         assert done.returncode == 0, done.stderr
         output, errors = seen.communicate(timeout=30)
@@ -135,13 +242,17 @@ def test_passes_of_a_known_mass_are_recorded_with_it(
     assert known == times[times.index(known[0]) :][:3]
 
 
-def wait_for_node(name: str) -> None:
+def wait_for_node(*names: str) -> None:
     with spinning() as spinner:
         node = Node('watcher')
         spinner.add(node)
-        end = time.monotonic() + 30
-        while name not in {
-            f'{space.rstrip("/")}/{own}' for own, space in node.get_node_names_and_namespaces()
-        }:
-            assert time.monotonic() < end, f'waited in vain for {name}'
-            time.sleep(0.02)
+        wait_for(
+            lambda: (
+                set(names)
+                <= {
+                    f'{space.rstrip("/")}/{own}'
+                    for own, space in node.get_node_names_and_namespaces()
+                }
+            ),
+            30.0,
+        )

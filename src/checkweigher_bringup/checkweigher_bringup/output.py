@@ -3,9 +3,11 @@
 from collections.abc import Iterable
 from io import StringIO
 from pathlib import Path
+import sys
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_driver.bag_file import check_folder_of
+from checkweigher_driver.recording import Recording
 from checkweigher_validation.results import (
     TABLE_HEADER,
     ItemResult,
@@ -25,6 +27,12 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise UserError(f'{path}: exists already; choose another name or add --overwrite')
     check_folder_of(path)
+
+
+def warn_unfinished(recording: Recording) -> None:
+    """Say so, beside the results, if a recording is only the beginning of one."""
+    if recording.unfinished:
+        print(recording.unfinished, file=sys.stderr, flush=True)
 
 
 class CsvOutput:

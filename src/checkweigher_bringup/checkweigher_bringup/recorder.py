@@ -1,7 +1,7 @@
 """What `record` does: the messages of a lane, byte for byte as they come, into a bag."""
 
 from collections.abc import Callable
-from contextlib import suppress
+import math
 from pathlib import Path
 import queue
 import signal
@@ -19,7 +19,7 @@ from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERE
 from checkweigher_dsp.nodes import topics
 
 _POLL_PERIOD = 0.2  # s
-_CHUNK = 16_384  # bytes; a second or two of a line, which is lost if the process is killed
+_FLUSH_PERIOD = 1.0  # s; what is lost of a recording if the process is killed
 _PATIENCE = 5.0  # s without a message before that is said
 
 
@@ -63,6 +63,9 @@ def record(
 ) -> int:
     """Record until the duration is over or SIGINT or SIGTERM comes; return the exit status.
 
+    The bag grows under its name from the first message on. If this process is killed, it lacks the
+    last second and ``metadata.yaml``.
+
     Parameters
     ----------
     path : Path
@@ -88,18 +91,14 @@ def record(
     """
     recorded = INPUT_TOPICS if inputs_only else (*INPUT_TOPICS, *OUTPUT_TOPICS)
 
-    def end(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, end)
-    with BagFile(path, recorded, namespace, _CHUNK) as bag, spinning(namespace) as spinner:
+    signal.signal(signal.SIGTERM, _interrupt)
+    with BagFile(path, recorded, namespace, in_place=True) as bag, spinning(namespace) as spinner:
         known = None if reference is None else ReferencePasses(reference, passes)
         node = RecorderNode(tuple(t for t in recorded if not (known and t is REFERENCE_MASS)))
         spinner.add(node)
         if known is not None:
             known.attach(node, node.taker(REFERENCE_MASS))
-        with suppress(KeyboardInterrupt):
-            _take(bag, node, duration, known)
+        _take(bag, node, duration, known)
         while not node.messages.empty():
             bag.put(*node.messages.get())
         if bag.message_count == 0:
@@ -112,22 +111,43 @@ def record(
     return 0
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+class _Ending:
+    """Whether SIGINT or SIGTERM has come; it must not break into the writing of a message."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+
+
 def _take(
     bag: BagFile, node: RecorderNode, duration: float | None, known: ReferencePasses | None
 ) -> None:
-    end = None if duration is None else time.monotonic() + duration
-    silent_since = time.monotonic()
+    ending = _Ending()
+    now = silent_since = flushed = time.monotonic()
+    end = math.inf if duration is None else now + duration
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while (end is None or time.monotonic() < end) and not (known and known.done):
+        while now < end and not ending.asked and not (known and known.done):
             for line in known.news() if known else ():
                 progress.write(line)
             try:
                 message = node.messages.get(timeout=_POLL_PERIOD)
             except queue.Empty:
-                if time.monotonic() - silent_since > _PATIENCE:
-                    silent_since = time.monotonic()
+                if now - silent_since > _PATIENCE:
+                    silent_since = now
                     progress.write(f'no messages for {_PATIENCE:.0f} s')
-                continue
-            bag.put(*message)
-            progress.update()
-            silent_since = time.monotonic()
+            else:
+                bag.put(*message)
+                progress.update()
+                silent_since = now
+            now = time.monotonic()
+            if now - flushed > _FLUSH_PERIOD:
+                flushed = now
+                bag.flush()

@@ -8,6 +8,7 @@ from typing import Self
 from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.output import warn_unfinished
 from checkweigher_driver.bag_reading import read_bag
 from checkweigher_dsp.segmentation import SegmenterParameters
 from checkweigher_validation.passes import KnownPass, known_passes
@@ -30,6 +31,7 @@ def read_passes(
     rate = None
     for bag in bags:
         recording = read_bag(bag, lane, progress=True)
+        warn_unfinished(recording)
         cell = recording.load_cell
         if rate not in (None, cell.sample_rate):
             raise UserError(

@@ -1,4 +1,4 @@
-"""A bag that is being written: MCAP with check sums and metadata.yaml, whole or not at all."""
+"""A bag that is being written: MCAP with check sums and metadata.yaml."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -37,9 +37,11 @@ class OutputError(ValueError):
 class BagFile:
     """A new bag of serialized messages.
 
-    A context manager. The bag appears under its name when the block ends without an exception;
-    until then, and after an exception, there is nothing under this name. Equal messages give equal
-    bytes in all files of the bag.
+    A context manager. The bag is there, whole, when the block ends without an exception; until
+    then, and after an exception, there is nothing under its name. With `in_place` it grows there
+    from the first message on, and what is there stays, without ``metadata.yaml`` until the end: so
+    a recording is not lost with its recorder. Equal messages, flushed alike, give equal bytes in
+    all files of the bag.
 
     Parameters
     ----------
@@ -49,8 +51,8 @@ class BagFile:
         All topics that there will be messages of.
     namespace : str
         Of the lane, ``''`` for none.
-    chunk_size : int
-        Bytes after which what has come is in the file, and left there if the process is killed.
+    in_place : bool
+        Whether to write under the bag's own name from the first message on.
 
     Raises
     ------
@@ -66,12 +68,15 @@ class BagFile:
     """
 
     def __init__(
-        self, path: Path, topics: Sequence[Topic], namespace: str = '', chunk_size: int = 1 << 20
+        self, path: Path, topics: Sequence[Topic], namespace: str = '', *, in_place: bool = False
     ) -> None:
         check_output(path)
-        self._chunk_size = chunk_size
         self._path = path
-        self._partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        self._in_place = in_place
+        self._folder = path
+        if not in_place:
+            self._folder = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        self._mcap: Writer | None = None
         self._topics = topics
         self._prefix = lane_prefix(namespace)
         self._counts: Counter[Topic] = Counter()
@@ -79,19 +84,8 @@ class BagFile:
 
     def __enter__(self) -> Self:
         """Begin the bag."""
-        try:
-            self._partial.mkdir()
-            self._file = (self._partial / _FILE).open('xb')
-        except OSError as error:
-            shutil.rmtree(self._partial, ignore_errors=True)
-            raise output_error(self._path, error) from None
-        # The check sum of the data section is off by default.
-        self._mcap = Writer(
-            self._file, self._chunk_size, CompressionType.ZSTD, enable_data_crcs=True
-        )
-        # The name of the library, by default with its version, is part of the file.
-        self._mcap.start(profile='ros2', library='checkweigher')
-        self._channels = {topic: self._add_channel(topic) for topic in self._topics}
+        if not self._in_place:
+            self._open()
         return self
 
     def __exit__(
@@ -100,16 +94,40 @@ class BagFile:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Complete the bag, or remove what has been written of it."""
+        """Complete the bag; after an exception remove it, or leave what is there in place."""
         try:
             if error is None:
                 self._complete()
+            elif self._in_place and self._mcap is not None:
+                with suppress(OSError):
+                    self._mcap.flush()
         except OSError as failure:
-            raise output_error(self._path, failure) from None
+            raise self._output_error(failure) from None
         finally:
-            with suppress(OSError):
-                self._file.close()
-            shutil.rmtree(self._partial, ignore_errors=True)
+            if self._mcap is not None:
+                with suppress(OSError):
+                    self._file.close()
+            if not self._in_place:
+                shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _open(self) -> Writer:
+        try:
+            self._folder.mkdir()
+        except OSError as error:
+            raise output_error(self._path, error) from None
+        try:
+            self._file = (self._folder / _FILE).open('xb')
+            # The check sum of the data section is off by default.
+            mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            # The name of the library, by default with its version, is part of the file.
+            mcap.start(profile='ros2', library='checkweigher')
+            self._file.flush()
+        except OSError as error:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise output_error(self._path, error) from None
+        self._mcap = mcap
+        self._channels = {topic: self._add_channel(mcap, topic) for topic in self._topics}
+        return mcap
 
     @property
     def message_count(self) -> int:
@@ -133,27 +151,47 @@ class BagFile:
         OutputError
             If it cannot be written, because the disk is full for instance.
         """
+        mcap = self._mcap or self._open()
         try:
-            self._mcap.add_message(self._channels[topic], stamp, data, publish_time=stamp)
-            self._file.flush()  # a chunk, if that message has filled one
+            mcap.add_message(self._channels[topic], stamp, data, publish_time=stamp)
         except OSError as error:
-            raise output_error(self._path, error) from None
+            raise self._output_error(error) from None
         if not self._counts:
             self._begin = self._end = stamp
         self._counts[topic] += 1
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
+    def flush(self) -> None:
+        """Write what has come so far, so that it is there if this process is killed.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        if self._mcap is not None:
+            try:
+                self._mcap.flush()
+            except OSError as error:
+                raise self._output_error(error) from None
+
+    def _output_error(self, error: OSError) -> OutputError:
+        text = str(output_error(self._path, error))
+        if self._in_place and self._folder.exists():
+            text += '; what was recorded before is there'
+        return OutputError(text)
+
     def _name(self, topic: Topic) -> str:
         absolute = topic.name.startswith('/')
         return topic.name if absolute else f'{self._prefix}/{topic.name}'
 
-    def _add_channel(self, topic: Topic) -> int:
+    def _add_channel(self, mcap: Writer, topic: Topic) -> int:
         """Return the number of a new channel for a topic."""
         text, _ = typestore().generate_msgdef(topic.message_type, ros_version=2)
-        schema = self._mcap.register_schema(topic.message_type, 'ros2msg', text.encode())
+        schema = mcap.register_schema(topic.message_type, 'ros2msg', text.encode())
         qos = yaml.safe_dump(dump_qos_v9([_qos(topic)]), sort_keys=False).strip()
         digest = typestore().hash_rihs01(topic.message_type)
-        return self._mcap.register_channel(
+        return mcap.register_channel(
             self._name(topic),
             'cdr',
             schema,
@@ -161,7 +199,7 @@ class BagFile:
         )
 
     def _complete(self) -> None:
-        if not self._counts:
+        if self._mcap is None or not self._counts:
             raise OutputError(f'{self._path}: there is nothing to write')
         information = self._information()
         text = yaml.safe_dump(information, sort_keys=False)
@@ -169,8 +207,15 @@ class BagFile:
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        (self._partial / 'metadata.yaml').write_text(text, encoding='utf-8')
-        self._partial.rename(self._path)
+        # That this file is there tells that the bag is whole.
+        partial = self._folder / '.metadata.yaml.partial'
+        try:
+            partial.write_text(text, encoding='utf-8')
+            partial.rename(self._folder / 'metadata.yaml')
+        finally:
+            partial.unlink(missing_ok=True)
+        if not self._in_place:
+            self._folder.rename(self._path)
 
     def _information(self) -> dict[str, Any]:
         """Return what metadata.yaml says."""

@@ -3,14 +3,14 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import math
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from checkweigher_driver.bag_messages import (
     INPUT_TOPICS,
@@ -23,6 +23,8 @@ from checkweigher_driver.bag_messages import (
     lane_prefix,
     typestore,
 )
+from checkweigher_driver.bag_types import check_type
+from checkweigher_driver.bag_unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_driver.mcap_integrity import check_mcap
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Event, Recording
@@ -43,7 +45,8 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Parameters
     ----------
     path : Path
-        Folder with ``metadata.yaml``, or a single ``.mcap`` or ``.db3`` file.
+        Folder of a bag, or a single ``.mcap`` or ``.db3`` file. A folder without ``metadata.yaml``
+        is a recording that broke off: what is there of its ``.mcap`` files is read.
     namespace : str or None
         Of the lane; None if the bag has only one.
     progress : bool
@@ -52,12 +55,14 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Returns
     -------
     Recording
-        The events in canonical order, whatever their order in the bag.
+        The events in canonical order, whatever their order in the bag; `unfinished` if the
+        recording broke off.
 
     Raises
     ------
     BagError
-        If the bag is missing, damaged, incomplete or foreign. It is never read in part.
+        If the bag is missing, damaged, incomplete or foreign. Of a file that is said to be whole,
+        and of one with a hole, no part is read.
 
     Notes
     -----
@@ -65,12 +70,11 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     messages must agree wherever the bag states them.
     """
     with _one_line(path):
+        if parts := unfinished_parts(path):
+            return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
         _check_files(path)
         with Reader(path) as reader:
-            lane = _choose_lane(path, reader.connections, namespace)
-            for connection, topic in lane:
-                _check_type(path, connection, topic)
-            return _read_lane(path, reader, lane, progress)
+            return _read_lane(path, reader, namespace, progress)
 
 
 @contextmanager
@@ -97,10 +101,7 @@ def _check_files(path: Path) -> None:
             raise BagError(f'{path}: not a bag: neither a folder nor a .mcap or .db3 file')
         files = [path]
     elif not (path / 'metadata.yaml').exists():
-        raise BagError(
-            f'{path}: not a bag: it has no metadata.yaml; a recording that broke off may be '
-            'read by naming its .mcap file'
-        )
+        raise BagError(f'{path}: not a bag: it has neither metadata.yaml nor an .mcap file')
     else:
         files = sorted(path.iterdir())
     for file in files:
@@ -135,37 +136,34 @@ def _choose_lane(path: Path, connections: Sequence[Connection], namespace: str |
     return lanes[prefix]
 
 
-def _check_type(path: Path, connection: Connection, topic: Topic) -> None:
-    """Check that the messages of a connection are those that are installed here."""
-    if connection.msgtype != topic.message_type:
+def _read_unfinished(
+    path: Path, bag: UnfinishedBag, namespace: str | None, progress: bool
+) -> Recording:
+    """Read a recording that broke off, up to there."""
+    if bag.damage:
         raise BagError(
-            f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
-            f'{topic.message_type}'
+            f'{path}: damaged: {bag.damage}; restore it, or "checkweigher recover" saves what is '
+            'before it'
         )
-    here = typestore().hash_rihs01(topic.message_type)
-    for there in (connection.digest, _type_hash(connection.msgdef, topic)):
-        if there and there != here:
-            raise BagError(
-                f'{path}: topic {connection.topic} was recorded with another definition of '
-                f'{topic.message_type} ({there}, here {here}); use the version that recorded it'
-            )
+    if not bag.message_count:
+        raise BagError(f'{path}: the recording broke off before anything of it was written')
+    recording = _read_lane(path, bag, namespace, progress)
+    last = max(recording.blocks, key=lambda block: block.stamp)
+    length = len(last.counts) / recording.load_cell.sample_rate
+    length += (last.stamp - recording.blocks[0].stamp) / NANOSECONDS
+    text = (
+        f'{path}: the recording broke off, or is still going on; read up to {length:.1f} s '
+        f'({bag.message_count} messages)'
+    )
+    return replace(recording, unfinished=text)
 
 
-def _type_hash(definition: MessageDefinition, topic: Topic) -> str:
-    """Return the hash of a definition that a bag brings along, empty if it brings none."""
-    if definition.data == typestore().generate_msgdef(topic.message_type, ros_version=2)[0]:
-        return typestore().hash_rihs01(topic.message_type)
-    store = get_typestore(Stores.EMPTY)
-    if definition.format == MessageDefinitionFormat.MSG:
-        store.register(get_types_from_msg(definition.data, topic.message_type))
-    elif definition.format == MessageDefinitionFormat.IDL:
-        store.register(get_types_from_idl(definition.data))
-    else:
-        return ''
-    return store.hash_rihs01(topic.message_type)
-
-
-def _read_lane(path: Path, reader: Reader, lane: _Lane, progress: bool) -> Recording:
+def _read_lane(
+    path: Path, reader: Reader | UnfinishedBag, namespace: str | None, progress: bool
+) -> Recording:
+    lane = _choose_lane(path, reader.connections, namespace)
+    for connection, topic in lane:
+        check_type(path, connection, topic)
     # Looked up by name, message for message: the hash of a Topic is that of all its fields.
     makers = {connection.topic: _EVENTS.get(topic) for connection, topic in lane}
     read = dict.fromkeys(makers, 0)
@@ -187,7 +185,8 @@ def _read_lane(path: Path, reader: Reader, lane: _Lane, progress: bool) -> Recor
             cells.append(_load_cell(path, message))
         else:
             events.append(make(message))
-    _check_numbers(path, reader, read, lane)
+    if isinstance(reader, Reader):
+        _check_numbers(path, reader, read, lane)
     if not cells:
         raise BagError(
             f'{path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that topic, too'

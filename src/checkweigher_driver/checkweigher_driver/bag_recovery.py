@@ -1,70 +1,64 @@
-"""Saving what is there of a recording whose recorder was killed."""
+"""A whole bag of what is there of a recording that broke off."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
+from rosbags.interfaces import Connection
 
 from checkweigher_driver.bag_file import BagFile
 from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, BagError, Topic
+from checkweigher_driver.bag_types import check_type
+from checkweigher_driver.bag_unfinished import UnfinishedBag, unfinished_parts
 
 
 def recover_bag(source: Path, path: Path) -> int:
-    """Write a new bag of all messages of a file up to where it was cut; return their number.
+    """Write a new bag of all messages up to where a recording was cut; return their number.
 
     Parameters
     ----------
     source : Path
-        An ``.mcap`` file without an end. Of a chunk with a wrong check sum nothing is taken, nor
-        of anything behind it.
+        An ``.mcap`` file without an end, or the folder of a recording that broke off. Of a chunk
+        with a wrong check sum nothing is taken, nor of anything behind it.
     path : Path
         Bag to write.
 
     Raises
     ------
     BagError
-        If there is no message of a checkweigher in the file, or those of several lanes.
+        If there is no message of a checkweigher in it, if they are of several lanes, or if they
+        have other definitions than those that are installed here.
     OutputError
         If the bag cannot be written.
     """
-    messages: list[tuple[Channel, Message]] = []
     try:
-        messages += _messages(source)
+        bag = UnfinishedBag(unfinished_parts(source) or [source])
     except OSError as error:
         raise BagError(f'{source}: cannot be read: {error.strerror or error}') from error
-    known = {f'/{topic.name}': topic for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)}
     found: dict[str, tuple[str, Topic]] = {}
-    for channel, _ in messages:
-        for name, topic in known.items():
-            # The longest name: load_cell/status is no status of a lane called load_cell.
-            if channel.topic.endswith(name):
-                found[channel.topic] = channel.topic[: -len(name)], topic
-    lanes = {prefix for prefix, _ in found.values()}
+    taken: list[Connection] = []
+    for connection in bag.connections:
+        topic = _topic_of(connection.topic)
+        if topic is not None and connection.msgcount:
+            check_type(source, connection, topic)
+            found[connection.topic] = connection.topic.removesuffix(f'/{topic.name}'), topic
+            taken.append(connection)
+    # What nodes of all lanes share says nothing of the lane.
+    lanes = {prefix for prefix, topic in found.values() if not topic.name.startswith('/')}
     if len(lanes) != 1:
         what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
         raise BagError(f'{source}: {what}; there is nothing to recover')
     topics = list(dict.fromkeys(topic for _, topic in found.values()))
-    with BagFile(path, topics, lanes.pop()) as bag:
-        for channel, message in messages:
-            if channel.topic in found:
-                bag.put(found[channel.topic][1], message.log_time, message.data)
-        return bag.message_count
+    with BagFile(path, topics, lanes.pop()) as whole:
+        for connection, time, data in bag.messages(taken):
+            whole.put(found[connection.topic][1], time, data)
+        return whole.message_count
 
 
-def _messages(source: Path) -> Iterator[tuple[Channel, Message]]:
-    channels: dict[int, Channel] = {}
-    with source.open('rb') as file:
-        records = iter(StreamReader(file, validate_crcs=True).records)
-        while True:
-            try:
-                record = next(records, None)
-            # A cut can lead the parser anywhere; what came before it is whole by its check sum.
-            except Exception:
-                return
-            if record is None:
-                return
-            if isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, Message) and record.channel_id in channels:
-                yield channels[record.channel_id], record
+def _topic_of(name: str) -> Topic | None:
+    """Return the topic of a checkweigher that has this name in some lane."""
+    topics = [
+        topic
+        for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)
+        if name == topic.name or name.endswith(f'/{topic.name}')
+    ]
+    # The longest: load_cell/status is no status of a lane called load_cell.
+    return max(topics, key=lambda topic: len(topic.name), default=None)

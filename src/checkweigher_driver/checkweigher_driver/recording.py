@@ -39,12 +39,16 @@ class Recording:
         In order of their stamps.
     references : tuple of Reference
         In order of their stamps; empty if the masses are not known.
+    unfinished : str
+        How far it was read if it is the beginning of a recording that broke off, in one line;
+        empty if it is whole.
     """
 
     load_cell: LoadCell
     blocks: tuple[SampleBlock, ...]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()
+    unfinished: str = ''
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':

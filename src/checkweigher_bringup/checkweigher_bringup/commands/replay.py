@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag; 1 if an item got no verdict."""
-    from checkweigher_bringup.output import CsvOutput, Table
+    from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
     from checkweigher_bringup.replaying import Replay, replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.bag_reading import read_bag
@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     output = CsvOutput(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)
+    warn_unfinished(recording)
     joiner = ResultJoiner(recording.edges, recording.references)
     table = Table(recording.blocks[0].stamp)
     results: list[ItemResult] = []

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Weigh the bag and show each item."""
-    from checkweigher_bringup.output import CsvOutput, Table
+    from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_driver.bag_reading import read_bag
     from checkweigher_validation.offline import weigh
@@ -28,6 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = line_parameters(arguments.params, arguments.estimator)
     output = CsvOutput(arguments.csv, arguments.overwrite)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)
+    warn_unfinished(recording)
     results = weigh(recording, parameters, progress=True)
     output.write(results)
     table = Table(recording.blocks[0].stamp)
