@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -16,6 +17,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 from test_nodes import make_stages, play, wait_for
 
@@ -102,6 +104,7 @@ class Tormentor(Node):
             )
         ]  # fmt: skip
         self._targets: list[tuple[Any, list[str]]] = []
+        self._calls: list[Future] = []
 
     def know(self, nodes: list[Node]) -> None:
         """Take the parameters of nodes as targets."""
@@ -123,14 +126,15 @@ class Tormentor(Node):
         self.counts[kind] += 1
         if kind == 'service':
             client, request = self._chance.choice(self._servers)
-            client.call_async(spoil(request(), self._chance))
+            self._calls.append(client.call_async(spoil(request(), self._chance)))
         elif kind == 'parameter':
             client, names = self._chance.choice(self._targets)
             name = self._chance.choice([*names, 'no_such_name'])
             value = spoil(ParameterValue(), self._chance)
             value.type = self._chance.randrange(ParameterType.PARAMETER_STRING_ARRAY + 2)
             parameter = ParameterMessage(name=name, value=value)
-            client.call_async(SetParameters.Request(parameters=[parameter]))
+            request = SetParameters.Request(parameters=[parameter])
+            self._calls.append(client.call_async(request))
         else:
             topic, publisher = self._chance.choice(self._to)
             if kind == 'bytes':
@@ -139,9 +143,39 @@ class Tormentor(Node):
                 publisher.publish(spoil(topic.type(), self._chance))
 
     def wait(self) -> None:
-        """Wait until all subscribers have what was sent."""
+        """Wait until all subscribers have what was sent, and all calls have been answered."""
         for _, publisher in self._to:
             assert publisher.wait_for_all_acked()
+        wait_for(lambda: all(call.done() for call in self._calls), timeout=60.0)
+        self._calls.clear()
+
+
+class Counters:
+    """What nodes count of the messages that they handle, as their diagnostics tell it.
+
+    Acknowledged is not yet handled: a stream that begins now would take the rest for its own.
+    """
+
+    def __init__(self, node: Node, names: list[str]) -> None:
+        self._told: dict[str, list[dict[str, int]]] = {name: [] for name in names}
+        topic = topics.DIAGNOSTICS
+        node.create_subscription(topic.type, topic.name, self._on_diagnostics, topic.qos)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        if message.status and message.status[0].name in self._told:
+            pairs = ((pair.key, pair.value) for pair in message.status[0].values)
+            counted = {key: int(value) for key, value in pairs if value.isdigit()}
+            self._told[message.status[0].name].append(counted)
+
+    def settle(self) -> int:
+        """Wait until no node has counted more for a second; return how many were refused."""
+        for told in self._told.values():
+            told.clear()
+        wait_for(
+            lambda: all(len(t) > 1 and t[-1] == t[-2] for t in self._told.values()), timeout=120.0
+        )
+        last = [told[-1] for told in self._told.values()]
+        return sum(n for counted in last for key, n in counted.items() if key.endswith('refused'))
 
 
 @pytest.fixture
@@ -150,23 +184,13 @@ def spinner() -> Iterator[Spinner]:
         yield running
 
 
-def settle(nodes: list[Node]) -> None:
-    """Wait until the nodes have handled what was sent: acknowledged is not yet handled."""
-
-    def handled() -> int:
-        return sum(sum(node.diagnostics._counters.values()) for node in nodes)
-
-    before = -1
-    while before != (before := handled()):
-        time.sleep(1.0)
-
-
 def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
     """Send `count` things to a line, check that it lives and weighs a bag; return the counts."""
     stages = make_stages()
     product = ProductNode()
     listener = ResultListener('listener', from_start=False)
     tormentor = Tormentor(seed)
+    counters = Counters(listener, [f'fuzz/{node.get_name()}' for node in (*stages, product)])
     for node in (*stages, product, listener, tormentor):
         spinner.add(node)
     tormentor.know([*stages, product])
@@ -177,7 +201,8 @@ def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
         if sent % BURST == 0:
             tormentor.wait()
             assert spinner.alive
-    settle([*stages, product])
+    tormentor.wait()
+    tormentor.counts['refused'] = counters.settle()
     for node, parameters in zip(stages, before, strict=True):
         if node.get_name() != 'segmenter':  # its parameters are read-only
             names = node.parameters.as_mapping()
