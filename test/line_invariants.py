@@ -205,6 +205,10 @@ def _candidates(
     if verdict.t1 is None and not verdict.estimate_id:
         # A verdict does not tell t2; without an estimate it may be any.
         numbers |= {n for (name, _), of_it in products.items() if name == 't2' for n in of_it}
+    if verdict.t1 is None and t2 is None:
+        # Which of those that left had been seen to enter nothing tells.
+        shown = {n for (name, _), of_it in products.items() if name in ('t1', 't2') for n in of_it}
+        numbers |= set().union(*products.values()) - shown
     return numbers
 
 
@@ -229,17 +233,26 @@ def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None
     Without a known length nothing tells a long product from one that was taken off with its t2 lost
     and a next one with its t1 lost. What is weighed is the next one, and right.
     """
-    came = {event for _, event in line.events if isinstance(event, EyeEdge)}
     for number, (truth, sound) in enumerate(zip(line.truth, line.sound, strict=True)):
         if not sound or truth.get('t3') != item.t3:
             continue
         if item.t1 == truth['t1']:
             return number
         before = line.truth[number - 1] if number else {}
+        known = {event for _, event in _until(line, EyeEdge(truth['t3'], *EDGES['t3']))}
         lost = [(truth, 't1'), (before, 't2')]
-        heard = any(EyeEdge(of.get(name, 0), *EDGES[name]) in came for of, name in lost)
+        heard = any(EyeEdge(of.get(name, 0), *EDGES[name]) in known for of, name in lost)
         return number if item.t1 == before.get('t1') and not heard else None
     return None
+
+
+def _until(line: SpoiltLine, last: EyeEdge) -> Iterator[tuple[int, EyeEdge]]:
+    """Yield the edges that came up to the first of `last`."""
+    for when, event in line.events:
+        if isinstance(event, EyeEdge):
+            yield when, event
+            if event == last:
+                return
 
 
 def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str) -> Iterator[str]:

@@ -233,7 +233,7 @@ def _first_places(events: Sequence[tuple[int, Event]]) -> dict[EyeEdge, int]:
 def _entries_shown(
     truth: Sequence[dict[str, int]], came: dict[EyeEdge, int]
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the products that the infeed eye has shown, together where it has shown them as one."""
+    """Return the products that the infeed eye has shown, in one where it has shown one."""
     entries: list[tuple[int, ...]] = []
     cleared = True  # behind the product before, as far as the eye has shown
     for number, stamps in enumerate(truth):
@@ -311,6 +311,9 @@ def _edges(
             for other in products
         ):
             continue  # an eye that is covered does not flicker
+        last = time + 2 * flickers * width * MS
+        if stamp(last) - stamp(time) != last - time:
+            continue  # nor is the clock another one meanwhile
         for k in range(2 * flickers):
             when = time + (k + 1) * width * MS
             edges.append((when, EyeEdge(stamp(when), eye, blocked ^ (k % 2 == 0))))

@@ -61,6 +61,7 @@ class ItemTracker:
         self._newest: int | None = None  # stamp of an edge
         self._outfeed_free: int | None = None  # when something unknown had left
         self._came_last: dict[Eye, EyeEdge] = {}
+        self._other_clock = False  # that of the last edge of the infeed eye
         self._first_edge: dict[Eye, int] = {}
         self._cleared_first: int | None = None  # the infeed eye, before it was blocked
         self._covered = False  # the outfeed eye, by an item from before the clock began anew
@@ -114,6 +115,7 @@ class ItemTracker:
                 self._infeed_blocked(edge.stamp, previous)
             else:
                 self._infeed_clears(edge.stamp, previous)
+            self._other_clock = False
             return
         self._merge_flicker()
         if edge.blocked:
@@ -203,6 +205,7 @@ class ItemTracker:
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""
         self._entered_last = self._left_last = None
+        self._other_clock = True
         self._abandoned += self._given_up
         self._given_up.clear()
         if backwards:
@@ -266,9 +269,11 @@ class ItemTracker:
                 last.t2 = stamp
                 return
         begun = self._begun
-        if begun is not None and begun.t2 is None and (begun.t4 is None or begun.t4 > stamp):
-            begun.t2 = stamp  # it has its verdict, and is no further item
-            return
+        blocked = previous is None or previous.blocked or self._other_clock
+        if blocked and begun is not None and begun.t2 is None:
+            if begun.t4 is None or begun.t4 > stamp:
+                begun.t2 = stamp  # it has its verdict, and is no further item
+                return
         self._give_up_overdue(stamp)
         self._enter_unseen(stamp, Reason.MISSING_EDGE)
 
@@ -301,8 +306,10 @@ class ItemTracker:
 
         It does so with the first sample or together with the other eye.
         """
-        if self.origin is not None and stamp <= self.origin + self._debounce:
-            return True
+        if self.origin is not None:
+            after = stamp - self.origin
+            if -self._max_transit < after <= self._debounce:
+                return True
         return len(self._first_edge) > 1 and (
             abs(self._first_edge[Eye.INFEED] - self._first_edge[Eye.OUTFEED]) <= self._debounce
         )
