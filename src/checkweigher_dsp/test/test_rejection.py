@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from checkweigher_dsp.judging import decide, judge
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Decision, MassEstimate
 from checkweigher_dsp.reject_parameters import RejectParameters
-from checkweigher_dsp.rejection import decide, judge
 
 LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 
