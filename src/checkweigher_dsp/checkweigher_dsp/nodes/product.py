@@ -19,8 +19,8 @@ from checkweigher_dsp.health import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
     estimate_from,
-    header_to,
     load_cell_from,
+    statistics_to,
     verdict_from,
     zero_change_from,
 )
@@ -34,9 +34,9 @@ from checkweigher_dsp.nodes.line_parameters import (
 from checkweigher_dsp.nodes.shell import StageNode, run
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.production_statistics import ProductionRecord, ProductionStatistics
+from checkweigher_dsp.production_statistics import ProductionRecord
 from checkweigher_dsp.recipes import NODES, Product, RecipeError, read_recipes
-from checkweigher_dsp.records import NANOSECONDS, Decision, Reason
+from checkweigher_dsp.records import NANOSECONDS, Reason
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
@@ -363,37 +363,6 @@ class ProductNode(StageNode[ProductParameters]):
             hint = 'it was moved or deleted under the running node: restore it and start it again'
             found.append(Concern(Level.ERROR, f'{self._log.path} is gone', hint))
         return conclude('Audit log', f'written to {self._log.path}', found, values)
-
-
-def statistics_to(statistics: ProductionStatistics, batch: str) -> Statistics:
-    """Return the Statistics message of one product in one batch."""
-    product, decisions = statistics.product, statistics.decisions
-    unknown = float('nan')
-    return Statistics(
-        header=header_to(statistics.last),
-        product=product.name if product else '',
-        batch=batch,
-        items=statistics.items,
-        accepted=decisions[Decision.ACCEPT],
-        under=decisions[Decision.UNDER],
-        over=decisions[Decision.OVER],
-        faults=decisions[Decision.FAULT],
-        reasons=sorted(statistics.reasons),
-        reason_counts=[statistics.reasons[reason] for reason in sorted(statistics.reasons)],
-        length_faults=int(statistics.length_faults),
-        speed_faults=int(statistics.speed_faults),
-        nominal=product.nominal if product else unknown,
-        tare=float(statistics.tare),
-        mean=float(statistics.mean),
-        std_dev=float(statistics.std_dev),
-        giveaway=float(statistics.giveaway),
-        tu1=product.tu1 if product else unknown,
-        tu2=product.tu2 if product else unknown,
-        below_tu1=int(statistics.below_tu1),
-        below_tu2=int(statistics.below_tu2),
-        share_below_tu1=float(statistics.share_below_tu1),
-        throughput=float(statistics.throughput),
-    )
 
 
 def _summary(message: Statistics) -> dict[str, object]:
