@@ -206,12 +206,11 @@ class ItemTracker(BeltItems):
                 last.fault(Reason.CHATTERING_EYE)
                 last.t2 = stamp
                 return
-        begun = self._begun
-        blocked = previous is None or previous.blocked or self._other_clock
-        if blocked and begun is not None and begun.t2 is None:
-            if begun.t4 is None or begun.t4 > stamp:
-                begun.t2 = stamp  # it has its verdict, and is no further item
-                return
+        begun = self._begun if previous.blocked or self._other_clock else None
+        is_there = begun is not None and (begun.t4 is None or begun.t4 > stamp)
+        if is_there and begun is not None and begun.t2 is None:
+            begun.t2 = stamp  # it has its verdict, and is no further item
+            return
         self._give_up_overdue(stamp)
         self._enter_unseen(stamp, Reason.MISSING_EDGE)
 
@@ -343,7 +342,8 @@ class ItemTracker(BeltItems):
         last = self._left_last
         if last is None:
             return None
-        span = max(0 if last.odd or last.faults else length(last), self._debounce)
+        known = not last.odd and not set(last.faults) - {Reason.DISTANCE_FAULT}
+        span = max(length(last) if known else 0, self._debounce)
         if last is self._leaving and self._is_of_none_on_belt(stamp):
             span *= 2  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
