@@ -27,6 +27,9 @@ def parameters(estimator: str, *, length_known: bool) -> LineParameters:
     )
 
 
+_FAR_OFF = 0.03  # of the mass
+# ns; so far before t1 the zero is read, segmenter.zero_time
+ZERO_TIME = 1_000 * MS
 _NAMES = {edge: name for name, edge in EDGES.items()}
 
 
@@ -41,6 +44,7 @@ class Tally:
     verdicts: int = 0
     no_estimate: int = 0
     unseen: int = 0
+    misweighed: int = 0
     in_time: Counter[str] = field(default_factory=Counter)
     decisions: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
@@ -50,12 +54,12 @@ class Tally:
     ) -> None:
         """Count a line: what all stages made of it, and the reject stage on a clock."""
         self.in_time.update(verdict.decision.name for verdict in in_time)
-        self.unseen += sum(
-            verdict.decision is not Decision.FAULT
-            and (number := _sound_product(line, verdict)) is not None
-            and not line.alone[number]
-            for verdict in verdicts
-        )
+        for verdict in verdicts:
+            number = _sound_product(line, verdict)
+            if verdict.decision is not Decision.FAULT and number is not None:
+                mass = line.products[number].mass
+                self.unseen += not line.alone[number]
+                self.misweighed += abs(verdict.mass - mass) > _FAR_OFF * mass
         self.no_estimate += sum('NoEstimate' in verdict.reasons for verdict in in_time)
         self.lines += 1
         self.products += len(line.products)
@@ -75,7 +79,8 @@ class Tally:
             f'{self.lines} lines, {self.products} products, {self.heard} of them heard of, '
             f'{self.entries} seen to enter, '
             f'{self.verdicts} verdicts: {decisions}, '
-            f'{self.unseen} of them accepted with a neighbour whose t1 was lost or late; '
+            f'{self.unseen} of them accepted with a neighbour whose t1 was lost or late, '
+            f'{self.misweighed} more than {_FAR_OFF:.0%} off; '
             f'reasons: {reasons}; '
             f'on a clock: {in_time}, {self.no_estimate} of these NoEstimate'
         )
@@ -255,6 +260,21 @@ def _until(line: SpoiltLine, last: EyeEdge) -> Iterator[tuple[int, EyeEdge]]:
                 return
 
 
+def _was_seen_to_leave(line: SpoiltLine, number: int) -> bool:
+    stamps = line.truth[number]
+    came = {event for _, event in line.events if isinstance(event, EyeEdge)}
+    return all(EyeEdge(stamps.get(name, 0), *EDGES[name]) in came for name in ('t3', 't4'))
+
+
+def _after_unseen(line: SpoiltLine, number: int) -> bool:
+    """Tell whether something left that nothing showed while the zero was read for a product."""
+    begin = line.products[number].t1 - ZERO_TIME
+    return any(
+        other.gone > begin and ((i,) not in line.entries or not _was_seen_to_leave(line, i))
+        for i, other in enumerate(line.products[:number])
+    )
+
+
 def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str) -> Iterator[str]:
     """Say which accepted items have not t2, t3 and the mass of the product that they are of."""
     for weighing in weighings:
@@ -263,8 +283,8 @@ def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str
         if number is None:
             continue  # no mass, or told by `violations`
         mass = line.products[number].mass
-        if not line.alone[number]:
-            continue  # no eye could know it; the tally counts them
+        if not line.alone[number] or _after_unseen(line, number):
+            continue  # no eye could know it; the tally counts what is wrong of them
         if estimate.t2 != line.truth[number]['t2']:
             yield f'stamps of another product: {estimate}'
         if abs(estimate.mass - mass) > max(TOLERANCE[estimator] * mass, 4 * estimate.std_dev):

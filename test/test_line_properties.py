@@ -34,7 +34,9 @@ def check_lines(estimator: str, count: int) -> Tally:
         tally.add(line, verdicts, in_time)
         assert [*violations(line, verdicts, estimates)] == []
         assert [*wrong_masses(line, weighings, estimator)] == []
-        assert [*violations(line, in_time, estimates)] == []
+        # That the clock went back by little the reject stage alone cannot know.
+        if plan.jump is None or plan.jump.time >= 0:
+            assert [*violations(line, in_time, estimates)] == []
 
     check()
     return tally

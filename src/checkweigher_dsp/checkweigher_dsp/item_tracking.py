@@ -219,9 +219,10 @@ class ItemTracker(BeltItems):
 
     def _merge_flicker(self) -> None:
         """Take what is too short for an item for the end of the one before, whose t2 was lost."""
-        if len(self._on_belt) < 2 or self._on_belt[-1].item_id != self._count:
+        others = [*self._given_up, *self._on_belt[:-1]]
+        if not self._on_belt or not others or self._on_belt[-1].item_id != self._count:
             return
-        before, item = self._on_belt[-2:]
+        before, item = others[-1], self._on_belt[-1]
         if before.t1 is None or before.t2 is not None or not length(item):
             return
         if length(item) < self._longest_flicker(item):
@@ -345,7 +346,7 @@ class ItemTracker(BeltItems):
         known = not last.odd and not set(last.faults) - {Reason.DISTANCE_FAULT}
         span = max(length(last) if known else 0, self._debounce)
         if last is self._leaving and self._is_of_none_on_belt(stamp):
-            span *= 2  # its t4 was lost
+            span = max(span, 2 * length(last))  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
         return last if covers or self._flickers(stamp, previous, blocked=blocked) else None
 

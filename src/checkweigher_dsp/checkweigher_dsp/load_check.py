@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
 _SHARE = 0.15
-_VIBRATION = 3.0  # times the largest change of the empty belt that was seen
+_VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
 _MEMORY = 0.98  # of that change at each further item
 _FEWEST = 8  # samples
 
@@ -18,8 +18,8 @@ class LoadCheck:
     """Tell a steady load from one that something else came to or left.
 
     Compared are the mean of the last quarter of a window and that of its first half. What vibration
-    does to it shows the empty belt before the items, over as many samples; where the belt is
-    never empty for so long, what it showed last.
+    does to their difference the empty belt before the items shows, over as many samples; where it
+    is not empty for so long, what it showed last. The median of that: something may have left it.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class LoadCheck:
     def _watch(self, empty: NDArray[np.int32], size: int) -> None:
         if len(empty) < size or size < _FEWEST:
             return
-        seen = float(np.max(np.abs(_changes(empty.astype(np.float64), size))))
+        seen = float(np.median(np.abs(_changes(empty.astype(np.float64), size))))
         self._shaking = seen if self._shaking is None else max(seen, _MEMORY * self._shaking)
 
 
