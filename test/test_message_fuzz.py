@@ -105,6 +105,7 @@ class Tormentor(Node):
         ]  # fmt: skip
         self._targets: list[tuple[Any, list[str]]] = []
         self._calls: list[Future] = []
+        self._zeroing: list[Future] = []
 
     def know(self, nodes: list[Node]) -> None:
         """Take the parameters of nodes as targets."""
@@ -126,7 +127,9 @@ class Tormentor(Node):
         self.counts[kind] += 1
         if kind == 'service':
             client, request = self._chance.choice(self._servers)
-            self._calls.append(client.call_async(spoil(request(), self._chance)))
+            call = client.call_async(spoil(request(), self._chance))
+            # That of zero is answered when the belt has been empty, or after 15 s.
+            (self._zeroing if client.srv_name.endswith('zero') else self._calls).append(call)
         elif kind == 'parameter':
             client, names = self._chance.choice(self._targets)
             name = self._chance.choice([*names, 'no_such_name'])
@@ -143,11 +146,16 @@ class Tormentor(Node):
                 publisher.publish(spoil(topic.type(), self._chance))
 
     def wait(self) -> None:
-        """Wait until all subscribers have what was sent, and all calls have been answered."""
+        """Wait until all subscribers have what was sent, and the calls have been answered."""
         for _, publisher in self._to:
             assert publisher.wait_for_all_acked()
         wait_for(lambda: all(call.done() for call in self._calls), timeout=60.0)
         self._calls.clear()
+
+    def finish(self) -> None:
+        """Wait until nothing that was asked for can still happen."""
+        self.wait()
+        wait_for(lambda: all(call.done() for call in self._zeroing), timeout=60.0)
 
 
 class Counters:
@@ -201,7 +209,7 @@ def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
         if sent % BURST == 0:
             tormentor.wait()
             assert spinner.alive
-    tormentor.wait()
+    tormentor.finish()
     tormentor.counts['refused'] = counters.settle()
     for node, parameters in zip(stages, before, strict=True):
         if node.get_name() != 'segmenter':  # its parameters are read-only
