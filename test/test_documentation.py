@@ -11,7 +11,7 @@ from running import ROOT
 import yaml
 
 from checkweigher_bringup.cli import COMMANDS
-from checkweigher_driver.driver_node import DriverParameters
+from checkweigher_driver.driver_parameters import DriverParameters
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
 from checkweigher_driver.line_io.modbus import ModbusOutputParameters
 from checkweigher_driver.line_io.outputs import OutputParameters

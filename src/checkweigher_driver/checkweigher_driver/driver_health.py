@@ -26,6 +26,8 @@ class DriverWatch:
         self._state = 'inactive'
         self._failure = ''
         self._waits_for = ''
+        self._trouble = ''
+        self._figures: dict[str, float | str] = {}
 
     def begin(self, load_cell: LoadCell, now: float) -> None:
         """Follow a new stream of `load_cell`, which begins at `now`."""
@@ -38,6 +40,7 @@ class DriverWatch:
         """Take that the driver is inactive."""
         self._samples = None
         self._state, self._failure, self._waits_for = 'inactive', '', ''
+        self._trouble = ''
 
     def add(self, now: float, event: Event) -> None:
         """Take what was published."""
@@ -53,6 +56,11 @@ class DriverWatch:
     def waits_for(self, what: str) -> None:
         """Take that the source has long been held back, and for what."""
         self._waits_for = what
+
+    def look(self, trouble: str, figures: dict[str, float]) -> None:
+        """Take what the source itself says: what is wrong, and what it has counted."""
+        self._trouble = trouble
+        self._figures = {name.replace(' ', '_'): value for name, value in figures.items()}
 
     def end(self, failure: str | None = None) -> None:
         """Take that the source has ended; with a failure, how."""
@@ -85,8 +93,16 @@ class DriverWatch:
             found.append(
                 Concern(Level.WARN, 'the driver is inactive', 'activate it: ros2 lifecycle set')
             )
+        elif self._trouble:
+            hint = 'check cable and power; when it is over, call reset_stop_request'
+            found.append(Concern(Level.ERROR, self._trouble, hint))
         elif self._waits_for:
             text = f'{self._name} is held back, waiting for {self._waits_for}'
             found.append(Concern(Level.WARN, text, 'check that the other nodes run'))
-        values = {'source': self._name, 'state': self._state, 'error': self._failure}
+        values = {
+            'source': self._name,
+            'state': self._state,
+            'error': self._failure or self._trouble,
+            **self._figures,
+        }
         return conclude('Source', f'{self._name}, {self._state}', found, values)

@@ -2,24 +2,23 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 import threading
 import time
-from typing import Any, ClassVar
+from typing import Any
 
-from checkweigher_msgs.msg import StopRequest as StopRequestMessage
 from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from checkweigher_driver.driver_health import DriverWatch
-from checkweigher_driver.line_io import OUTPUTS, prepare_outputs
-from checkweigher_driver.line_io.outputs import MachineOutputs
+from checkweigher_driver.driver_parameters import DriverParameters
+from checkweigher_driver.line_io import prepare_outputs
+from checkweigher_driver.line_outputs import LineOutputs
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
-from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, Source, source_maker
+from checkweigher_driver.sources import Source, source_maker
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import (
@@ -34,7 +33,7 @@ from checkweigher_dsp.nodes.conversion import (
 from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.shell import declare, run
 from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import (
     EyeEdge,
     LineHistory,
@@ -45,40 +44,11 @@ from checkweigher_dsp.records import (
 )
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
-_OUTPUT_PERIOD = 0.5  # s
+_LOOK_PERIOD = 0.05  # s, in which trouble of the machine is told at the latest
 _END_PATIENCE = 2.0  # s, for the last read of a source
 # What line_history has to tell: 20 s and more at five items a second.
 _MAX_EDGES = 400
 _MAX_VERDICTS = 200
-
-
-@dataclass(frozen=True)
-class DriverParameters(Parameters):
-    """Where samples and edges come from."""
-
-    node: ClassVar[str] = 'driver'
-
-    source: str = parameter(
-        'simulator', 'where samples and edges come from', choices=tuple(SOURCES)
-    )
-    eyes: str = parameter(
-        NO_EYES, 'photo-eyes that are read beside the load cell; none where the source has them',
-        choices=tuple(EYES),
-    )  # fmt: skip
-    rate: float = parameter(
-        1.0, 'pace of a recorded or simulated source, seconds of signal in a second; '
-        '0 as fast as nothing is lost', minimum=0, maximum=1e6,
-    )  # fmt: skip
-    lossless: bool = parameter(
-        True, 'hold a recorded or simulated source back until the segmenter has taken what was '
-        'sent; false runs it without a segmenter',
-    )  # fmt: skip
-    outputs: str = parameter(
-        'none', 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
-    )
-    autostart: bool = parameter(
-        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
-    )
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
@@ -97,7 +67,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 self.parameters.eyes,
                 lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
             )
-            self._open_outputs = prepare_outputs(
+            open_outputs = prepare_outputs(
                 self.parameters.outputs,
                 lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
             )
@@ -105,8 +75,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self.destroy_node()
             raise
         self._watch = DriverWatch(self.parameters.source)
-        self._outputs: MachineOutputs | None = None
+        self._outputs = LineOutputs(open_outputs)
         self._changed = threading.Condition()
+        self._status_order = threading.Lock()
         self._thread: threading.Thread | None = None
         self._begin_stream(0)
         self._reject_ready = False
@@ -119,9 +90,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
         self.subscribe(topics.STOP_REQUEST, self._on_stop_request, needed=False)
         self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
-        if self._open_outputs is not None:
+        if self._outputs.exist:
             self.create_service(Trigger, topics.RESET_OUTPUTS, self._reset_outputs)
-            self.create_timer(_OUTPUT_PERIOD, self._look_after_outputs)
+        self._look_timer = self.create_timer(_LOOK_PERIOD, self._look_after_machine)
+        self._look_timer.cancel()
         self.begin()
 
     def _publisher_of(self, topic: Topic) -> Publisher:
@@ -132,6 +104,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._flow = FlowControl()
         self._stream_number = number
         self._answered = False
+        self._failure = self._trouble = ''
+        self._telling = False  # of trouble: while the stream is going on
         self._edges_sent = 0
         self._last_stamp = 0
         self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
@@ -146,8 +120,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ValueError as error:
             # The bag is damaged, or whatever else keeps the source from being opened.
             raise ParameterError(f'driver.source: {error}') from None
-        if self._outputs is None and self._open_outputs is not None:
-            self._outputs = self._open_outputs()  # safe until activated
+        self._outputs.open()  # safe until activated
 
     def activate(self) -> None:
         """Begin a new stream."""
@@ -159,15 +132,17 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         load_cell = self._source.load_cell
         self.diagnostics.set_hardware(load_cell)
         self._watch.begin(load_cell, time.monotonic())
-        if self._outputs is not None:
-            self._outputs.activate()
+        self._outputs.hold(False)
+        self._outputs.activate()
+        if self._outputs.exist or not self._source.paced:
+            self._look_timer.reset()
         self._thread = threading.Thread(target=self._run, name='source', daemon=True)
         self._thread.start()
 
     def deactivate(self) -> None:
         """End the stream: what is on the belt becomes a fault, and the outputs are safe."""
-        if self._outputs is not None:
-            self._outputs.safe()
+        self._outputs.safe()
+        self._look_timer.cancel()
         if self._thread is not None and self._stop_reading():
             self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
         self._watch.stop()
@@ -175,9 +150,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def clean_up(self) -> None:
         """Close source and outputs."""
         self._close_source()
-        if self._outputs is not None:
-            self._outputs.close()
-            self._outputs = None
+        self._outputs.close()
 
     def _close_source(self) -> None:
         if self._source is not None:
@@ -223,8 +196,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
-        if self._outputs is not None:
-            self._outputs.verdict(verdict)  # before all else: the rejector waits
+        self._outputs.verdict(verdict)  # before all else: the rejector waits
         with self._changed:
             self._verdicts.append(verdict)
             number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
@@ -232,28 +204,32 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._changed.notify_all()
 
     def _on_stop_request(self, message: Any) -> None:
-        if self._outputs is not None:
-            self._outputs.stop_request(message.state != StopRequestMessage.RUN)
+        self._outputs.take_request(message)
         with self._changed:
             self._reject_ready = message.reason != StopReason.NOT_READY
             self._changed.notify_all()
 
-    def _look_after_outputs(self) -> None:
-        """Stop the line while nobody gives verdicts, and tell what is wrong with the outputs."""
-        if self._outputs is None:
+    def _look_after_machine(self) -> None:
+        """Stop the line while it cannot weigh, and tell it what is wrong when that changes."""
+        source = self._source
+        if source is None:
             return
-        if self.count_publishers(self.resolve_topic_name(topics.STOP_REQUEST.name)) == 0:
-            self._outputs.stop_request(True)  # until the next one says that the line may run
-        if self.state == 'active' and self._outputs.trouble:
-            self.warn(self._outputs.trouble)
+        failed = self._failure or source.trouble
+        self._outputs.hold(bool(failed))
+        name = self.resolve_topic_name(topics.STOP_REQUEST.name)
+        if self._outputs.exist and self.count_publishers(name) == 0:
+            self._outputs.nobody_requests()
+        trouble = '; '.join(filter(None, (failed, self._outputs.trouble)))
+        if trouble != self._trouble and self._telling:
+            self._trouble = trouble
+            self._publish_status(StreamStatus.RUNNING, trouble)
+            if trouble:
+                self.warn(trouble)
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
-        """Let the line run again after a product that the rejector can have missed."""
+        """Forget products that the rejector can have missed."""
         response.success = True
-        response.message = 'nothing was missed'
-        if self._outputs is not None:
-            response.message = self._outputs.trouble or response.message
-            self._outputs.reset()
+        response.message = self._outputs.reset() or 'nothing was missed'
         return response
 
     def _on_line_history(self, request: Any, response: Any) -> Any:
@@ -278,6 +254,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             if self._stopping:
                 return
             # Whatever breaks the source, the line must hear of it: items on the belt are faults.
+            self._failure = str(error)
             self._watch.end(str(error))
             self.get_logger().error(f'source {self.parameters.source}: {error}')
             self._publish_status(StreamStatus.FAILED, str(error))
@@ -293,6 +270,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if not self._line_is_there(source):
             return
         rate = source.load_cell.sample_rate
+        self._telling = True
         pacer = Pacer(self.parameters.rate, rate, time.monotonic())
         for event in source:
             if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
@@ -320,12 +298,14 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         missing = [] if self._has_listeners() else ['a segmenter']
         if not self._has_reject():
             missing.append('an active reject node')
+        if not self._outputs.ready:
+            missing.append('outputs that can be switched')
         if ready and missing:
             self.warn(f'the stream begins without {" and ".join(missing)}')
         return ready
 
     def _has_line(self) -> bool:
-        return self._has_listeners() and self._has_reject()
+        return self._has_listeners() and self._has_reject() and self._outputs.ready
 
     def _has_reject(self) -> bool:
         """Tell whether a reject node says that it is active, and takes the edges."""
@@ -366,8 +346,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             return not self._stopping
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how the source, its samples, clock and eyes are."""
-        return self._watch.findings(now, time.time() - time.monotonic())
+        """Return how the source, its samples, clock, eyes and the outputs are."""
+        source = self._source
+        if source is not None and self.state == 'active':
+            self._watch.look(source.trouble, source.figures())
+        found = self._watch.findings(now, time.time() - time.monotonic())
+        return [*found, self._outputs.finding()]
 
     def _publish(self, event: Event) -> None:
         self._watch.add(time.monotonic(), event)
@@ -380,24 +364,27 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             with self._changed:
                 self._edges.append(event)
                 self._edges_sent += 1
-            if self._outputs is not None:
-                self._outputs.edge(event)
+            self._outputs.edge(event)
             self._eyes.publish(edge_to(event))
             self.count('edges')
         elif isinstance(event, Reference):
             self._references.publish(reference_to(event))
 
     def _publish_status(self, state: int, text: str = '') -> None:
-        self._status.publish(
-            StreamStatus(
-                header=header_to(self._last_stamp),
-                stream=self._stream_number,
-                state=state,
-                samples=self._flow.samples_sent,
-                edges=self._edges_sent,
-                text=text,
+        with self._status_order:  # nothing after the end
+            if text and state == StreamStatus.RUNNING and not self._telling:
+                return
+            self._telling &= state == StreamStatus.RUNNING
+            self._status.publish(
+                StreamStatus(
+                    header=header_to(self._last_stamp),
+                    stream=self._stream_number,
+                    state=state,
+                    samples=self._flow.samples_sent,
+                    edges=self._edges_sent,
+                    text=text,
+                )
             )
-        )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -63,3 +63,14 @@ def test_an_inactive_driver_says_so_and_owes_nothing(running):
     (source,) = watch.findings(now + 60.0, 0.0)
     assert (source.level, source.text) == (Level.WARN, 'the driver is inactive')
     assert source.hint
+
+
+def test_trouble_of_a_source_is_an_error_with_its_figures(running):
+    watch, now = running
+    watch.look('the port is gone', {'samples lost': 7})
+    source = watch.findings(now, 0.0)[0]
+    assert (source.level, source.text) == (Level.ERROR, 'the port is gone')
+    assert 'reset_stop_request' in source.hint
+    assert source.values['samples_lost'] == 7
+    watch.look('', {})
+    assert watch.findings(now, 0.0)[0].level == Level.OK

@@ -153,7 +153,7 @@ def test_a_product_without_any_verdict_is_ejected_and_stops_the_line(plc):
         answered = time.monotonic()
         wait_for(lambda: time.monotonic() > answered + 0.4, 'the time of an answer')
         assert outputs.trouble == ''
-        outputs.edge(left)
+        outputs.edge(replace(left, stamp=time.time_ns()))
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the pulse')
         assert [on for _, on in plc.switches(REJECTOR)] == [True, False, True, False]

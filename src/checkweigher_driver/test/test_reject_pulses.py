@@ -165,3 +165,18 @@ def test_the_time_of_the_belt_counts_the_steps_for_which_it_ran(lengths, asked):
         assert belt.when(belt.at(now) + 7) == now + 7
     else:
         assert belt.when(belt.at(now) + 7) is None
+
+
+def test_a_stop_during_the_pass_is_taken_out_of_the_speed_by_the_eyes():
+    schedule = pulses()
+    schedule.belt(False, 300)
+    schedule.belt(True, 1300)
+    # From eye to eye 200, and 500 more to the rejector; by the eyes it took 1200, which makes 3000.
+    assert schedule.add(1400 + 3000, 1400, now=1450, entered=200) == 0
+    assert changes(schedule, 1450, 9000) == [1900, 2000]
+
+
+def test_a_slow_belt_that_never_stood_keeps_its_speed():
+    schedule = pulses()
+    schedule.add(1400 + 3000, 1400, now=1450, entered=200)
+    assert changes(schedule, 1450, 9000) == [4400, 4500]

@@ -298,8 +298,10 @@ class RejectorWatch:
         }
         found = []
         if request is not None:
-            text = f'stop requested: {request.reason} at item {request.item_id}'
-            hint = f'{request.reason.hint}; then call reset_stop_request'
+            text = f'stop requested: {request.reason}'
+            if request.item_id:
+                text += f' at item {request.item_id}'
+            hint = f'{request.hint}; then call reset_stop_request'
             found.append(Concern(Level.ERROR, text, hint))
         if len(self._strays):
             text = f'reject_eye saw {self._strays.total:.0f} things near no reject time'

@@ -101,6 +101,7 @@ class StopReason(StrEnum):
     TOO_MANY_REJECTS = 'TooManyRejects'
     UNCONFIRMED_REJECT = 'UnconfirmedReject'
     CONFIRMED_ACCEPT = 'ConfirmedAccept'
+    DRIVER_TROUBLE = 'DriverTrouble'
     NOT_READY = 'NotReady'
 
     @property
@@ -113,6 +114,7 @@ _STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
+    StopReason.DRIVER_TROUBLE: 'the driver has trouble with load cell, photo-eyes or outputs',
     StopReason.NOT_READY: 'no verdicts come: reject is not active; activate it or start it again',
 }
 
@@ -367,11 +369,20 @@ class ZeroChange:
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """Why the line should stop; ``stamp`` (ns) and ``item_id`` are those of the item concerned."""
+    """Why the line should stop.
+
+    ``stamp`` (ns) and ``item_id`` are those of the item concerned, ``text`` what more is known.
+    """
 
     reason: StopReason
     item_id: int
     stamp: int | None = None
+    text: str = ''
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return f'{self.reason.hint}: {self.text}' if self.text else self.reason.hint
 
 
 @dataclass(frozen=True, slots=True)

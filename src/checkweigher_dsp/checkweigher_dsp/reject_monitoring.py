@@ -37,6 +37,8 @@ class RejectMonitor:
         May be replaced at any time.
     request : StopRequest or None
         The first reason to stop since the last reset.
+    trouble : str
+        What the driver says is wrong; while it lasts a reset does not clear the request.
     strays : int
         Edges near no reject time.
     """
@@ -45,6 +47,7 @@ class RejectMonitor:
         self.parameters = parameters
         self.request: StopRequest | None = None
         self.strays = 0
+        self.trouble = ''
         self._in_a_row = 0
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
@@ -71,6 +74,12 @@ class RejectMonitor:
             self._edges.append(edge.stamp)
             del self._edges[:-_MAX_OPEN]
 
+    def hear_driver(self, trouble: str) -> None:
+        """Take what the driver says is wrong with the machine, empty for nothing."""
+        self.trouble = trouble
+        if trouble:
+            self._stop(StopReason.DRIVER_TROUBLE, 0, None, trouble)
+
     def advance(self, now: int) -> None:
         """Conclude what can be concluded at `now`, ns of the stamps."""
         window = self._window
@@ -93,6 +102,7 @@ class RejectMonitor:
         self.request = None
         self._in_a_row = 0
         self.restart()
+        self.hear_driver(self.trouble)
 
     @property
     def _window(self) -> int:
@@ -107,5 +117,5 @@ class RejectMonitor:
         else:
             self._stop(StopReason.CONFIRMED_ACCEPT, nearest.item_id, nearest.reject_at)
 
-    def _stop(self, reason: StopReason, item_id: int, stamp: int | None) -> None:
-        self.request = self.request or StopRequest(reason, item_id, stamp)
+    def _stop(self, reason: StopReason, item_id: int, stamp: int | None, text: str = '') -> None:
+        self.request = self.request or StopRequest(reason, item_id, stamp, text)

@@ -113,6 +113,30 @@ def test_the_first_reason_stays_until_the_reset_and_counting_begins_anew():
     assert monitor.request.item_id == 7
 
 
+def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_somebody_resets_it():
+    monitor = RejectMonitor(RejectParameters())
+    monitor.hear_driver('')
+    assert monitor.request is None
+    monitor.hear_driver('the port is gone')
+    assert monitor.request.reason is StopReason.DRIVER_TROUBLE
+    assert monitor.request.hint.endswith(': the port is gone')
+    monitor.reset()
+    assert monitor.request is not None
+    monitor.hear_driver('')
+    assert monitor.request.text == 'the port is gone'
+    monitor.reset()
+    assert monitor.request is None
+
+
+def test_trouble_is_shown_when_the_reason_before_it_has_been_reset():
+    monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=1))
+    monitor.add_verdict(_verdict(1))
+    monitor.hear_driver('item 1 was missed')
+    assert monitor.request.reason is StopReason.TOO_MANY_REJECTS
+    monitor.reset()
+    assert monitor.request.reason is StopReason.DRIVER_TROUBLE
+
+
 def test_the_time_of_the_stamps_goes_on_without_messages_if_it_runs():
     running, standing = StreamClock(running=True), StreamClock(running=False)
     assert running.at(5) is None

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.replaying import Replay, replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.bag_reading import read_bag
-    from checkweigher_driver.driver_node import DriverParameters
+    from checkweigher_driver.driver_parameters import DriverParameters
     from checkweigher_validation.results import ItemResult, ResultJoiner
 
     DriverParameters(rate=arguments.rate)  # raises ParameterError before anything is done

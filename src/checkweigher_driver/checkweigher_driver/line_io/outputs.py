@@ -6,16 +6,20 @@ import threading
 import time
 from typing import ClassVar
 
+from checkweigher_driver.line_io.answer_watch import AnswerWatch
 from checkweigher_driver.line_io.clock_watch import ClockWatch
 from checkweigher_driver.line_io.reject_pulses import RejectPulses
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
+from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Reason, Verdict
 
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 # A reject time further ahead is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
 _CLOCK_STEP = 5_000_000  # ns
 _CLOSE_TIME = 3.0  # s
+_MAX_MISSED = 3  # that are told of
+# The speed by the eyes may then be that of a belt that stood for a while.
+_SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 _REFRESH_TIME = 5_000_000  # ns, that is kept free of it before the rejector is due
 
 
@@ -42,7 +46,7 @@ class OutputParameters(Parameters):
     )  # fmt: skip
     verdict_timeout: float = parameter(
         0.0, 'from a product at the outfeed eye to the next verdict, at most: else eject and stop; '
-        '0: not checked', unit='s', minimum=0, maximum=60,
+        '0: the time to the rejector of the product before', unit='s', minimum=0, maximum=60,
     )  # fmt: skip
     safe_state: str = parameter(
         'eject', 'what the rejector does while nobody decides', choices=('eject', 'retract')
@@ -121,8 +125,9 @@ class MachineOutputs:
         self._active = self._closing = self._connected = False
         self._stop_requested = True  # until somebody says that the line may run
         self._port_trouble = 'the outputs are not connected yet'
-        self._missed = ''
-        self._unanswered: int | None = None  # ns, when the first product came without a verdict
+        self._held = False
+        self._missed: list[str] = []
+        self._answers = AnswerWatch(round(parameters.verdict_timeout * NANOSECONDS))
         self._belt: bool | None = None
         self._written: tuple[bool, bool] | None = None
         self._due: int | None = None  # when the rejector switches next
@@ -134,7 +139,19 @@ class MachineOutputs:
     def trouble(self) -> str:
         """One line while the outputs do not do their work or a product was missed, else empty."""
         with self._changed:
-            return self._port_trouble or self._missed
+            return self._port_trouble or '; '.join(self._missed)
+
+    @property
+    def port_trouble(self) -> str:
+        """One line while the outputs cannot be switched, else empty."""
+        with self._changed:
+            return self._port_trouble
+
+    @property
+    def missed(self) -> str:
+        """What the rejector can have missed since the last reset, else empty."""
+        with self._changed:
+            return '; '.join(self._missed)
 
     @property
     def belt_runs(self) -> bool | None:
@@ -161,7 +178,7 @@ class MachineOutputs:
         """Take the safe state, and forget what was to come."""
         with self._changed:
             self._active = False
-            self._unanswered = None
+            self._answers.clear()
             self._pulses.clear()
             self._changed.notify_all()
 
@@ -171,24 +188,28 @@ class MachineOutputs:
             self._stop_requested = stop
             self._changed.notify_all()
 
+    def hold(self, stop: bool) -> None:
+        """Stop the line while its load cell or photo-eyes do not work, whoever says it may run."""
+        with self._changed:
+            if stop != self._held:
+                self._held = stop
+                self._changed.notify_all()
+
     def reset(self) -> None:
         """Allow the line to run again after somebody has looked for a missed product."""
         with self._changed:
-            self._missed = ''
+            self._missed.clear()
             self._changed.notify_all()
 
     def edge(self, edge: EyeEdge) -> None:
         """Take an edge of the photo-eyes: a product that leaves the belt must have its verdict."""
-        if edge.eye != Eye.OUTFEED or not edge.blocked:
-            return
         with self._changed:
-            if self._unanswered is None:
-                self._unanswered = time.monotonic_ns()
+            self._answers.edge(edge, time.monotonic_ns())
 
     def verdict(self, verdict: Verdict) -> None:
         """Take a verdict; of those that accept only that they come matters."""
         with self._changed:
-            self._unanswered = None
+            self._answers.verdict(verdict)
         if verdict.decision == Decision.ACCEPT:
             return
         with self._changed:
@@ -198,13 +219,15 @@ class MachineOutputs:
                     self._miss(f'item {verdict.item_id}: the rejector was not active; look for it')
                 return
             now, to_monotonic = time.monotonic_ns(), self._clock.look()
-            due = since = None
-            if verdict.reject_at is not None and to_monotonic is not None:
+            due = since = entered = None
+            in_doubt = self._belt is None and not _SPEED_IN_DOUBT.isdisjoint(verdict.reasons)
+            if verdict.reject_at is not None and to_monotonic is not None and not in_doubt:
                 due = verdict.reject_at + to_monotonic
                 since = None if verdict.t3 is None else verdict.t3 + to_monotonic
+                entered = None if verdict.t1 is None else verdict.t1 + to_monotonic
                 if due - now > _FURTHEST:
                     due = None
-            late = self._pulses.add(due, since, now)
+            late = self._pulses.add(due, since, now, entered)
             if late is None:
                 self._miss(f'item {verdict.item_id}: nobody knows when it is at the rejector')
             elif late:
@@ -229,7 +252,8 @@ class MachineOutputs:
         self._thread.join(timeout=_CLOSE_TIME)
 
     def _miss(self, text: str) -> None:
-        self._missed = self._missed or text
+        if text not in self._missed and len(self._missed) < _MAX_MISSED:
+            self._missed.append(text)
 
     def _wanted(self, now: int) -> tuple[bool, bool]:
         """Return what rejector and stop are to be."""
@@ -240,18 +264,16 @@ class MachineOutputs:
         acting = self._pulses.acting(now)
         if self._pulses.skipped > skipped:
             self._miss('the machine was too busy to switch the rejector; look behind it')
-        return acting, self._stop_requested or bool(self._missed)
+        return acting, self._stop_requested or self._held or bool(self._missed)
 
     def _check_answer(self, now: int) -> None:
         """Eject and stop if no verdict comes: whoever gives them hangs."""
-        timeout = round(self._parameters.verdict_timeout * NANOSECONDS)
-        if timeout and self._unanswered is not None and now - self._unanswered > timeout:
-            self._unanswered = None
+        if self._answers.is_overdue(now):
+            timeout = self._answers.timeout / NANOSECONDS
             self._pulses.add(None, None, now)
             self._miss(
-                f'a product left the belt and no verdict came within '
-                f'{self._parameters.verdict_timeout:g} s; check that reject runs, and look behind '
-                'the rejector'
+                f'a product left the belt and no verdict came within {timeout:.2g} s; check that '
+                'reject runs, and look behind the rejector'
             )
 
     def _run(self) -> None:

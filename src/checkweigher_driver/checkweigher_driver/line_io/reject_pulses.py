@@ -105,7 +105,9 @@ class RejectPulses:
         elif not running:
             self._belt.stop(now)
 
-    def add(self, due: int | None, since: int | None, now: int) -> int | None:
+    def add(
+        self, due: int | None, since: int | None, now: int, entered: int | None = None
+    ) -> int | None:
         """Take a rejected item.
 
         Parameters
@@ -116,6 +118,9 @@ class RejectPulses:
             ns, when the item was where `due` was computed from.
         now : int
             ns.
+        entered : int, optional
+            ns, when the item was at the infeed eye. If the belt has stood since, its speed by the
+            eyes, from which `due` was computed, is too slow by that.
 
         Returns
         -------
@@ -128,10 +133,17 @@ class RejectPulses:
             self._put(here, here + self._duration)
             return None
         begin = self._belt.at(due if since is None else since)
-        begin += 0 if since is None else due - since
+        stood = False
+        if since is not None:
+            travel = due - since
+            if entered is not None and entered < since:
+                run = self._belt.at(since) - self._belt.at(entered)
+                stood = run < since - entered
+                travel = travel * run // (since - entered)
+            begin += travel
         late = here - begin
         # What waits for the belt to run gets its margin then.
-        delayed = not self._belt.stopped and begin != self._belt.at(due)
+        delayed = stood or (not self._belt.stopped and begin != self._belt.at(due))
         margin = self._belt_margin if delayed else 0
         if late > self._late_tolerance:
             self._put(here, here + self._duration)

@@ -258,7 +258,7 @@ def stop_request_to(request: StopRequest | None) -> messages.StopRequest:
         header=header_to(request.stamp, 'rejector'),
         state=message.STOP,
         reason=request.reason.value,
-        hint=request.reason.hint,
+        hint=request.hint,
         item_id=int(request.item_id),
     )
 

@@ -129,6 +129,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if self._recall is not None:
             self._recall.hear_driver(ended=self._stream_ended)
             self._wake()
+        text = message.text if message.state != StreamStatus.FINISHED else ''
+        failed = message.state == StreamStatus.FAILED
+        self._monitor.hear_driver(text or ('its source failed' if failed else ''))
+        self._show_stop_request()
 
     def _on_edge(self, message: Any) -> None:
         edge = edge_from(message)
@@ -282,7 +286,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self.get_logger().info(f'stop: {request.reason}: {request.reason.hint}')
         elif request is not None:
             self.count(request.reason)
-            self.warn(f'stop: item {request.item_id}: {request.reason}: {request.reason.hint}')
+            item = f'item {request.item_id}: ' if request.item_id else ''
+            self.warn(f'stop: {item}{request.reason}: {request.hint}')
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return how the verdicts, the line before this node and the rejector are."""
@@ -297,12 +302,16 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         ]
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Clear the stop request."""
+        """Clear the stop request, unless what the driver says is wrong still is."""
         cleared = self._monitor.request
         self._monitor.reset()
         self._show_stop_request()
-        response.success = True
-        response.message = 'no stop was requested' if cleared is None else f'{cleared.reason} reset'
+        request = self._monitor.request
+        response.success = request is None
+        if request is not None:
+            response.message = f'{request.reason}: {request.hint}'
+        else:
+            response.message = 'no stop was requested' if not cleared else f'{cleared.reason} reset'
         return response
 
 

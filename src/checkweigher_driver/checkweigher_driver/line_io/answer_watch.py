@@ -1,0 +1,75 @@
+"""Whether each product that leaves the weigh belt gets its verdict before it is at the rejector."""
+
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict
+
+# An eye that was clear for less is flickering (more than the debounce_time of any line).
+_FLICKER = 20_000_000  # ns
+# Until a first product has shown how long it takes to the rejector.
+_FIRST_TIMEOUT = NANOSECONDS
+
+
+class AnswerWatch:
+    """Tell when a verdict is overdue, which means that whoever gives them hangs.
+
+    All times are in ns; those of the edges are their stamps, those called `now` any clock that
+    never steps back.
+
+    Parameters
+    ----------
+    timeout : int
+        From a product at the outfeed eye to the next verdict, at most. 0: as long as the product
+        before took from the outfeed eye to the moment at which the rejector had to be told.
+    """
+
+    def __init__(self, timeout: int) -> None:
+        self._timeout = timeout
+        self._travel = _FIRST_TIMEOUT
+        self._blocked: dict[Eye, int] = {}
+        self._outfeed_clear: int | None = None
+        self._length = 0  # for how long the last product blocked the infeed eye
+        self._last: int | None = None  # stamp of the last product at the outfeed eye
+        self._since: int | None = None  # when the first product without a verdict was there
+
+    @property
+    def timeout(self) -> int:
+        """What is allowed now."""
+        return self._timeout or self._travel
+
+    def edge(self, edge: EyeEdge, now: int) -> None:
+        """Take an edge of the photo-eyes."""
+        if edge.eye == Eye.INFEED:
+            if not edge.blocked and Eye.INFEED in self._blocked:
+                self._length = max(edge.stamp - self._blocked[Eye.INFEED], 0)
+        elif not edge.blocked:
+            self._outfeed_clear = edge.stamp
+        elif self._is_product(edge.stamp):
+            self._last = edge.stamp
+            if self._since is None:
+                self._since = now
+        if edge.blocked:
+            self._blocked[edge.eye] = edge.stamp
+
+    def _is_product(self, stamp: int) -> bool:
+        """Tell whether the outfeed eye sees another product, and no hole or flicker of the last."""
+        if self._last is None or stamp < self._last:
+            return True
+        within = stamp - self._last < self._length
+        clear = self._outfeed_clear
+        return not within and (clear is None or not 0 <= stamp - clear < _FLICKER)
+
+    def verdict(self, verdict: Verdict) -> None:
+        """Take a verdict: somebody gives them."""
+        self._since = None
+        if verdict.t3 is not None and verdict.reject_at is not None:
+            self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
+
+    def clear(self) -> None:
+        """Wait for nothing any more."""
+        self._since = None
+
+    def is_overdue(self, now: int) -> bool:
+        """Tell, once for a product, whether its verdict is overdue."""
+        if self._since is None or now - self._since <= self.timeout:
+            return False
+        self._since = None
+        return True
