@@ -1,13 +1,14 @@
 """A PLC of the tests: a Modbus TCP server that plays the photo-eyes of a bag at true time.
 
-    python modbus_plc.py --port 5020 --log coils.jsonl [--bag BAG] [--skip S] [--watchdog 0.5]
+    python modbus_plc.py --port 5020 --log coils.jsonl [--watchdog 0.5]
+        [--bag BAG] [--skip S] [--begin FILE]
 
 Discrete inputs 0 and 1 are infeed and outfeed eye, 2 says that the belt runs. Coil 0 is the
 rejector, coil 1 the release of the belt; what is written to them goes to the log, one JSON array
 (ns, coil, value) a line. Holding register 0 is the watchdog: when it has not changed for that long,
 the PLC puts both coils into their safe state by itself: ejecting, belt not released. Holding
 register 1 set to 1 stops the belt. Says `ready NS` when it listens; the bag begins then, less what
-of it is skipped.
+of it is skipped; with --begin at the time (ns) that stands in that file, once it is there.
 """
 
 import argparse
@@ -30,7 +31,10 @@ SAFE = {0: True, 1: False}
 class Plc:
     """State of the inputs by time, and what was written to the coils."""
 
-    def __init__(self, bag: Path | None, skip: float, log: Path, watchdog: float) -> None:
+    def __init__(
+        self, bag: Path | None, skip: float, begin: Path | None, log: Path, watchdog: float
+    ) -> None:
+        self._begin_file = begin
         self._watchdog = watchdog
         self._log = log.open('a', buffering=1)
         self._coils: dict[int, bool] = {}
@@ -54,6 +58,10 @@ class Plc:
         return self._started
 
     def inputs(self) -> int:
+        if self._begin_file is not None:
+            if not self._begin_file.exists():
+                return self._states[0]
+            self._started, self._begin_file = int(self._begin_file.read_text()), None
         now = time.time_ns() - self._started + self._begin
         return self._states[max(bisect_right(self._stamps, now) - 1, 0)]
 
@@ -90,10 +98,11 @@ async def main() -> None:
     parser.add_argument('--port', type=int, required=True)
     parser.add_argument('--log', type=Path, required=True)
     parser.add_argument('--bag', type=Path)
+    parser.add_argument('--begin', type=Path)
     parser.add_argument('--skip', type=float, default=0.0)
     parser.add_argument('--watchdog', type=float, default=1e9)
     given = parser.parse_args()
-    plc = Plc(given.bag, given.skip, given.log, given.watchdog)
+    plc = Plc(given.bag, given.skip, given.begin, given.log, given.watchdog)
     device = SimDevice(
         id=1,
         simdata=(

@@ -168,6 +168,10 @@ class Device:
             self.streaming = True
             if self.recorded is not None and not self.asked:
                 self.begin, self.sent = time.monotonic(), 0
+                if self.options.begin:
+                    new = self.options.begin.with_suffix('.new')
+                    new.write_text(str(time.time_ns()))
+                    new.rename(self.options.begin)
             self.asked = True
             self.stream_from_now()
             return None
@@ -230,6 +234,7 @@ def main() -> None:
     parser.add_argument('--status', type=int, default=8, help='status byte, without checksum')
     parser.add_argument('--signal', choices=('ramp', 'slow'), default='ramp')
     parser.add_argument('--bag', type=Path, help='send the readings of a bag instead')
+    parser.add_argument('--begin', type=Path, help='is written when the bag begins: the time, ns')
     parser.add_argument('--burst', type=float, default=0.0, help='s, as an USB adapter bundles')
     parser.add_argument('--identity', default='HBM,FIT/5,0123456,P72')
     parser.add_argument('--refuse', nargs='*', default=[], help='commands that are replied to by ?')
