@@ -121,6 +121,7 @@ def test_a_line_that_runs_is_calibrated_in_a_dialogue(scale: Scale, tmp_path: Pa
     line_parameters(output, None)
 
 
+@pytest.mark.soak
 def test_a_load_that_moves_is_read_when_it_has_come_to_rest(scale: Scale, tmp_path: Path):
     dialogue = Dialogue(
         '--zero', '--source', 'simulator', '--output', tmp_path / 'scale.yaml', '--duration', 0.5
@@ -144,6 +145,7 @@ def test_a_load_that_moves_is_read_when_it_has_come_to_rest(scale: Scale, tmp_pa
     )
 
 
+@pytest.mark.soak
 def test_a_source_is_opened_and_its_zero_read(tmp_path: Path):
     base = tmp_path / 'line.yaml'
     base.write_text(

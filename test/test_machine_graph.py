@@ -194,11 +194,13 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
     plain = weighed(recording, recording.edges)[:count]
     errors = [mass - other for mass, other in zip(masses, expected, strict=True)]
     changed = [mass - other for mass, other in zip(masses, plain, strict=True)]
+    within = sum(abs(error) <= count_mass for error in changed)
     print(
         f'{bag.name}, eyes {eyes}: {count} items, largest difference from weigh '
         f'{1e6 * max(map(abs, errors)):.2f} mg with the edges as read, '
         f'{1e6 * max(map(abs, changed)):.2f} mg (median {1e6 * median(map(abs, changed)):.2f} mg) '
-        f'with those of the bag; one count {1e6 * count_mass:.2f} mg, clock {1e6 * drift:.0f} ppm, '
+        f'with those of the bag, {within} within a count; '
+        f'one count {1e6 * count_mass:.2f} mg, clock {1e6 * drift:.0f} ppm, '
         f'edges {min(off):+.2f} to {max(off):+.2f} ms; {len(late)} rejected, {min(late):.2f} to '
         f'{max(late):.2f} ms after their time; CPU {cpu / lasted:.1%}; {figures}'
     )
@@ -238,16 +240,20 @@ def test_a_load_cell_that_is_unplugged_stops_the_line_until_it_is_back_and_reset
         stopped = line.plc.switches(RELEASE)[-1][0]
         wait_for(lambda: line.stops and line.stops[-1].reason == 'DriverTrouble', 'the request')
         assert not line.reset()  # it still is unplugged
+        while line.take(1)[0].decision != Decision.FAULT:
+            pass  # what had left the belt
+        faulted = time.time_ns()
         line.device.tell('replug')
         plugged = time.monotonic()
         wait_for(line.reset, 'the end of the trouble')
         wait_for(lambda: line.plc.state(RELEASE) is True, 'the release of the belt')
         released = time.monotonic()
-        faults = 0
+        faults = 1
         while (verdict := line.take(1)[0]).decision == Decision.FAULT:
             faults += 1
         print(
-            f'stopped {(stopped - pulled) / MS:.0f} ms after the unplug; released '
+            f'stopped {(stopped - pulled) / MS:.0f} ms after the unplug, the first fault '
+            f'{(faulted - pulled) / MS:.0f} ms; released '
             f'{released - plugged:.2f} s and weighed {time.monotonic() - plugged:.2f} s after the '
             f'replug; {faults} faults; item {verdict.item_id}: {1e3 * verdict.mass:.3f} g'
         )

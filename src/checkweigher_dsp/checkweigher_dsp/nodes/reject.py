@@ -132,7 +132,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         text = message.text if message.state != StreamStatus.FINISHED else ''
         failed = message.state == StreamStatus.FAILED
         self._monitor.hear_driver(text or ('its source failed' if failed else ''))
-        self._show_stop_request()
+        if self._active:
+            self._show_stop_request()
 
     def _on_edge(self, message: Any) -> None:
         edge = edge_from(message)
