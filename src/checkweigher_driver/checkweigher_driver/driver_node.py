@@ -1,7 +1,7 @@
 """The driver node: publishes what a source of samples and photo-eye edges delivers."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 import threading
 import time
@@ -12,6 +12,7 @@ from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
+from checkweigher_driver.block_cutting import cut_at_edges, join
 from checkweigher_driver.driver_health import DriverWatch
 from checkweigher_driver.driver_parameters import DriverParameters
 from checkweigher_driver.line_io import prepare_outputs
@@ -272,7 +273,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         rate = source.load_cell.sample_rate
         self._telling = True
         pacer = Pacer(self.parameters.rate, rate, time.monotonic())
-        for event in source:
+        for event in self._events(source):
             if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
                 return
             if held_back and isinstance(event, SampleBlock):
@@ -283,6 +284,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 ):
                     return
             self._publish(event)
+
+    def _events(self, source: Source) -> Iterable[Event]:
+        """Return what the source delivers, the blocks cut as the pace wants them."""
+        if not source.paced:
+            return source
+        cut = cut_at_edges if self.parameters.rate > 0 else join
+        return cut(source, source.load_cell.sample_rate)
 
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.

@@ -1,0 +1,108 @@
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+
+from checkweigher_driver.block_cutting import cut_at_edges, join
+from checkweigher_driver.simulation import Simulation, SimulationParameters
+from checkweigher_dsp.line import LineParameters, WeighingLine
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Reference, SampleBlock
+
+RATE = 1000.0  # Hz
+MILLISECOND = NANOSECONDS // 1000
+
+
+def block(first, count, stamp=None):
+    stamp = first * MILLISECOND if stamp is None else stamp
+    return SampleBlock(stamp, first, np.arange(first, first + count, dtype=np.int32))
+
+
+def edge(milliseconds):
+    return EyeEdge(round(milliseconds * MILLISECOND), Eye.OUTFEED, True)
+
+
+def shown(events):
+    """Return events as plain values: (first index, count) of a block, ms of an edge."""
+    return [
+        (event.first_index, len(event.counts))
+        if isinstance(event, SampleBlock)
+        else event.stamp / MILLISECOND
+        for event in events
+    ]
+
+
+@pytest.mark.parametrize(
+    ('at', 'cut'),
+    [
+        (13.5, [(0, 10), (10, 4), 13.5, (14, 6), (20, 10)]),
+        # The sample that is taken at the moment of the edge follows it.
+        (13.0, [(0, 10), (10, 3), 13.0, (13, 7), (20, 10)]),
+        (10.0, [(0, 10), 10.0, (10, 10), (20, 10)]),
+        (19.5, [(0, 10), (10, 10), 19.5, (20, 10)]),
+    ],
+)
+def test_an_edge_comes_between_the_samples_before_and_after_it(at, cut):
+    events = [block(0, 10), block(10, 10), edge(at), block(20, 10)]
+
+    assert shown(cut_at_edges(events, RATE)) == cut
+
+
+def test_two_edges_in_a_block_cut_it_twice():
+    events = [block(0, 10), edge(2.5), edge(6.5)]
+
+    assert shown(cut_at_edges(events, RATE)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]
+
+
+def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
+    _, _, last = cut_at_edges([block(0, 10), edge(2.5)], 960.0)
+
+    assert last.first_index == 3
+    assert last.stamp == round(3 * NANOSECONDS / 960)
+
+
+def test_blocks_that_follow_each_other_are_joined_between_edges():
+    events = [block(0, 10), block(10, 10), edge(15), block(20, 10), block(30, 5), edge(36)]
+
+    joined = list(join(events, RATE))
+
+    assert shown(joined) == [(0, 20), 15, (20, 15), 36]
+    np.testing.assert_array_equal(joined[2].counts, np.arange(20, 35))
+
+
+@pytest.mark.parametrize(
+    'second',
+    [block(11, 10), block(9, 10), block(10, 10, stamp=10 * MILLISECOND + 2), block(0, 10)],
+    ids=['lost', 'overlapping', 'off the clock', 'again'],
+)
+def test_blocks_that_do_not_follow_each_other_stay_what_they_are(second):
+    assert shown(join([block(0, 10), second], RATE)) == shown([block(0, 10), second])
+
+
+def test_a_joined_block_is_no_longer_than_the_segmenter_reports():
+    events = [block(first, 10) for first in range(0, 1000, 10)]
+
+    assert shown(join(events, RATE)) == [(first, 250) for first in range(0, 1000, 250)]
+
+
+@pytest.mark.parametrize('cut', [cut_at_edges, join])
+def test_the_masses_are_the_same_to_the_last_bit(cut):
+    simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
+
+    def weighed(events):
+        line = WeighingLine(simulation.load_cell, LineParameters())
+        results = [
+            result
+            for event in events
+            if not isinstance(event, Reference)
+            for result in line.add(event)
+        ]
+        return [*results, *line.finish()]
+
+    events = list(simulation)
+    expected = weighed(events)
+    found = weighed(cut(events, simulation.load_cell.sample_rate))
+
+    assert len(expected) == 12
+    assert all(result.estimate.weighed for result in expected)
+    # Not a number is not equal to itself, its text is.
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
