@@ -24,6 +24,7 @@ from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.recall import Recall
 from checkweigher_dsp.nodes.shell import HeldPublisher, run
 from checkweigher_dsp.records import (
+    NANOSECONDS,
     Eye,
     LineHistory,
     MassEstimate,
@@ -38,6 +39,7 @@ from checkweigher_dsp.reject_timing import StreamClock
 from checkweigher_dsp.rejection import RejectStage
 
 _TICK = 0.005  # s, well below verdict_margin
+_SHORTEST = NANOSECONDS // 1000  # ns, of the timer
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
@@ -67,6 +69,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self.create_service(Trigger, topics.RESET_STOP_REQUEST, self._reset)
         self._timer = self.create_timer(_TICK, self._tick)
         self._timer.cancel()
+        self._due = 0  # when the timer runs out, ns of the monotonic clock
         self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
         self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
         self.subscribe(topics.PHOTO_EYES, self._on_edge)
@@ -165,6 +168,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
         self._publish(self._stage.advance(self._now()))
+        self._wake()
 
     def _on_reject_eye(self, message: Any) -> None:
         edge = edge_from(message)
@@ -210,8 +214,18 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._wake()
 
     def _wake(self) -> None:
-        """Let the timer run; one that does so is left alone, or messages would keep it from it."""
-        if self._timer.is_canceled():
+        """Have the timer run out when time alone brings something, and not before."""
+        now = time.monotonic_ns()
+        waiting = self._recall is not None and self._recall.waiting
+        if waiting or self._monitor.waiting:
+            due: int | None = now + round(_TICK * NANOSECONDS)
+        else:
+            due = self._stage.due if self.parameters.deadlines else None
+        if due is None:
+            self._timer.cancel()
+        elif self._timer.is_canceled() or due < self._due:
+            self._due = due
+            self._timer.timer_period_ns = max(due - now, _SHORTEST)
             self._timer.reset()
 
     def _settle(self, history: LineHistory | None) -> None:
@@ -254,9 +268,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._rejector_watch.add_strays(time.monotonic(), self._monitor.strays - strays)
             self.warn('reject_eye saw something near no reject time')
         self._show_stop_request()
-        waiting = self._recall is not None and self._recall.waiting
-        if self._stage.due is None and not self._monitor.waiting and not waiting:
-            self._timer.cancel()
+        self._timer.cancel()
+        self._wake()
 
     def _publish(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
