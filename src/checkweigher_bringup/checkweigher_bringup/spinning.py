@@ -5,19 +5,23 @@ from contextlib import contextmanager, suppress
 import threading
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from checkweigher_dsp.nodes.executor import make_executor
+
 _PATIENCE = 10.0  # s
+_END_PATIENCE = 2.0  # s
 
 
 class Spinner:
     """Spins nodes in a thread."""
 
     def __init__(self) -> None:
-        self._executor = SingleThreadedExecutor()
+        self._executor = make_executor()
         self._nodes: list[Node] = []
+        self._stopping = False
         self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
         self._thread.start()
 
@@ -48,14 +52,21 @@ class Spinner:
 
     def stop(self) -> None:
         """Stop, and destroy the nodes in the order opposite to that in which they came."""
-        self._executor.shutdown()
-        self._thread.join(timeout=2.0)
+        # Shut down only when nobody spins it any more: rclpy takes away what a wait is using.
+        self._executor.create_task(self._end)
+        self._thread.join(timeout=_END_PATIENCE)
+        if not self._thread.is_alive():
+            self._executor.shutdown()
         for node in reversed(self._nodes):
             node.destroy_node()
 
+    def _end(self) -> None:
+        self._stopping = True
+
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
-            self._executor.spin()
+            while not self._stopping:
+                self._executor.spin_once(timeout_sec=_PATIENCE)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import math
 import signal
 import sys
 import time
+from types import FrameType
 from typing import Any, Generic, TypeVar, cast
 
 from rcl_interfaces.msg import (
@@ -29,6 +30,7 @@ from rclpy.subscription import Subscription
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes.connections import MAKERS
 from checkweigher_dsp.nodes.diagnostics import Diagnostics
+from checkweigher_dsp.nodes.executor import CachedExecutor, ProcessParameters, make_executor
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
@@ -128,6 +130,9 @@ class HeldPublisher:
         """Publish a message now, or as soon as somebody listens."""
         if self._open:
             self._publisher.publish(message)
+            executor = self._node.executor
+            if isinstance(executor, CachedExecutor):
+                executor.expect()  # the next stage may be in this process
         else:
             self._held.append(message)
 
@@ -203,6 +208,7 @@ class StageNode(Node, Generic[P]):
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._health = self.diagnostics = Diagnostics(self, self.diagnose)
         try:
+            self.process = declare(self, ProcessParameters, read_only=True)
             self.parameters = declare(self, parameters, read_only=read_only)
         except ParameterError:
             self.destroy_node()
@@ -340,10 +346,12 @@ def run_all(
     executor: SingleThreadedExecutor | None = None
     try:
         _initialise(arguments)
-        executor = SingleThreadedExecutor()
         nodes = make_nodes()
+        executor = make_executor(*{n.process.executor for n in nodes if isinstance(n, StageNode)})
         for node in nodes:
             executor.add_node(node)
+        # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.
+        inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         running = True
         while not stopping:
             executor.spin_once(timeout_sec=_STOP_PERIOD)
@@ -359,6 +367,8 @@ def run_all(
         # second one must find nothing that it could break.
         running = True
         _shut_down(nodes, executor)
+        if executor is not None:
+            executor.shutdown()
         for node in reversed(nodes):
             node.destroy_node()
         rclpy.try_shutdown()
