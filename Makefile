@@ -7,9 +7,9 @@ SHELL := bash
 # A recipe line that starts with it runs in the project's environment.
 IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 
-PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/)
+PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/)
 
-.PHONY: help setup demo test soak lint format clean
+.PHONY: help setup demo test soak bench lint format clean
 
 help: ## Show this list.
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -27,6 +27,9 @@ test: lint ## Check the code, then run all tests; PYTEST_ARGS='-k name -x' are h
 soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
 	  python3 -m pytest -m soak -s $(SOAK_ARGS)
+
+bench: ## Measure kernels and graph; BENCH_ARGS='--quick --part graph' are handed on.
+	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST python3 bench/run.py $(BENCH_ARGS)
 
 lint: ## Check style and types.
 	@$(IN_ENVIRONMENT) ruff check $(PYTHON_SOURCES)

@@ -1,6 +1,10 @@
 """The whole line in one process: six nodes on one executor."""
 
 from collections.abc import Sequence
+import os
+
+# As in checkweigher_dsp.nodes, which comes too late: rclpy imports numpy.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
 

@@ -1,1 +1,6 @@
 """ROS nodes around the stages: parameters in, message to record, stage, record to message."""
+
+import os
+
+# Matrices as small as those of an item are slower on several threads. Before numpy reads it.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -1,0 +1,378 @@
+"""How fast the graph is: latency, cost, replay and start-up, each beside a reference.
+
+    source setup/environment && python bench/graph.py [--quick] [--only latency] [--json FILE]
+
+The reference of a latency is one raw hop over DDS between two processes, measured in the same run;
+that of a replay is reading the bag. The simulated line has 4.3 products a second at 90 m/min.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+import json
+import math
+import os
+from pathlib import Path
+import platform
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from processes import HERE, Listener, Process, Usage, line_commands, listener, started
+
+from checkweigher_driver.bag_reading import read_bag
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import verdict_from
+from checkweigher_dsp.nodes.topics import Topic
+from checkweigher_dsp.records import Decision, Verdict
+
+_SPEED, _SPACING = 1.5, 0.35  # m/s, m
+_ITEMS_PER_SECOND = _SPEED / _SPACING
+_SETTLED = 10  # items until a line is warm
+_PATIENCE = 60.0  # s without a verdict
+_COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """Something that was measured.
+
+    Attributes
+    ----------
+    median, low, high, worst : float
+        Of the values: median, quartiles, and what 99.9 % do not exceed.
+    reference : float
+        What it is compared with, in the same unit; NaN if there is nothing.
+    target : float
+        What the median is to be at most, or at least where `more_is_better`; NaN if any will do.
+    """
+
+    name: str
+    unit: str
+    count: int
+    median: float
+    low: float
+    high: float
+    worst: float
+    reference: float = math.nan
+    target: float = math.nan
+    more_is_better: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """Whether the target is met."""
+        if math.isnan(self.target):
+            return ''
+        better = self.median >= self.target if self.more_is_better else self.median <= self.target
+        return 'met' if better else 'MISSED'
+
+
+def figure(name: str, unit: str, values: list[float], **more: Any) -> Figure:
+    """Return a figure of values."""
+    ordered = sorted(values)
+    low, median, high = statistics.quantiles(ordered, n=4) if len(ordered) > 1 else [ordered[0]] * 3
+    worst = ordered[min(len(ordered) - 1, math.floor(0.999 * len(ordered)))]
+    return Figure(name, unit, len(ordered), median, low, high, worst, **more)
+
+
+def parameters(count: int, rate: float = 1.0) -> dict[str, dict[str, object]]:
+    """Return the parameters of the simulated line."""
+    return {
+        'driver': {
+            'rate': rate,
+            'simulator.count': count,
+            'simulator.speed': _SPEED,
+            'simulator.spacing': _SPACING,
+        }
+    }
+
+
+def measure_hop(count: int) -> Figure:
+    """Return the time of a raw hop between two processes, ms: half of there and back."""
+    with listener() as here, started([[HERE / 'echoing.py', '--ros-args']]):
+        came: list[int] = []
+        there = here.node.create_publisher(Time, 'there', 1000)
+        back = lambda _: came.append(time.monotonic_ns())  # noqa: E731
+        subscription = here.node.create_subscription(Time, 'back', back, 1000)
+        here.spin_until(
+            lambda: there.get_subscription_count() > 0 and subscription.get_publisher_count() > 0,
+            _PATIENCE,
+        )
+        values = []
+        for number in range(count):
+            time.sleep(0.005)  # as a line has it: nobody is warm from the message before
+            sent = time.monotonic_ns()
+            there.publish(Time(sec=number))
+            here.spin_until(lambda number=number: len(came) > number, _PATIENCE)  # type: ignore[misc]
+            values.append((came[-1] - sent) / 2e6)
+    return figure('raw hop between two processes', 'ms', values)
+
+
+@dataclass
+class Arrivals:
+    """Verdicts of a lane and when they came, ns of the monotonic clock."""
+
+    verdicts: list[tuple[int, Verdict]]
+
+    def listen(self, here: Listener, namespace: str = '') -> None:
+        """Subscribe to the verdicts of a lane."""
+        topic: Topic = topics.VERDICT
+        name = f'/{namespace}/{topic.name}' if namespace else topic.name
+        here.node.create_subscription(topic.type, name, self._take, topic.stage_qos)
+
+    def _take(self, message: Any) -> None:
+        self.verdicts.append((time.monotonic_ns(), verdict_from(message)))
+
+    def delays(self, stamps: Path) -> list[float]:
+        """Return how long each verdict took from the edge t3 at the driver, ms."""
+        pairs = (line.split() for line in stamps.read_text(encoding='ascii').splitlines())
+        there = {int(stamp): int(when) for stamp, when in pairs}
+        return [
+            (came - there[verdict.t3]) / 1e6
+            for came, verdict in self.verdicts[_SETTLED:]
+            if verdict.t3 in there
+        ]
+
+    @property
+    def spoilt(self) -> int:
+        """How many verdicts were late or faults."""
+        return sum(
+            verdict.late or verdict.decision is Decision.FAULT for _, verdict in self.verdicts
+        )
+
+
+@contextmanager
+def running(
+    lanes: int, count: int, *, one_process: bool
+) -> Iterator[tuple[Listener, list[Arrivals], list[list[Process]], list[Path]]]:
+    """Have lanes that weigh `count` items each."""
+    with tempfile.TemporaryDirectory() as folder, listener() as here:
+        arrivals = [Arrivals([]) for _ in range(lanes)]
+        stamps = [Path(folder, f'stamps{lane}') for lane in range(lanes)]
+        commands = []
+        for lane in range(lanes):
+            arrivals[lane].listen(here, f'lane{lane}')
+            file = Path(folder, f'lane{lane}.yaml')
+            commands += line_commands(
+                file, parameters(count), stamps[lane],
+                one_process=one_process, namespace=f'lane{lane}',
+            )  # fmt: skip
+        with started(commands) as processes:
+            size = len(processes) // lanes
+            grouped = [processes[lane * size : (lane + 1) * size] for lane in range(lanes)]
+            yield here, arrivals, grouped, stamps
+
+
+def measure_line(count: int, hop: float, *, lanes: int = 1, one_process: bool) -> list[Figure]:
+    """Return latency, cost and memory of lanes that run at true time."""
+    with running(lanes, count, one_process=one_process) as (here, arrivals, grouped, stamps):
+        patience = _PATIENCE + count / _ITEMS_PER_SECOND
+        here.spin_until(lambda: all(len(a.verdicts) >= _SETTLED for a in arrivals), patience)
+        begin = [[each.usage() for each in processes] for processes in grouped]
+        here.spin_until(lambda: all(len(a.verdicts) >= count - 1 for a in arrivals), patience)
+        end = [[each.usage() for each in processes] for processes in grouped]
+        for process in (each for processes in grouped for each in processes):
+            process.end()
+        delays = [
+            delay for a, file in zip(arrivals, stamps, strict=True) for delay in a.delays(file)
+        ]
+        spoilt = sum(a.spoilt for a in arrivals)
+    what = 'one process' if one_process else 'a process per node'
+    if lanes > 1:
+        what += f', {lanes} lanes'
+    target = {} if lanes > 1 else {'target': 1.0 if one_process else 1.5}
+    shares = [_share(*each) for each in zip(begin, end, strict=True)]
+    resident = [sum(usage.resident for usage in lane) / 1000 for lane in end]
+    growth = [
+        sum(b.resident - a.resident for a, b in zip(*each, strict=True)) / 1000
+        for each in zip(begin, end, strict=True)
+    ]
+    return [
+        figure(f'edge to verdict, {what}', 'ms', delays, reference=hop, **target),
+        figure(f'processor, {what}', '% of a core', shares, target=4.0),
+        figure(f'memory, {what}', 'MB', resident),
+        figure(f'its growth, {what}', 'MB', growth),
+        figure(f'late verdicts and faults, {what}', '', [float(spoilt)], target=0.0),
+    ]
+
+
+def _share(begin: list[Usage], end: list[Usage]) -> float:
+    """Return the processor time of a lane, % of one core."""
+    return sum(
+        100 * (after.cpu - before.cpu) / (after.when - before.when)
+        for before, after in zip(begin, end, strict=True)
+    )
+
+
+def measure_replay(count: int, repetitions: int) -> list[Figure]:
+    """Return how many times faster than real time a bag passes the graph, from item to item."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder, 'bag')
+        simulate = ['simulate', '--speed', '90', '--mass', '134.5', '--count', str(count)]
+        command = [*_COMMAND, *simulate, '--output', str(bag)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        speeds, readings = [], []
+        for _ in range(repetitions):
+            begin = time.perf_counter()
+            recording = read_bag(bag, None)
+            reading = time.perf_counter() - begin
+            duration = (recording.edges[-1].stamp - recording.edges[0].stamp) / 1e9
+            readings.append(duration / reading)
+            speeds.append(_replay_speed(bag))
+    reference = statistics.median(readings)
+    return [
+        figure(
+            'replay --rate 0', 'x real time', speeds, reference=reference, target=100.0,
+            more_is_better=True,
+        )
+    ]  # fmt: skip
+
+
+def _replay_speed(bag: Path) -> float:
+    child = subprocess.Popen(
+        [*_COMMAND, 'replay', str(bag), '--rate', '0'], stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, text=True,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+    )  # fmt: skip
+    assert child.stdout is not None
+    items = []
+    for line in child.stdout:
+        words = line.split()
+        if (
+            words
+            and words[0].isdigit()
+            and 'm/min' not in line
+            and len(words) > 3
+            and '.' in words[1]
+        ):
+            items.append((time.monotonic(), float(words[1])))
+    if child.wait() != 0:
+        raise RuntimeError('replay failed')
+    (began, first), (ended, last) = items[0], items[-1]
+    return (last - first) / (ended - began)
+
+
+def measure_start(repetitions: int) -> list[Figure]:
+    """Return how long --help and a node take from the call on."""
+    helps, bare = [], []
+    for _ in range(repetitions):
+        for values, command in ((bare, [sys.executable, '-c', '']), (helps, [*_COMMAND, '--help'])):
+            begin = time.perf_counter()
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+            values.append(time.perf_counter() - begin)
+    found = [
+        figure('--help', 's', helps, reference=statistics.median(bare), target=0.3),
+    ]
+    for module in ('checkweigher_dsp.nodes.segmenter', 'checkweigher_bringup.line'):
+        waits = [_ready(module) for _ in range(repetitions)]
+        name = f'{module.rpartition(".")[2]} ready'
+        found.append(figure(name, 's', waits, reference=statistics.median(bare), target=1.5))
+    return found
+
+
+def _ready(module: str) -> float:
+    """Return how long a process takes until its nodes are there and wait for messages, s."""
+    began = time.monotonic()
+    child = subprocess.Popen(
+        [sys.executable, str(HERE / 'waiting.py'), module, '--ros-args', '--log-level', 'error'],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert child.stdout is not None
+    try:
+        return float(child.stdout.readline()) - began
+    finally:
+        child.send_signal(signal.SIGINT)
+        child.wait()
+
+
+def table(figures: list[Figure]) -> str:
+    """Return the figures as lines of text."""
+    rows = [
+        ('figure', 'median', 'middle half', '99.9 %', 'unit', 'reference', 'ratio', 'target', '')
+    ]
+    for each in figures:
+        known = not math.isnan(each.reference)
+        rows.append(
+            (
+                each.name, f'{each.median:.3g}', f'{each.low:.3g}-{each.high:.3g}',
+                f'{each.worst:.3g}', each.unit, f'{each.reference:.3g}' if known else '',
+                f'{each.median / each.reference:.3g}' if known else '',
+                '' if math.isnan(each.target) else f'{each.target:g}', each.verdict,
+            )
+        )  # fmt: skip
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return '\n'.join(
+        '  '.join(
+            cell.ljust(width) if at in (0, 4) else cell.rjust(width)
+            for at, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    )
+
+
+def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[[], list[Figure]]]:
+    """Return what can be measured, by name."""
+    hops: list[Figure] = []
+
+    def hop() -> list[Figure]:
+        hops[:] = [measure_hop(200)]
+        return list(hops)
+
+    def latency(*, one_process: bool, lane_count: int = 1) -> list[Figure]:
+        reference = (hops or hop())[0].median
+        return measure_line(items, reference, lanes=lane_count, one_process=one_process)
+
+    return {
+        'hop': hop,
+        'line': lambda: latency(one_process=True),
+        'processes': lambda: latency(one_process=False),
+        **{
+            f'lanes{count}': lambda count=count: latency(one_process=True, lane_count=count)
+            for count in lanes
+        },
+        'replay': lambda: measure_replay(600, repetitions),
+        'start': lambda: measure_start(repetitions),
+    }  # type: ignore[dict-item]
+
+
+def main() -> None:
+    """Measure the cases that were asked for."""
+    parser = argparse.ArgumentParser(description='How fast the graph is.')
+    parser.add_argument('--only', default='', help='cases whose name has this in it')
+    parser.add_argument('--items', type=int, default=1000, help='items of a line, 4.3 a second')
+    parser.add_argument('--lanes', type=int, nargs='*', default=[4, 8], help='numbers of lanes')
+    parser.add_argument('--repetitions', type=int, default=5, help='of replay and start')
+    parser.add_argument('--quick', action='store_true', help='100 items, 2 repetitions, one lane')
+    parser.add_argument('--json', type=Path, help='file to write the results to')
+    given = parser.parse_args()
+    if given.quick:
+        given.items, given.lanes, given.repetitions = 100, [], 2
+    known = cases(given.items, given.lanes, given.repetitions)
+    chosen = {name: run for name, run in known.items() if given.only in name}
+    if not chosen:
+        parser.error(f'there is no case {given.only!r} in {", ".join(known)}')
+    figures = []
+    load = os.getloadavg()[0]
+    for run in chosen.values():
+        figures += run()
+    print(table(figures))
+    print(f'load {load:.1f} at the start, {os.getloadavg()[0]:.1f} at the end')
+    if given.json:
+        found = {
+            'machine': platform.machine(),
+            'python': platform.python_version(),
+            'cores': len(os.sched_getaffinity(0)),
+            'load': [load, os.getloadavg()[0]],
+            'figures': [{**asdict(each), 'verdict': each.verdict} for each in figures],
+        }
+        given.json.write_text(json.dumps(found, indent=1) + '\n', encoding='utf-8')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,56 @@
+"""The driver, or the line with it, with a note of when each outfeed edge was there to be sent."""
+
+from pathlib import Path
+import sys
+import time
+
+from rclpy.node import Node
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_driver.recording import Event
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.nodes.shell import run_all
+from checkweigher_dsp.records import Eye, EyeEdge, SampleBlock
+
+
+class StampingDriver(DriverNode):
+    """Note the monotonic time at which an edge t3 and the last sample before it were there.
+
+    The sample comes first: its block is cut at the edge, and both are due at once.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._stamps: list[tuple[int, int]] = []
+        self._last_block = 0
+        super().__init__()
+
+    def _publish(self, event: Event) -> None:
+        now = time.monotonic_ns()
+        if isinstance(event, SampleBlock):
+            self._last_block = now
+        elif isinstance(event, EyeEdge) and event.eye == Eye.OUTFEED and event.blocked:
+            self._stamps.append((event.stamp, self._last_block))
+        super()._publish(event)
+
+    def destroy_node(self) -> None:
+        """Write the notes down as well."""
+        lines = [f'{stamp} {there}\n' for stamp, there in self._stamps]
+        self._file.write_text(''.join(lines), encoding='ascii')
+        super().destroy_node()
+
+
+def _nodes(what: str, file: Path) -> list[Node]:
+    stages = [make() for make in reversed(STAGE_NODES.values())] if what == 'line' else []
+    return [*stages, *([ProductNode()] if stages else []), StampingDriver(file)]
+
+
+def main() -> None:
+    """Run `stamping.py driver FILE` or `stamping.py line FILE`, ROS arguments behind."""
+    what, file = sys.argv[1], Path(sys.argv[2])
+    run_all(lambda: _nodes(what, file), [sys.argv[0], *sys.argv[3:]])
+
+
+if __name__ == '__main__':
+    main()
