@@ -33,7 +33,7 @@ INTEGERS = {
     kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if kind[0] == 'i' else (0, 2**bits - 1)
     for bits in (8, 16, 32, 64)
     for kind in (f'int{bits}', f'uint{bits}')
-} | {'byte': (0, 255), 'octet': (0, 255)}
+}
 FLOATS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf, 0.2, 960.0, 5e5)
 TEXTS = ('', 'a', '\n', 'ß' * 300, '../..', *(reason.value for reason in Reason))
 
@@ -64,6 +64,8 @@ def _value(kind: str, chance: random.Random) -> Any:
         return chance.choice(TEXTS)
     if kind in ('float', 'double'):
         return chance.choice([*FLOATS, chance.gauss(0, 1)])
+    if kind == 'octet':
+        return chance.randbytes(1)
     low, high = INTEGERS[kind]
     near = [low, high, 0, 1, 2, 1_700_000_000, chance.randrange(1000), chance.randint(low, high)]
     return min(max(chance.choice(near), low), high)
