@@ -125,7 +125,8 @@ class ItemTracker(BeltItems):
             self._complete_outfeed(edge)
         elif not edge.blocked:
             item = self._entering
-            if item is not None and item.t1 is not None and item.t1 < edge.stamp:
+            chatters = item is not None and Reason.CHATTERING_EYE in item.faults
+            if item is not None and item.t1 is not None and item.t1 < edge.stamp and not chatters:
                 item.t2, self._entering = edge.stamp, None
         else:
             item = self._begun = self._new_item()
@@ -346,7 +347,7 @@ class ItemTracker(BeltItems):
         known = not last.odd and not set(last.faults) - {Reason.DISTANCE_FAULT}
         span = max(length(last) if known else 0, self._debounce)
         if last is self._leaving and self._is_of_none_on_belt(stamp):
-            span = max(span, 2 * length(last))  # its t4 was lost
+            span = max(span, 2 * length(last) or self._transit or 0)  # its t4 was lost
         covers = last.t3 is not None and 0 <= stamp - last.t3 < span
         return last if covers or self._flickers(stamp, previous, blocked=blocked) else None
 

@@ -330,3 +330,59 @@ def test_no_order_of_edges_loses_an_item_or_finishes_one_twice(steps):
     items = _track([*edges, EyeEdge(stamp + 1, Eye.INFEED, False)])
 
     assert all(item.faults or item.t3 is not None for item in items)
+
+
+def _edges(*events):
+    """Return edges of (ms, name)."""
+    eyes = dict(
+        zip(NAMES, [(eye, blocked) for eye in Eye for blocked in (True, False)], strict=True)
+    )
+    return [EyeEdge(ms * MS, *eyes[name]) for ms, name in events]
+
+
+WHOLE = [(1000, 't1'), (1100, 't2'), (1200, 't3'), (1300, 't4')]
+
+
+def test_a_belt_that_slows_down_under_two_items_makes_no_third_one():
+    # The second one is yet entering when the first one leaves, at the usual time of the second.
+    close = [
+        (2000, 't1'), (2100, 't2'), (2115, 't1'), (2285, 't3'), (2315, 't2'), (2485, 't4'),
+        (2515, 't3'), (2715, 't4'),
+    ]  # fmt: skip
+
+    items = _track(_edges(*WHOLE, *close))
+
+    assert [item.t3 for item in items] == [1200 * MS, 2285 * MS, 2515 * MS]
+    assert [bool(item.faults) for item in items] == [False, True, True]
+
+
+def test_a_belt_that_stands_still_while_an_item_leaves_makes_no_further_one():
+    # The t4 of the first one is when that of the second was due.
+    items = _track(
+        _edges(
+            *WHOLE, (2000, 't1'), (2100, 't2'), (2150, 't1'), (2200, 't3'), (2250, 't2'),
+            (2450, 't4'), (2500, 't3'), (2600, 't4'),
+        )
+    )  # fmt: skip
+
+    assert len(items) == 3
+
+
+@pytest.mark.parametrize('state', [False, True])
+def test_an_eye_that_clears_first_of_all_has_seen_an_item_but_for_its_state(state):
+    first = _edges((1100, 't2'), *([(1101, 't4')] if state else []), (9000, 't1'), (9100, 't2'))
+
+    items = _track(first)
+
+    assert _reasons(items)[:-1] == ([] if state else [[Reason.START_UP, Reason.MISSING_EDGE]])
+
+
+def test_a_flicker_after_a_lost_edge_is_no_item():
+    # The t2 at 1100 is lost, what flickers there is not.
+    flicker = [(1102, 't1'), (1104, 't2'), (1106, 't1'), (1108, 't2')]
+    edges = _edges((1000, 't1'), *flicker, (1200, 't3'), (1300, 't4'))
+
+    items = _track(edges)
+
+    assert [(item.t1, item.t3) for item in items] == [(1000 * MS, 1200 * MS)]
+    assert Reason.CHATTERING_EYE in items[0].faults

@@ -348,3 +348,37 @@ def test_lost_edges_make_faults_but_neither_two_verdicts_of_an_item_nor_none(dat
     assert len(verdicts) == len(items)
     assert {(v.t1, v.t3) for v in verdicts} == {(item.t1, item.t3) for _, item in items}
     assert sorted(v.item_id for v in verdicts) == sorted(item.item_id for _, item in items)
+
+
+def test_edges_that_the_stages_have_paired_differently_have_one_verdict_each():
+    # Of a product taken off with its t3 not there and one behind it with its t1 lost the segmenter
+    # knows by their length which is which; the reject stage does not.
+    ms = MILLISECOND
+    edges = [
+        EyeEdge(1000 * ms, Eye.INFEED, True), EyeEdge(1100 * ms, Eye.INFEED, False),
+        EyeEdge(2100 * ms, Eye.INFEED, False), EyeEdge(2200 * ms, Eye.OUTFEED, True),
+        EyeEdge(2300 * ms, Eye.OUTFEED, False),
+    ]  # fmt: skip
+    estimates = [
+        (2100 * ms, MassEstimate(1, 1000 * ms, 1100 * ms, None, reasons=('MissingEdge',))),
+        (2200 * ms, MassEstimate(2, None, 2100 * ms, 2200 * ms, reasons=('MissingEdge',))),
+    ]
+    for delay in (0, 20 * ms, 300 * ms):
+        late = [(when + delay, estimate) for when, estimate in estimates]
+        stage = RejectStage(PARAMETERS, BELT)
+
+        verdicts = _play(stage, [*((edge.stamp, edge) for edge in edges), *late])
+
+        assert len(verdicts) == 2
+        assert {verdict.decision for _, verdict in verdicts} == {Decision.FAULT}
+
+
+def test_an_edge_that_comes_again_long_after_is_no_new_stream():
+    stage = RejectStage(PARAMETERS, BELT)
+    timed = _as_they_happen(5, 20 * MILLISECOND)
+    again = next(edge for _, edge in timed if isinstance(edge, EyeEdge) and not edge.eye)
+    newest = max(when for when, _ in timed)
+
+    verdicts = _play(stage, [*timed, (newest + MILLISECOND, again)])
+
+    assert len(verdicts) == 5
