@@ -5,11 +5,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import heapq
 
-from spoilt_lines import CELL, EDGES, LENGTH, MS, SpoiltLine, with_last
+from spoilt_lines import CELL, EDGES, LENGTH, MS, Event, SpoiltLine
 
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.records import Decision, EyeEdge, MassEstimate, SampleBlock, Verdict
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    MassEstimate,
+    SampleBlock,
+    Verdict,
+)
 from checkweigher_dsp.reject_parameters import RejectParameters
 from checkweigher_dsp.rejection import RejectStage
 from checkweigher_dsp.segmentation import SegmenterParameters
@@ -125,6 +132,14 @@ def verdicts_in_time(
     while stage.due is not None:
         verdicts += stage.advance(stage.due)
     return verdicts
+
+
+def with_last(line: SpoiltLine, behind: int = 4 * NANOSECONDS) -> list[tuple[int, Event]]:
+    """Return the events with one more product behind, which brings to light what was missed."""
+    arrival = max(when for when, _ in line.events) + behind
+    newest = max(event.stamp for _, event in line.events) + behind
+    edges = [EyeEdge(newest + k * 100 * MS, *EDGES[name]) for k, name in enumerate(sorted(EDGES))]
+    return [*line.events, *((arrival + k * 100 * MS, edge) for k, edge in enumerate(edges))]
 
 
 def _when(pair: tuple[int, object]) -> int:

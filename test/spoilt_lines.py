@@ -325,13 +325,22 @@ def _edges(
 
 def _disorder(plan: Plan, events: list[tuple[int, Event]]) -> list[tuple[int, Event]]:
     """Lose, repeat and delay events; what is delayed arrives with what it comes behind."""
-    events = [event for i, event in enumerate(events) if i not in plan.lost_events]
+    edges = [event for _, event in events if isinstance(event, EyeEdge)]
+
+    # Of chatter all comes, in order: with parts of it missing it looks like anything.
+    def flickers(event: Event) -> bool:
+        return isinstance(event, EyeEdge) and any(
+            event.eye == e.eye and 0 < abs(event.stamp - e.stamp) < DEBOUNCE for e in edges
+        )
+
+    events = [e for i, e in enumerate(events) if i not in plan.lost_events or flickers(e[1])]
 
     # What comes from before a jump of the clock cannot be told from another jump.
     def movable(position: int) -> bool:
-        if position >= len(events) or plan.jump is None:
-            return position < len(events)
-        return isinstance(events[position][1], EyeEdge) and plan.jump.time == 0
+        if position >= len(events) or flickers(events[position][1]):
+            return False
+        is_edge = isinstance(events[position][1], EyeEdge)
+        return plan.jump is None or (is_edge and plan.jump.time == 0)
 
     for position, by in plan.doubled:
         if movable(position):
@@ -387,11 +396,3 @@ def plans(draw: st.DrawFn) -> Plan:
         frozenset(draw(st.sets(_POSITIONS, max_size=2))),
         draw(st.none() | jump),
     )
-
-
-def with_last(line: SpoiltLine, behind: int = 4 * NANOSECONDS) -> list[tuple[int, Event]]:
-    """Return the events with one more product behind, which brings to light what was missed."""
-    arrival = max(when for when, _ in line.events) + behind
-    newest = max(event.stamp for _, event in line.events) + behind
-    edges = [EyeEdge(newest + k * 100 * MS, *EDGES[name]) for k, name in enumerate(sorted(EDGES))]
-    return [*line.events, *((arrival + k * 100 * MS, edge) for k, edge in enumerate(edges))]
