@@ -11,7 +11,7 @@ from checkweigher_dsp.items import Item, departure, length
 from checkweigher_dsp.records import Eye, EyeEdge, Reason
 
 _REMEMBERED = 64  # edges, in which one that comes twice is known again
-_FLICKERS = 6  # debounce times, for which an eye may chatter where an item ends
+_FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends
 
 
 class ItemTracker(BeltItems):
