@@ -165,7 +165,8 @@ class Segmenter:
         windows = self.give_up(reason)
         self._pending = later
         self._tracker.forget(backwards=not forward)
-        self._motion.forget()
+        if reason is Reason.SOURCE_RESTARTED:  # a clock that jumps leaves the belt its speed
+            self._motion.forget()
         self._buffer = self._new_buffer()
         if self._zero_setting is not None:
             self.request_zero()
