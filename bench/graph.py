@@ -175,7 +175,7 @@ def measure_line(count: int, hop: float, *, lanes: int = 1, one_process: bool) -
         patience = _PATIENCE + count / _ITEMS_PER_SECOND
         here.spin_until(lambda: all(len(a.verdicts) >= _SETTLED for a in arrivals), patience)
         begin = [[each.usage() for each in processes] for processes in grouped]
-        here.spin_until(lambda: all(len(a.verdicts) >= count - 1 for a in arrivals), patience)
+        here.spin_until(lambda: all(len(a.verdicts) >= count for a in arrivals), patience)
         end = [[each.usage() for each in processes] for processes in grouped]
         for process in (each for processes in grouped for each in processes):
             process.end()
