@@ -124,7 +124,8 @@ class Arrivals:
         """Subscribe to the verdicts of a lane."""
         topic: Topic = topics.VERDICT
         name = f'/{namespace}/{topic.name}' if namespace else topic.name
-        here.node.create_subscription(topic.type, name, self._take, topic.stage_qos)
+        # Those from before this process was found as well.
+        here.node.create_subscription(topic.type, name, self._take, topic.qos)
 
     def _take(self, message: Any) -> None:
         self.verdicts.append((time.monotonic_ns(), verdict_from(message)))
