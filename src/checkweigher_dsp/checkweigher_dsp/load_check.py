@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
-_SHARE = 0.15
+_SHARE = 0.08
 _VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
 _MEMORY = 0.98  # of that change at each further item
 _FEWEST = 8  # samples
