@@ -17,7 +17,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp.nodes.executor import EXECUTORS, CachedExecutor, make_executor
+from checkweigher_dsp.nodes.cached_executor import CachedExecutor
+from checkweigher_dsp.nodes.executor import EXECUTORS, make_executor
 from checkweigher_dsp.parameters import ParameterError
 
 PATIENCE = 20.0  # s
@@ -324,7 +325,7 @@ def test_one_node_that_wants_the_executor_of_rclpy_has_it_for_its_process():
         assert isinstance(make_executor('cached'), CachedExecutor)
         for names in (('single_threaded',), ('cached', 'single_threaded')):
             assert type(make_executor(*names)) is SingleThreadedExecutor
-        with pytest.raises(ParameterError, match="'events' is not one of cached"):
+        with pytest.raises(ParameterError, match="'events' is not one of single_threaded"):
             make_executor('events')
     finally:
         rclpy.try_shutdown()

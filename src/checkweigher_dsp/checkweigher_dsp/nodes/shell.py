@@ -30,7 +30,7 @@ from rclpy.subscription import Subscription
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes.connections import MAKERS
 from checkweigher_dsp.nodes.diagnostics import Diagnostics
-from checkweigher_dsp.nodes.executor import CachedExecutor, ProcessParameters, make_executor
+from checkweigher_dsp.nodes.executor import ProcessParameters, make_executor
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
@@ -130,9 +130,10 @@ class HeldPublisher:
         """Publish a message now, or as soon as somebody listens."""
         if self._open:
             self._publisher.publish(message)
-            executor = self._node.executor
-            if isinstance(executor, CachedExecutor):
-                executor.expect()  # the next stage may be in this process
+            # The next stage may be in this process: an executor that can is told of it.
+            expect = getattr(self._node.executor, 'expect', None)
+            if expect is not None:
+                expect()
         else:
             self._held.append(message)
 
