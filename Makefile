@@ -7,7 +7,7 @@ SHELL := bash
 # A recipe line that starts with it runs in the project's environment.
 IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 
-PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/) $(wildcard bench/)
+PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/)
 
 .PHONY: help setup demo test soak bench lint format clean
 
