@@ -28,7 +28,7 @@ MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
 # A listener that is there before the line may still miss its first blocks, until DDS has brought
 # the two together: an empty belt comes first. Of it only the last second matters to a mass.
-EMPTY_BELT = 8.0  # s
+EMPTY_BELT = 20.0  # s
 RATE = 4
 KILLED = 3  # recorders beside one line
 
