@@ -180,7 +180,7 @@ def test_a_recording_that_was_killed_weighs_up_to_the_cut(tmp_path: Path):
     ]
 
     rate = 3.0
-    line = simulated(count=10, lead_in=5.0, run_out=0.5)
+    line = simulated(count=10, lead_in=EMPTY_BELT, run_out=0.5)
     ends = check_killed(line, rate, tmp_path, moments)
 
     # Of the last second, in which 1.5 times the rate items pass, and of a busy machine's next one.
