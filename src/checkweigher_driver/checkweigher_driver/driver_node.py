@@ -34,7 +34,7 @@ from checkweigher_dsp.nodes.conversion import (
 from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.shell import declare, run
 from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import (
     EyeEdge,
     LineHistory,
@@ -62,16 +62,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
         self._source: Source | None = None
+
+        def read(kind: type[Parameters]) -> Parameters:
+            return declare(self, kind, f'{kind.node}.', read_only=True)
+
         try:
-            self._make_source = source_maker(
-                self.parameters.source,
-                self.parameters.eyes,
-                lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
-            )
-            open_outputs = prepare_outputs(
-                self.parameters.outputs,
-                lambda kind: declare(self, kind, f'{kind.node}.', read_only=True),
-            )
+            self._make_source = source_maker(self.parameters.source, self.parameters.eyes, read)
+            open_outputs = prepare_outputs(self.parameters.outputs, read)
         except ParameterError:
             self.destroy_node()
             raise

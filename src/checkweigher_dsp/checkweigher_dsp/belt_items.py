@@ -15,16 +15,7 @@ _KNOWN_ITEMS = 16
 class BeltItems:
     """Keep the items in the order in which they entered, and how long they take from eye to eye.
 
-    Parameters
-    ----------
-    debounce : int
-        ns; an eye that clears for less has not cleared, and has chattered.
-    max_transit : int
-        ns; an item that has not reached the outfeed eye by then never will.
-    count : int
-        Items that were there before.
-    belt_lengths : float
-        Length of the belt in lengths of a product; 0 if not known.
+    The parameters are those of `ItemTracker`, which builds on it.
     """
 
     def __init__(

@@ -31,8 +31,8 @@ EYES = {
 }
 
 
-class Source(ABC):
-    """The machine, or what stands in for it.
+class Device(ABC):
+    """What sources of samples and of edges have in common.
 
     Parameters
     ----------
@@ -42,40 +42,22 @@ class Source(ABC):
     Raises
     ------
     ValueError
-        If the source cannot be opened; the message is one line for a technician.
+        If it cannot be opened; the message is one line for a technician.
 
     Attributes
     ----------
     parameters : type of Parameters
-        What the source can be told.
-    paced : bool
-        Whether the reader has to keep the pace of the stamps. A source of hardware is not paced:
-        its iterator blocks until something happens.
-    load_cell : LoadCell
-        The cell that takes the samples.
-    start_stamp : int
-        ns, stamp of the stream's first event or of the moment when it was opened.
+        What it can be told.
     """
 
     parameters: ClassVar[type[Parameters]]
-    paced: ClassVar[bool]
-    load_cell: LoadCell
-    start_stamp: int
 
     @abstractmethod
     def __init__(self, parameters: Any) -> None: ...
 
     @abstractmethod
-    def __iter__(self) -> Iterator[Event]:
-        """Yield events in canonical order until the stream ends.
-
-        An edge of a source of hardware may come a block late: it is known when it happens, but
-        the block before it only when that is full.
-        """
-
-    @abstractmethod
     def close(self) -> None:
-        """Let go of what is open; an iterator that blocks ends. May come from another thread."""
+        """Let go of what is open; what blocks ends soon. May come from another thread."""
 
     @property
     def trouble(self) -> str:
@@ -85,6 +67,33 @@ class Source(ABC):
     def figures(self) -> dict[str, float]:
         """Return what a technician wants to know, counted since the opening. For any thread."""
         return {}
+
+
+class Source(Device):
+    """The machine, or what stands in for it.
+
+    Attributes
+    ----------
+    paced : bool
+        Whether the reader has to keep the pace of the stamps. A source of hardware is not paced:
+        its iterator blocks until something happens.
+    load_cell : LoadCell
+        The cell that takes the samples.
+    start_stamp : int
+        ns, stamp of the stream's first event or of the moment when it was opened.
+    """
+
+    paced: ClassVar[bool]
+    load_cell: LoadCell
+    start_stamp: int
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Event]:
+        """Yield events in canonical order until the stream ends.
+
+        An edge of a source of hardware may come a block late: it is known when it happens, but
+        the block before it only when that is full.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,45 +111,16 @@ class EyesBack:
     stamp: int
 
 
-class EdgeSource(ABC):
-    """Photo-eyes that are read beside the load cell.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        An instance of the class's own set.
-
-    Raises
-    ------
-    ValueError
-        If the eyes cannot be read; the message is one line for a technician.
-    """
-
-    parameters: ClassVar[type[Parameters]]
-
-    @abstractmethod
-    def __init__(self, parameters: Any) -> None: ...
+class EdgeSource(Device):
+    """Photo-eyes that are read beside the load cell."""
 
     @abstractmethod
     def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
         """Yield edges, stamped on the clock of the samples, as they come; block in between."""
 
-    @abstractmethod
-    def close(self) -> None:
-        """Let go of what is open; `events` ends soon. May come from another thread."""
-
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
         """Return the edges that belong to a block, where they hang on the samples themselves."""
         return []
-
-    @property
-    def trouble(self) -> str:
-        """What is wrong at present, in one line; empty if all is well. For any thread."""
-        return ''
-
-    def figures(self) -> dict[str, float]:
-        """Return what a technician wants to know, counted since the opening. For any thread."""
-        return {}
 
 
 def source_class(name: str) -> type[Source]:
