@@ -35,8 +35,6 @@ def parameters(estimator: str, *, length_known: bool) -> LineParameters:
 
 
 _FAR_OFF = 0.03  # of the mass
-# ns; so far before t1 the zero is read, segmenter.zero_time
-ZERO_TIME = 1_000 * MS
 _NAMES = {edge: name for name, edge in EDGES.items()}
 
 
@@ -275,21 +273,6 @@ def _until(line: SpoiltLine, last: EyeEdge) -> Iterator[tuple[int, EyeEdge]]:
                 return
 
 
-def _was_seen_to_leave(line: SpoiltLine, number: int) -> bool:
-    stamps = line.truth[number]
-    came = {event for _, event in line.events if isinstance(event, EyeEdge)}
-    return all(EyeEdge(stamps.get(name, 0), *EDGES[name]) in came for name in ('t3', 't4'))
-
-
-def _after_unseen(line: SpoiltLine, number: int) -> bool:
-    """Tell whether something left that nothing showed while the zero was read for a product."""
-    begin = line.products[number].t1 - ZERO_TIME
-    return any(
-        other.gone > begin and ((i,) not in line.entries or not _was_seen_to_leave(line, i))
-        for i, other in enumerate(line.products[:number])
-    )
-
-
 def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str) -> Iterator[str]:
     """Say which accepted items have not t2, t3 and the mass of the product that they are of."""
     for weighing in weighings:
@@ -298,8 +281,6 @@ def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str
         if number is None:
             continue  # no mass, or told by `violations`
         mass = line.products[number].mass
-        if not line.alone[number] or _after_unseen(line, number):
-            continue  # no eye could know it; the tally counts what is wrong of them
         if estimate.t2 != line.truth[number]['t2']:
             yield f'stamps of another product: {estimate}'
         if abs(estimate.mass - mass) > max(TOLERANCE[estimator] * mass, 4 * estimate.std_dev):

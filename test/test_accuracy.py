@@ -20,16 +20,22 @@ REAL_PASSES = Path(
 )
 
 
-@pytest.mark.parametrize('seed', [101, 102])
+# At 0.25 m a product enters while the one before is leaving.
+@pytest.mark.parametrize(('seed', 'spacing'), [(101, 0.66), (102, 0.66), (103, 0.25)])
 @pytest.mark.parametrize('speed', SCATTER)
 def test_simulated_passes(
-    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path, speed: int, seed: int
+    checkweigher: Callable[..., object],
+    rows: Rows,
+    tmp_path: Path,
+    speed: int,
+    seed: int,
+    spacing: float,
 ):
     bag = tmp_path / 'bag'
     masses = ('74.5', '134.5', '164.5', '194.5', '254.5')
     checkweigher(
         *('simulate', '--profile', 'paper', '--speed', speed, '--mass', *masses),
-        *('--count', 100, '--seed', seed, '--output', bag),
+        *('--count', 100, '--seed', seed, '--spacing', spacing, '--output', bag),
     )
     errors = defaultdict(list)
     for row in rows('weigh', bag):

@@ -30,6 +30,7 @@ class BeltItems:
         self._entered_last: Item | None = None
         self._begun: Item | None = None  # of the last t1, whatever has become of it
         self._leaving: Item | None = None
+        self._covered = False  # the outfeed eye, by an item from before the clock began anew
         self._left_last: Item | None = None
         # Their verdict is out, but the outfeed eye may see them yet.
         self._given_up: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
@@ -91,6 +92,20 @@ class BeltItems:
         self._on_belt.append(item)
         self._entered_last = item
 
+    def _departure_before(self, stamp: int) -> int | None:
+        """Return when what was before an item that enters at `stamp` is gone, as far as known."""
+        if self._covered:
+            return None
+        return (
+            departure(self._leaving) if self._leaving is not None else self._last_departure(stamp)
+        )
+
+    def _note_departure(self, stamp: int) -> None:
+        """Note for what entered while something left that it is gone."""
+        for item in self._on_belt:
+            if item.others_there:
+                item.left_before = stamp
+
     def _learn(self, item: Item, transit: int) -> None:
         """Learn how long an item takes; from one that is far off only if the next one agrees."""
         known = [usual for usual in (self._transit, self._odd_transit) if usual is not None]
@@ -119,7 +134,7 @@ class BeltItems:
         position, least = 0, None
         for i, candidate in enumerate(self._on_belt):
             transit = self._transit_of(candidate)
-            if transit is not None and (candidate is not self._entering or not i):
+            if transit is not None and (not self._is_entering(candidate, stamp) or not i):
                 deviation = abs(stamp - candidate.entered - transit)
                 if least is None or deviation < least:
                     position, least = i, deviation
@@ -144,11 +159,14 @@ class BeltItems:
             return min(round(length(item) * self._belt_lengths), self._max_transit)
         return self._transit
 
+    def _is_entering(self, item: Item, stamp: int) -> bool:
+        return item is self._entering or (item.t2 is not None and item.t2 > stamp)
+
     def _is_of_none_on_belt(self, stamp: int) -> bool:
         """Tell whether the outfeed eye sees something that was given up, and not what is there."""
         for item in self._on_belt:
             transit = self._transit_of(item)
-            if item is self._entering:
+            if self._is_entering(item, stamp):
                 continue  # what is at one eye is not at the other
             if transit is None or item.t1 is None:
                 return False

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
+import numpy as np
+
 from checkweigher_dsp.denoising import is_consistent
 from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.estimators.adaptive import AeksiParameters, AidParameters
 from checkweigher_dsp.estimators.averages import HannParameters, MeanParameters
-from checkweigher_dsp.estimators.base import EstimatorParameters, Plateau
+from checkweigher_dsp.estimators.base import EstimatorParameters, Plateau, raw_plateau
 from checkweigher_dsp.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimators.gauss_markov import GaussMarkovParameters
 from checkweigher_dsp.estimators.iswd_eksi import IswdEksiParameters
@@ -17,6 +19,11 @@ from checkweigher_dsp.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.identification import is_stable, platform_poles
 from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.records import MassEstimate, Reason, WeighWindow
+
+# How far an average may be off the plain mean of a window: standard deviations of its samples, and
+# the share of the load that a platform which is not the one of the parameters costs.
+_SPREAD = 2.0
+_BIAS = 0.02
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ class Identifier:
         mass = known.at('gain', speed) * plateau.mass + known.at('offset', speed)
         variance = self._variance(window, plateau, mass)
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
-        if not self._has_converged(plateau, mass, variance):
+        if not (self._has_converged(plateau, mass, variance) and _is_in_window(plateau, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
         if mass <= 0:
             return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
@@ -142,3 +149,14 @@ class Identifier:
         if not math.isnan(plateau.a1) and not is_stable(plateau.a1, plateau.a2):
             return False
         return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)
+
+
+def _is_in_window(plateau: Plateau, window: WeighWindow) -> bool:
+    """Tell whether a level is one that the samples of the window go around.
+
+    An estimator that knows how a load comes on is misled where it did not come on like that: where
+    the belt stopped, or something else left meanwhile that no eye had seen.
+    """
+    samples = raw_plateau(window)
+    mean = float(np.mean(samples))
+    return abs(plateau.mass - mean) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(mean)

@@ -44,7 +44,7 @@ class ItemTracker(BeltItems):
         self._other_clock = False  # that of the last edge of the infeed eye
         self._first_edge: dict[Eye, int] = {}
         self._cleared_first: int | None = None  # the infeed eye, before it was blocked
-        self._covered = False  # the outfeed eye, by an item from before the clock began anew
+        self._runs_on = False  # the belt, with what has been given up: the clock alone has jumped
 
     @property
     def is_empty(self) -> bool:
@@ -147,6 +147,7 @@ class ItemTracker(BeltItems):
             item.fault(reason)
         self._finished += self._on_belt
         self._abandoned, self._on_belt = deque(self._on_belt), []
+        self._runs_on = reason is Reason.CLOCK_JUMP
         self._covered = self._leaving is not None
         self._entering = self._leaving = None
         return self._take_finished()
@@ -179,8 +180,8 @@ class ItemTracker(BeltItems):
         item = self._new_item()
         item.t1 = stamp
         self._begun = item
-        item.left_before = stamp if self._covered else self._last_departure(stamp)
         item.others_there = self._leaving is not None or self._covered
+        item.left_before = self._departure_before(stamp)
         self._put_on_belt(item)
         self._entering = item
 
@@ -286,7 +287,7 @@ class ItemTracker(BeltItems):
             for other in self._on_belt:
                 other.fault(Reason.DISTANCE_FAULT)  # it was there as well
             return
-        ambiguous = bool(self._given_up)
+        ambiguous = bool(self._given_up or (self._runs_on and self._abandoned))
         self._given_up.clear()  # whatever was before this item has left
         self._abandoned.clear()
         item = self._item_leaving_at(stamp)
@@ -310,6 +311,7 @@ class ItemTracker(BeltItems):
 
     def _outfeed_clears(self, stamp: int, previous: EyeEdge | None) -> None:
         leaving, self._leaving = self._leaving, None
+        self._note_departure(stamp)
         if leaving is not None and not self._is_next_departure(stamp):
             leaving.t4 = stamp
             return

@@ -15,8 +15,8 @@ class Item:
     t3: int | None = None
     t4: int | None = None
     faults: dict[Reason, None] = field(default_factory=dict)  # an ordered set
-    left_before: int | None = None  # when the item before it was gone
-    others_there: bool = False  # the outfeed eye was covered, or its t4 was lost
+    left_before: int | None = None  # when the item before it was gone, after t1 with `others_there`
+    others_there: bool = False  # at t1 the outfeed eye was covered, or its t4 was lost
     usual_transit: int | None = None  # from eye to eye, of the last whole item before it
     given_up: int | None = None  # when it was given up
     odd: bool = False  # took far longer or shorter than those before: its length may be wrong

@@ -19,11 +19,14 @@ class LoadCheck:
 
     Compared are the mean of the last quarter of a window and that of its first half. What vibration
     does to their difference the empty belt before the items shows, over as many samples; where it
-    is not empty for so long, what it showed last. The median of that: something may have left it.
+    is not empty for so long, what it showed last, or as long as it never was, what shorter
+    stretches show: those shake more. The median of that: something may have left it. A belt that
+    was never seen empty is taken for one that does not shake.
     """
 
     def __init__(self) -> None:
-        self._shaking: float | None = None  # counts
+        self._shaking = 0.0  # counts
+        self._is_of_window = False  # else of shorter stretches
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Tell whether the load of a window is that of one item.
@@ -38,17 +41,25 @@ class LoadCheck:
             Counts of the empty belt.
         """
         self._watch(empty, len(window))
-        if self._shaking is None or len(window) < _FEWEST:
+        if len(window) < _FEWEST:
             return True
         load = abs(float(np.mean(window)) - zero)
         change = abs(float(_changes(window.astype(np.float64), len(window))[0]))
         return change <= _SHARE * load + _VIBRATION * self._shaking
 
     def _watch(self, empty: NDArray[np.int32], size: int) -> None:
-        if len(empty) < size or size < _FEWEST:
+        whole = len(empty) >= size
+        size = min(size, len(empty))
+        if size < _FEWEST or (self._is_of_window and not whole):
             return
-        seen = float(np.median(np.abs(_changes(empty.astype(np.float64), size))))
-        self._shaking = seen if self._shaking is None else max(seen, _MEMORY * self._shaking)
+        counts = empty.astype(np.float64)
+        if not whole:  # while something leaves that no eye has seen, the load falls evenly
+            time = np.linspace(-1.0, 1.0, size)
+            counts = counts - time * (time @ counts) / (time @ time)
+        seen = float(np.median(np.abs(_changes(counts, size))))
+        comparable = whole == self._is_of_window
+        self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
+        self._is_of_window = whole
 
 
 def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:

@@ -55,15 +55,15 @@ def responses(
     crossing : Crossing
         When its load comes on and goes off.
     time : ndarray, (n,) float64
-        s, ascending; the first one is not after ``on_begin``.
+        s, ascending; what comes first is not after ``on_end``.
 
     Returns
     -------
     ndarray, (5, n) float64
         Rows: response to the load of the product over its mass, 1 at rest; free oscillation that
         is 1 with no slope at ``time[0]``, and one that is 0 with the slope of the natural
-        frequency; the same two from ``on_begin`` on, which together are what a short impact of
-        any shape leaves.
+        frequency, both of the platform without what is on it by then; the same two from
+        ``on_begin`` on, which together are what a short impact of any shape leaves.
     """
     omega = 2 * math.pi * platform.natural_frequency
     decay = platform.damping_ratio * omega

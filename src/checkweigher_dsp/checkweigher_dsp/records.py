@@ -233,7 +233,8 @@ class WeighWindow:
     stamp : int
         ns, time of ``counts[0]``.
     empty_begin : int
-        Position in ``counts`` of the first sample at which the item before had left the belt.
+        Position in ``counts`` of the first sample at which the item before had left the belt; at
+        dense spacing it lies after t1, where the item is entering already.
     window_begin, window_end : int
         Positions in ``counts`` of the first sample at or after t2 and one past the last
         sample before t3.

@@ -1,6 +1,5 @@
 """Cutting the stream of samples into one weigh window for each item."""
 
-from bisect import insort
 from collections.abc import Iterator
 from dataclasses import replace
 import math
@@ -8,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.edge_queue import EdgeQueue
 from checkweigher_dsp.item_tracking import ItemTracker
 from checkweigher_dsp.items import Item
 from checkweigher_dsp.load_check import LoadCheck
@@ -87,7 +87,7 @@ class Segmenter:
         )
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
         self._buffer = self._new_buffer()
-        self._pending: list[EyeEdge] = []  # edges that the samples have not reached, by stamp
+        self._pending = EdgeQueue(self._lateness)
         self._waiting: list[Item] = []
         self._zero_setting: ZeroSetting | None = None
         self.zero_answer: ZeroAnswer | None = None
@@ -107,6 +107,7 @@ class Segmenter:
     def add_samples(self, block: SampleBlock) -> list[WeighWindow]:
         """Take a block of samples and return the windows that it completes."""
         windows = self._begin_anew(block)
+        self._pending.admit_strays()
         self.samples += len(block.counts)
         for piece in self._pieces(block):
             self._buffer.append(piece)
@@ -160,10 +161,9 @@ class Segmenter:
             return []
         last = self._buffer.last_stamp
         forward = last is not None and block.stamp > last
-        later = [edge for edge in self._pending if forward and edge.stamp >= block.stamp]
-        self._pending = self._pending[: len(self._pending) - len(later)]
+        later = self._pending.pop_of_new_clock(block.stamp, forward=forward)
         windows = self.give_up(reason)
-        self._pending = later
+        self._pending.put_back(later)
         self._tracker.forget(backwards=not forward)
         if reason is Reason.SOURCE_RESTARTED:  # a clock that jumps leaves the belt its speed
             self._motion.forget()
@@ -186,29 +186,22 @@ class Segmenter:
     def add_edge(self, edge: EyeEdge) -> list[WeighWindow]:
         """Take a photo-eye edge and return the windows that it completes."""
         self.edges += 1
-        insort(self._pending, edge, key=lambda other: other.stamp)
+        self._pending.add(edge, self._buffer.last_stamp)
         self._take_due_edges()
         return self._give_up_without_samples(edge.stamp) + self._cut_waiting()
 
     def _take_due_edges(self) -> None:
-        """Hand edges on in the order of their stamps, as the samples reach them.
-
-        No window is later for it, since it needs the samples up to t3 anyway; and edges that come
-        in a wrong order meanwhile do no harm.
-        """
-        count = 0
-        while count < len(self._pending) and not self._buffer.empty:
-            if self._buffer.index_at(self._pending[count].stamp) > self._buffer.end:
-                break
-            self._take(self._tracker.add(self._pending[count]))
-            count += 1
-        del self._pending[:count]
+        """Hand edges on as the samples reach them."""
+        buffer = self._buffer
+        if not buffer.empty:
+            for edge in self._pending.pop_while(lambda e: buffer.index_at(e.stamp) <= buffer.end):
+                self._take(self._tracker.add(edge))
 
     def _give_up_without_samples(self, stamp: int) -> list[WeighWindow]:
         """Return what has waited too long for its samples when an edge of `stamp` has come."""
         limit = stamp - round(NANOSECONDS * self._parameters.sample_lateness)
-        while self._pending and self._pending[0].stamp < limit:
-            self._take(self._tracker.add(self._pending.pop(0)))
+        for edge in self._pending.pop_while(lambda edge: edge.stamp < limit):
+            self._take(self._tracker.add(edge))
         late = [item for item in self._waiting if item.entered < limit]
         for item in late:
             item.fault(Reason.SAMPLES_LOST)
@@ -253,9 +246,8 @@ class Segmenter:
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
         """Return what is still on the belt, as faults with `reason`."""
-        for edge in self._pending:
+        for edge in self._pending.pop_all():
             self._take(self._tracker.add(edge))
-        self._pending = []
         windows = self._cut_waiting(wait=False)
         for item in self._waiting:
             item.fault(reason)
@@ -308,9 +300,9 @@ class Segmenter:
         zero = self._zero_tracker.update(seconds(item.t1), stretch, settled)
         if not zero.trusted:
             return replace(fault, reasons=(Reason.ZERO_OUT_OF_RANGE.value,))
-        empty_begin = min(max(self._empty_from(item, first) - first, 0), entry - first)
+        alone_from = min(max(self._alone_from(item, first, begin), first), begin)
         window = self._buffer.read(begin, end)
-        empty = self._buffer.read(first + empty_begin, entry)
+        empty = self._buffer.read(min(alone_from, entry), entry)
         if not self._load_check.is_steady(window, empty, zero.counts):
             return replace(fault, reasons=(Reason.DISTANCE_FAULT.value,))
         return replace(
@@ -322,7 +314,7 @@ class Segmenter:
             zero_std_dev=zero.std_dev,
             first_index=first,
             stamp=self._buffer.stamp_at(first),
-            empty_begin=empty_begin,
+            empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
             counts=self._buffer.read(first, self._sound_end(end, trail_end)),
@@ -340,9 +332,11 @@ class Segmenter:
         trail_end = min(trail_end, self._buffer.end)
         return end if self._check_samples(end, trail_end) else trail_end
 
-    def _empty_from(self, item: Item, first: int) -> int:
-        """Return the index from which on the item before had left, `first` if none is known."""
-        return first if item.left_before is None else self._buffer.index_at(item.left_before)
+    def _alone_from(self, item: Item, first: int, begin: int) -> int:
+        """Return the index from which on the item before had left, `first` if there was none."""
+        if item.left_before is None:
+            return begin if item.others_there else first
+        return self._buffer.index_at(item.left_before)
 
     def _line_speed(self, item: Item, speed: float) -> float:
         """Return the speed by which to time the rejector, m/s."""

@@ -37,7 +37,7 @@ class ZeroLimits:
     rate : float
         Counts a second; the zero is corrected no faster.
     stability : float
-        Counts; a stretch whose two halves differ by more is no empty belt at rest.
+        Counts; a stretch of which two parts differ by more is no empty belt at rest.
     """
 
     range: float = math.inf
@@ -52,6 +52,10 @@ class ZeroTracker:
     from how far the means of the two halves of a stretch are apart, pooled over the stretches seen
     so far: that holds whatever mixture of lines and noise shakes the belt. Averaging goes on from
     product to product, so that the moments between dense products are enough.
+
+    A zero that has moved further than it can have drifted is believed when a second stretch says
+    the same: something may have stood on the belt that no eye had seen. Until then it is not to be
+    trusted.
 
     Parameters
     ----------
@@ -88,6 +92,8 @@ class ZeroTracker:
         self._stamp: float | None = None
         self._scatter = 0.0  # sum of the variances that the halves of the stretches give
         self._degrees = 0.0  # number of these
+        self._doubted: float | None = None  # a reading that is yet to be seen again, counts
+        self._has_read = False
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Take the samples of one empty stretch and return the zero after them.
@@ -109,13 +115,29 @@ class ZeroTracker:
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
         if len(counts) >= 2 and self.scatter(counts) <= self._limits.stability:
-            reading, noise = self._measure(counts.astype(np.float64), settled)
-            innovation = reading - self._value
-            if innovation**2 > _JUMP**2 * (self._variance + noise):
-                # Something has settled on the belt, or was wiped off it: start afresh.
-                self._variance = self._initial_variance
-            self._correct(innovation, noise, elapsed)
+            self._follow(counts.astype(np.float64), settled, elapsed)
         return self.zero
+
+    def _follow(self, counts: NDArray[np.float64], settled: bool, elapsed: float) -> None:
+        known = self._scatter, self._degrees
+        reading, noise = self._measure(counts, settled)
+        innovation = reading - self._value
+        if self._is_doubtful(reading, noise):
+            self._doubted, self._behind = reading, True
+            self._scatter, self._degrees = known
+            return
+        self._doubted, self._has_read = None, True
+        if innovation**2 > _JUMP**2 * (self._variance + noise):
+            # Something has settled on the belt, or was wiped off it: start afresh.
+            self._variance = self._initial_variance
+        self._correct(innovation, noise, elapsed)
+
+    def _is_doubtful(self, reading: float, noise: float) -> bool:
+        """Tell whether a zero has moved too far to be believed at once."""
+        drift = self._initial_variance
+        if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
+            return False
+        return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
     def _correct(self, innovation: float, noise: float, elapsed: float) -> None:
         """Correct the zero, no further than the rate allows."""
@@ -132,12 +154,16 @@ class ZeroTracker:
         self._value += correction
 
     def scatter(self, counts: NDArray[np.int32]) -> float:
-        """Return how far the means of the two halves of a stretch are apart, counts."""
-        half = len(counts) // 2
-        if half == 0:
+        """Return how far the means of the parts of a stretch are apart, counts.
+
+        The parts are halves, or as many more as are long enough for an average.
+        """
+        number = max(2, int(len(counts) / (_SHORTEST_AVERAGE * self._sample_rate)))
+        size = len(counts) // number
+        if size == 0:
             return 0.0
-        values = counts.astype(np.float64)
-        return float(abs(hann_mean(values[:half]) - hann_mean(values[-half:])))
+        parts = counts[len(counts) - number * size :].astype(np.float64).reshape(number, size)
+        return float(np.ptp(hann_mean(parts)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
         """Take the reading of an empty belt for the zero, whatever it was before.
@@ -153,6 +179,7 @@ class ZeroTracker:
         reading, noise = self._measure(counts.astype(np.float64), True)
         if self.is_in_range(reading):
             self._value, self._stamp, self._behind = reading, time, False
+            self._doubted, self._has_read = None, True
             self._variance = min(noise, self._initial_variance)
         return reading
 

@@ -173,6 +173,19 @@ def test_what_identifies_no_stable_platform_is_no_convergence(make_window, denoi
     assert math.isnan(estimate.mass)
 
 
+@pytest.mark.parametrize(('off', 'reasons'), [(0.015, ()), (-0.025, ('NoConvergence',))])
+def test_a_mass_that_the_samples_do_not_go_around_is_no_convergence(make_window, off, reasons):
+    window = _denoised(make_window([0.2] * 64))
+    begin, end = window.window_begin, window.window_end
+    quiet = replace(window, denoised=(1 + off) * window.denoised)
+    shaken = replace(quiet, counts=quiet.counts.copy())
+    shaken.counts[begin:end] += np.tile([1, -1], 32).astype(np.int32) * round(0.004 * 1e6)
+
+    # 4 g of 200 g is a standard deviation of 2 %, of which two may be added to the 2 %.
+    assert Identifier(IdentifierParameters()).estimate(quiet).reasons == reasons
+    assert Identifier(IdentifierParameters()).estimate(shaken).reasons == ()
+
+
 def test_a_mass_that_is_too_uncertain_is_no_convergence(make_window):
     # Standard deviation of the zero: 30 g of 200 g is more than a tenth and less than a fifth.
     window = _denoised(make_window([0.2] * 64, zero_std_dev=30_000.0))

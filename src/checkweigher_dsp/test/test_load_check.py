@@ -53,5 +53,20 @@ def test_what_the_belt_showed_last_holds_where_it_is_never_empty():
     assert not check.is_steady(_window(0.2), _belt(0.0, size=10), ZERO)
 
 
-def test_where_the_belt_was_never_seen_empty_nothing_is_said():
-    assert LoadCheck().is_steady(_window(0.9), _belt(0.0, size=SIZE - 1), ZERO)
+@pytest.mark.parametrize('size', [0, 10, SIZE - 1])
+def test_a_belt_that_was_never_seen_empty_for_long_is_taken_for_one_that_does_not_shake(size: int):
+    falling = _belt(0.0, size) - np.linspace(0, LOAD, size).astype(np.int32)
+
+    for belt in (_belt(0.0, size), falling):  # while something leaves that no eye has seen
+        assert LoadCheck().is_steady(_window(0.06), belt, ZERO)
+        assert not LoadCheck().is_steady(_window(0.12), belt, ZERO)
+
+
+def test_a_short_stretch_counts_until_a_longer_one_is_seen():
+    check = LoadCheck()
+    swing = 0.3 * LOAD * np.sin(5 * np.pi * np.arange(SIZE - 1) / SIZE)
+    shaking = np.rint(ZERO + swing).astype(np.int32)
+
+    assert check.is_steady(_window(0.2), shaking, ZERO)
+    assert not check.is_steady(_window(0.2), _belt(0.0), ZERO)
+    assert not check.is_steady(_window(0.2), shaking, ZERO)

@@ -82,13 +82,22 @@ def test_a_window_tells_its_time_and_from_when_on_the_belt_was_empty(
     assert [window.empty_begin for window in windows] == [0, empty_begin]
 
 
-def test_the_belt_is_empty_at_t1_at_the_latest(make_line, cut, milli_cell):
-    # Without t4 the first is held to be there until 1.4 s, but the second enters at 1.32 s.
-    line = make_line((0.2, 0.1), spacing=0.32, load_cell=milli_cell)
+@pytest.mark.parametrize(
+    ('spacing', 'lost', 'empty_begin'),
+    [
+        (0.25, [], 550),  # it left at 1.3 s, which is 0.05 s after the second one began to enter
+        (0.32, [(0, 't4')], 580),  # as far as is known: twice its length after t3 = 1.2 s
+    ],
+)
+def test_an_item_that_enters_while_another_leaves_is_alone_later(
+    make_line, cut, milli_cell, spacing, lost, empty_begin
+):
+    line = make_line((0.2, 0.1), spacing=spacing, load_cell=milli_cell)
 
-    second = cut(line, without=[(0, 't4')])[1]
+    second = cut(line, without=lost)[1]
 
-    assert second.empty_begin == 500
+    assert second.reasons == ()
+    assert (second.empty_begin, second.window_begin) == (empty_begin, 600)
 
 
 def test_lost_samples_move_the_time_of_a_window_with_its_first_sample(make_line, cut, milli_cell):

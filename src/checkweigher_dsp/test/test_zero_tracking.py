@@ -98,11 +98,38 @@ def test_a_jump_starts_the_filter_afresh():
     for second in range(100):
         tracker.update(float(second), _counts(-1, -1, 1, 1))
 
-    zero = tracker.update(100.0, _counts(49, 49, 51, 51))
+    zero = tracker.update(100.0, _counts(29, 29, 31, 31))
 
     # Halves 2 apart, a variance of 1; afresh the gain is 100 / 101, without it about 1 / 100.
-    assert zero.counts == pytest.approx(50 * 100 / 101, rel=LEAST_NOISE)
+    assert zero.counts == pytest.approx(30 * 100 / 101, rel=LEAST_NOISE)
     assert zero.std_dev == pytest.approx(10 * math.sqrt(1 / 101), rel=LEAST_NOISE)
+
+
+def test_a_jump_beyond_all_drift_is_believed_when_it_is_seen_again():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
+
+    doubted = tracker.update(100.0, _counts(49, 49, 51, 51))
+    other = tracker.update(101.0, _counts(89, 89, 91, 91))
+    again = tracker.update(102.0, _counts(89, 89, 91, 91))
+
+    assert [zero.trusted for zero in (before, doubted, other, again)] == [True, False, False, True]
+    assert doubted.counts == before.counts
+    assert again.counts == pytest.approx(90 * 100 / 101, rel=LEAST_NOISE)
+
+
+def test_what_stood_on_the_belt_for_a_moment_changes_nothing():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
+
+    tracker.update(100.0, _counts(49, 49, 71, 71))
+    after = tracker.update(101.0, _counts(-1, -1, 1, 1))
+
+    assert after.trusted
+    assert after.counts == pytest.approx(before.counts, abs=1e-9)
+    assert after.std_dev < before.std_dev
 
 
 def test_the_noise_averages_out_from_product_to_product():
@@ -167,6 +194,13 @@ def test_a_stretch_that_is_not_at_rest_is_passed_over():
 
     assert tracker.update(0.0, _counts(10, 10, 16, 16)) == Zero(9.0, 2.0)
     assert tracker.update(1.0, _counts(10, 10, 14, 14)).counts > 9.0
+
+
+def test_a_stretch_is_at_rest_if_all_its_parts_are():
+    # At 40 Hz parts are 4 samples: both halves of this are 12.
+    tracker = ZeroTracker(9.0, 2.0, 0.0, 40.0, ZeroLimits(stability=5.0))
+
+    assert tracker.update(0.0, _counts(*[9] * 4, *[15] * 8, *[9] * 4)) == Zero(9.0, 2.0)
 
 
 def test_what_has_not_settled_counts_with_its_whole_variance():

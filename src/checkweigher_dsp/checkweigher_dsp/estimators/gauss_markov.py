@@ -155,7 +155,7 @@ class GaussMarkov(Estimator):
         if abs(window.sample_rate / known.sample_rate - 1) > _RATE_TOLERANCE:
             return Plateau(math.nan)
         stretch = stretch_of(window, known)
-        if len(stretch.time) == 0 or stretch.time[0] > stretch.crossing.on_begin:
+        if len(stretch.time) == 0 or stretch.time[0] > stretch.crossing.on_end:
             return Plateau(math.nan)
         whitener = self._whitener(round(window.belt_speed / _SPEED_STEP))
         zero_std_dev = max(window.zero_std_dev / abs(window.counts_per_kg), _LEAST_NOISE)
@@ -230,7 +230,7 @@ def estimate_untrained(window: WeighWindow) -> Plateau:
     samples = raw_plateau(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
     entry = math.floor(seconds(t1 - window.stamp) * sample_rate)
-    empty = window.force_between(window.empty_begin, max(entry, 0))
+    empty = window.force_between(min(window.empty_begin, max(entry, 0)), max(entry, 0))
     order = min(_UNTRAINED_ORDER, len(empty) // 3)
     mean = hann_mean(samples)
     if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:

@@ -1,0 +1,68 @@
+"""Photo-eye edges on their way to the stage, in the order of their stamps."""
+
+from bisect import insort
+from collections.abc import Callable, Iterable
+
+from checkweigher_dsp.records import EyeEdge
+
+
+class EdgeQueue:
+    """Keep edges until the samples have reached them.
+
+    Edges in a wrong order do no harm meanwhile, and no window is later for it, since it needs the
+    samples up to t3 anyway. An edge that is far behind the samples is kept apart until the next
+    ones come: these may show that the clock has gone back, and the edge is no late one then.
+
+    Parameters
+    ----------
+    lateness : int
+        ns, how far edges may be behind the samples.
+    """
+
+    def __init__(self, lateness: int) -> None:
+        self._lateness = lateness
+        self._edges: list[EyeEdge] = []
+        self._strays: list[EyeEdge] = []
+
+    def add(self, edge: EyeEdge, last: int | None) -> None:
+        """Take an edge; `last` is the stamp of the last sample, ns, None before the first."""
+        if last is not None and edge.stamp < last - self._lateness:
+            self._strays.append(edge)
+        else:
+            insort(self._edges, edge, key=_stamp)
+
+    def put_back(self, edges: Iterable[EyeEdge]) -> None:
+        """Take edges, whatever the samples say."""
+        self._edges = sorted([*edges, *self._edges], key=_stamp)
+
+    def admit_strays(self) -> None:
+        """Take what was kept apart: the clock has not gone back, the edges are late."""
+        strays, self._strays = self._strays, []
+        self.put_back(strays)
+
+    def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
+        """Return the first edges, as long as they meet a condition."""
+        count = 0
+        while count < len(self._edges) and condition(self._edges[count]):
+            count += 1
+        popped = self._edges[:count]
+        del self._edges[:count]
+        return popped
+
+    def pop_all(self) -> list[EyeEdge]:
+        """Return all edges."""
+        self.admit_strays()
+        return self.pop_while(lambda edge: True)
+
+    def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
+        """Return the edges that are of a clock which jumps to `stamp`, forward or back."""
+        if forward:
+            new = [edge for edge in self._edges if edge.stamp >= stamp]
+            self._edges = self._edges[: len(self._edges) - len(new)]
+            return new
+        new, self._strays = self._strays, []
+        return new
+
+
+def _stamp(edge: EyeEdge) -> int:
+    return edge.stamp
