@@ -153,10 +153,12 @@ class RejectItems:
             if item.count is None and same(item, seen):
                 item.count = seen.item_id
                 item.reasons = tuple(reason.value for reason in seen.faults)
-                if not seen.faults:  # the estimate may have been of a part of it
-                    item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._ahead = max(self._ahead, item.number - item.count)
                 self._use(item)
+                if item.t3 is not None and seen.t3 is not None and item.t3 != seen.t3:
+                    return True  # the eyes show the t3 of something else, which has no verdict yet
+                if not seen.faults:  # the estimate may have been of a part of it
+                    item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
                 self._use(seen)
                 return True
         return self.is_used_up(seen)

@@ -14,6 +14,11 @@ _SHORTEST_AVERAGE = 0.1  # s
 # the filter. Not in counts, so that the gain of the load cell does not matter.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
+# A part of a stretch stands out that is off the median by more than this many times what half of
+# the parts are, and so much of the initial standard deviation.
+_OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
+_PART = 0.05  # s
+_FEWEST_PARTS = 5
 _MEMORY = 0.95  # weight of the scatter seen so far at each further stretch
 
 
@@ -114,7 +119,7 @@ class ZeroTracker:
             self._variance += self._walk_variance * max(time - self._stamp, 0.0)
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
-        if len(counts) >= 2 and self.scatter(counts) <= self._limits.stability:
+        if len(counts) >= 2 and self._is_at_rest(counts):
             self._follow(counts.astype(np.float64), settled, elapsed)
         return self.zero
 
@@ -153,17 +158,24 @@ class ZeroTracker:
             self._behind = rest**2 > _JUMP**2 * (self._variance * (1 - gain) + noise)
         self._value += correction
 
-    def scatter(self, counts: NDArray[np.int32]) -> float:
-        """Return how far the means of the parts of a stretch are apart, counts.
+    def _is_at_rest(self, counts: NDArray[np.int32]) -> bool:
+        """Tell whether a stretch is stable and nothing stood on the belt for a part of it."""
+        if np.ptp(self._parts(counts, _SHORTEST_AVERAGE)) > self._limits.stability:
+            return False
+        parts = self._parts(counts, _PART)
+        off = np.abs(parts - np.median(parts))
+        most = _OUTLYING * np.median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
+        return len(parts) < _FEWEST_PARTS or bool(np.max(off) <= most)
 
-        The parts are halves, or as many more as are long enough for an average.
-        """
-        number = max(2, int(len(counts) / (_SHORTEST_AVERAGE * self._sample_rate)))
+    def _parts(self, counts: NDArray[np.int32], duration: float) -> NDArray[np.float64]:
+        """Return the means of parts of a stretch that last `duration`, or of its halves."""
+        number = max(2, int(len(counts) / (duration * self._sample_rate)))
         size = len(counts) // number
         if size == 0:
-            return 0.0
+            return np.zeros(1)
         parts = counts[len(counts) - number * size :].astype(np.float64).reshape(number, size)
-        return float(np.ptp(hann_mean(parts)))
+        means: NDArray[np.float64] = hann_mean(parts)
+        return means
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
         """Take the reading of an empty belt for the zero, whatever it was before.
@@ -174,7 +186,7 @@ class ZeroTracker:
             The reading, counts. It is the zero from now on if it is within the range; None, and
             nothing has changed, if the stretch is not stable.
         """
-        if len(counts) < 2 or self.scatter(counts) > self._limits.stability:
+        if len(counts) < 2 or not self._is_at_rest(counts):
             return None
         reading, noise = self._measure(counts.astype(np.float64), True)
         if self.is_in_range(reading):

@@ -203,6 +203,16 @@ def test_a_stretch_is_at_rest_if_all_its_parts_are():
     assert tracker.update(0.0, _counts(*[9] * 4, *[15] * 8, *[9] * 4)) == Zero(9.0, 2.0)
 
 
+@pytest.mark.parametrize(('level', 'read'), [(150, True), (155, False)])
+def test_a_part_that_stands_out_is_no_empty_belt(level, read):
+    # At 40 Hz parts are 2 samples: means 90 and 92 in turn, half of them 2 off the median.
+    counts = _counts(*[90, 90, 92, 92] * 4, level, level)
+
+    zero = ZeroTracker(90.0, 20.0, 0.0, 40.0).update(0.0, counts)
+
+    assert (zero != Zero(90.0, 20.0)) is read
+
+
 def test_what_has_not_settled_counts_with_its_whole_variance():
     tracker = ZeroTracker(0.0, 2.0, 0.0, 4.0)
 
