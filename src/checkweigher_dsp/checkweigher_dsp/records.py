@@ -79,7 +79,7 @@ _HINTS = {
     Reason.SOURCE_RESTARTED: 'the sample source started again while the product was on the line',
     Reason.STREAM_ENDED: 'the stream ended before the product had left the belt',
     Reason.SPEED_NOT_TRAINED: 'no training passes near this belt speed; run tune at this speed',
-    Reason.NO_CONVERGENCE: 'the identification found no stable platform in this signal',
+    Reason.NO_CONVERGENCE: 'no stable platform or level in this signal; check what shakes the belt',
     Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
     Reason.NO_ESTIMATE: 'no mass came in time for the rejector; check that all stages run',
@@ -90,7 +90,7 @@ _HINTS = {
     Reason.BELT_STOPPED: 'less than half the speed of the item before: stopped, or edges were lost',
     Reason.START_UP: 'the product was on the line before the first sample; run it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
-    Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond zero_range or zero_rate; clean it, zero it',
+    Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
 }
 
