@@ -10,7 +10,8 @@ import subprocess
 import sys
 
 from checkweigher_msgs.msg import LoadCellSamples, PhotoEyeEvent, Verdict
-from lines import simulated
+from lines import counts_of, simulated
+import numpy as np
 import pytest
 from rclpy.node import Node
 from running import run_command
@@ -26,17 +27,14 @@ from checkweigher_dsp.nodes import topics
 
 MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
-# A listener that is there before the line may still miss its first blocks, until DDS has brought
-# the two together: an empty belt comes first. Of it only the last second matters to a mass.
-EMPTY_BELT = 20.0  # s
 RATE = 4
+COUNT = 12
 KILLED = 3  # recorders beside one line
 
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a bag that begins with a long empty belt."""
-    line = simulated(count=6, lead_in=EMPTY_BELT)
+    line = simulated(count=COUNT)
     path = tmp_path_factory.mktemp('line') / 'bag'
     write_bag(path, line.load_cell, line)
     return path
@@ -57,21 +55,28 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_a_recording_weighs_as_the_line_did(
-    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
+@pytest.mark.parametrize('processes', [False, True])
+def test_a_recording_of_a_replay_is_whole(
+    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path, processes: bool
 ):
+    flags = ['--processes'] if processes else []
     with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:
-        wait_for_node('/taped/record')
-        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'taped')
+        replayed = rows(
+            'replay', bag, '--rate', RATE, '--namespace', 'taped', '--listeners', 1, *flags
+        )
         recorder.send_signal(signal.SIGINT)
-        output, errors = recorder.communicate(timeout=20)
+        output, errors = recorder.communicate(timeout=60)
     assert recorder.returncode == 0, errors
     assert 'messages' in output
+    recording, original = read_bag(tmp_path / 'bag'), read_bag(bag)
+    assert np.array_equal(counts_of(recording), counts_of(original))
+    assert (recording.edges, recording.references) == (original.edges, original.references)
     assert rows('weigh', tmp_path / 'bag') == replayed
     information = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())
     topics = information['rosbag2_bagfile_information']['topics_with_message_count']
     counts = {each['topic_metadata']['name']: each['message_count'] for each in topics}
-    assert counts['/taped/verdict'] == 6
+    for name in ('weigh_window', 'denoised_window', 'mass_estimate', 'verdict'):
+        assert counts[f'/taped/{name}'] == COUNT
     assert counts['/diagnostics'] > 0
     assert {'/taped/statistics', '/taped/zero_setting', '/taped/reject_eye'} <= set(counts)
 
@@ -123,10 +128,9 @@ def check_killed(
         spinner = stack.enter_context(spinning('killed'))
         watcher = Watcher()
         spinner.add(watcher)
-        wait_for(lambda: watcher.get_node_names().count('record') == len(moments), 60.0)
         replay = stack.enter_context(
             started('replay', folder / 'line', '--rate', rate, '--namespace', 'killed',
-                    '--csv', folder / 'line.csv')
+                    '--listeners', len(moments) + 1, '--csv', folder / 'line.csv')
         )  # fmt: skip
         for recorder, moment in zip(recorders, moments, strict=True):
             wait_for(lambda: moment(watcher), 60.0)  # noqa: B023
@@ -180,7 +184,7 @@ def test_a_recording_that_was_killed_weighs_up_to_the_cut(tmp_path: Path):
     ]
 
     rate = 3.0
-    line = simulated(count=10, lead_in=EMPTY_BELT, run_out=0.5)
+    line = simulated(count=10, lead_in=3.0, run_out=0.5)
     ends = check_killed(line, rate, tmp_path, moments)
 
     # Of the last second, in which 1.5 times the rate items pass, and of a busy machine's next one.
@@ -211,17 +215,22 @@ def after(edges: int) -> Callable[[Watcher], bool]:
 def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
     with (
         started('echo', '--namespace', 'seen', '--count', '5') as seen,
-        started('echo', '--namespace', 'other', '--duration', '12') as other,
+        started('echo', '--namespace', 'other') as other,
     ):
         wait_for_node('/seen/echo', '/other/echo')
         done = run_command('replay', bag, '--rate', RATE, '--namespace', 'seen')
         assert done.returncode == 0, done.stderr
-        output, errors = seen.communicate(timeout=30)
+        output, errors = seen.communicate(timeout=60)
         assert seen.returncode == 0, errors
         lines = output.splitlines()
-        assert [int(line.split()[0]) for line in lines[1:6]] == [1, 2, 3, 4, 5]
+        # From when DDS has brought the two together.
+        first = int(lines[1].split()[0])
+        assert [int(line.split()[0]) for line in lines[1:6]] == list(range(first, first + 5))
         assert lines[6].startswith('5 items, 5 ACCEPT')
-        rows_of_other, silence = other.communicate(timeout=30)
+        assert other.stderr is not None
+        silence = other.stderr.readline()
+        other.send_signal(signal.SIGINT)
+        rows_of_other, _ = other.communicate(timeout=60)
     assert rows_of_other == ''
     assert 'nobody publishes /other/load_cell/samples' in silence
 
@@ -233,9 +242,8 @@ def test_passes_of_a_known_mass_are_recorded_with_it(
         'record', '--output', tmp_path / 'bag', '--namespace', 'known', '--reference', 150,
         '--passes', 3,
     ) as recorder:  # fmt: skip
-        wait_for_node('/known/record')
-        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'known')
-        output, errors = recorder.communicate(timeout=20)
+        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'known', '--listeners', 1)
+        output, errors = recorder.communicate(timeout=60)
     assert recorder.returncode == 0, errors
     assert '3 passes' in output
     assert 'pass 3 of 3' in output + errors

@@ -20,6 +20,7 @@ from checkweigher_dsp.nodes import topics
 
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # s; what is lost of a recording if the process is killed
+_FAREWELL = 1.0  # s, for what had come when the end was asked for
 _PATIENCE = 5.0  # s without a message before that is said
 
 
@@ -131,15 +132,20 @@ def _take(
     bag: BagFile, node: RecorderNode, duration: float | None, known: ReferencePasses | None
 ) -> None:
     ending = _Ending()
+    asked = False
     now = silent_since = flushed = time.monotonic()
     end = math.inf if duration is None else now + duration
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
-        while now < end and not ending.asked and not (known and known.done):
+        while now < end and not (known and known.done):
+            if ending.asked and not asked:
+                asked, end = True, min(end, now + _FAREWELL)
             for line in known.news() if known else ():
                 progress.write(line)
             try:
                 message = node.messages.get(timeout=_POLL_PERIOD)
             except queue.Empty:
+                if asked:
+                    break
                 if now - silent_since > _PATIENCE:
                     silent_since = now
                     progress.write(f'no messages for {_PATIENCE:.0f} s')

@@ -13,6 +13,8 @@ import time
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
+from rclpy.duration import Duration
+from rclpy.node import Node
 import yaml
 
 from checkweigher_bringup.errors import LineError, UserError
@@ -25,6 +27,7 @@ from checkweigher_dsp.nodes import topics
 
 _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
+_FAREWELL = 1.0  # s, for recorders to take the last messages
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
 _MODULES = {
     'segmenter': 'checkweigher_dsp.nodes.segmenter',
@@ -45,6 +48,7 @@ class Replay:
     parameters: LineParameters
     namespace: str = ''
     processes: bool = False
+    listeners: int = 0
 
     def node_parameters(self) -> dict[str, dict[str, object]]:
         """Return names and values for each node."""
@@ -59,6 +63,7 @@ class Replay:
             'driver': {
                 'source': 'bag',
                 'rate': self.rate,
+                'listeners': self.listeners,
                 'bag.path': str(self.bag.absolute()),
                 'bag.namespace': self.lane,
             },
@@ -72,6 +77,8 @@ class Collector(ResultListener):
     ----------
     patience : float
         s without any sign of life after which the replay has failed.
+    waits : bool
+        Whether it may take any time until the replay begins.
 
     Attributes
     ----------
@@ -79,10 +86,11 @@ class Collector(ResultListener):
         Why the replay cannot end well, None while it can.
     """
 
-    def __init__(self, patience: float) -> None:
+    def __init__(self, patience: float, *, waits: bool = False) -> None:
         super().__init__('replay', from_start=True)
         self.failure: UserError | None = None
         self._patience = patience
+        self._waits = waits
         self._expected: int | None = None
         self._samples_taken = 0
         self._samples_name = self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)
@@ -97,6 +105,7 @@ class Collector(ResultListener):
     def _on_segmenter(self, message: Any) -> None:
         self.heard = time.monotonic()
         self._samples_taken = int(message.samples)
+        self._waits &= self._samples_taken == 0
         if message.state == StreamStatus.FINISHED:
             self._expected = int(message.items)
 
@@ -112,7 +121,7 @@ class Collector(ResultListener):
         """Look for what keeps a replay from ever ending well."""
         if self.count_drivers() > 1:
             self.failure = self.conflict()
-        elif time.monotonic() - self.heard > self._patience:
+        elif not self._waits and time.monotonic() - self.heard > self._patience:
             expected = '' if self._expected is None else f' of {self._expected}'
             self.failure = LineError(
                 f'the graph has been silent for {self._patience:.0f} s, after {self.judged}'
@@ -139,22 +148,26 @@ def replay(plan: Replay) -> Iterator[Weighing]:
     """
     with spinning(plan.namespace) as spinner, ExitStack() as stack:
         # One status comes for every quarter of a second of signal.
-        collector = Collector(_PATIENCE + (1 / plan.rate if plan.rate > 0 else 0))
+        patience = _PATIENCE + (1 / plan.rate if plan.rate > 0 else 0)
+        collector = Collector(patience, waits=plan.listeners > 0)
         spinner.add(collector)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
             raise collector.conflict()
         children: list[subprocess.Popen[bytes]] = []
+        nodes: list[Node] = []
         if plan.processes:
             children = stack.enter_context(_processes(plan))
         else:
             values = plan.node_parameters()
-            for name, make_stage in STAGE_NODES.items():
-                spinner.add(make_stage(values[name]))
-            spinner.add(DriverNode(values['driver']))
+            nodes += [make_stage(values[name]) for name, make_stage in STAGE_NODES.items()]
+            nodes.append(DriverNode(values['driver']))
+            for node in nodes:
+                spinner.add(node)
         yield from _results(collector, children, spinner)
         if collector.failure is not None:
             raise collector.failure
+        _wait_until_taken(nodes)
 
 
 def _results(
@@ -178,6 +191,14 @@ def _results(
                 collector.failure = LineError(
                     f'a node ended with status {child.returncode}: {child.args!r}'
                 )
+
+
+def _wait_until_taken(nodes: Sequence[Node]) -> None:
+    """Wait until others have all that was published: with its node it would be gone."""
+    end = time.monotonic() + _FAREWELL
+    for node in nodes:
+        for publisher in node.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import Source, source_maker
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.connections import has_matched_all
 from checkweigher_dsp.nodes.conversion import (
     edge_to,
     fill_history,
@@ -84,6 +85,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._eyes = self._publisher_of(topics.PHOTO_EYES)
         self._references = self._publisher_of(topics.REFERENCE_MASS)
         self._status = self._publisher_of(topics.DRIVER_STATUS)
+        self._streams = (self._samples, self._eyes, self._references, self._status)
         self.subscribe(topics.SEGMENTER_STATUS, self._on_segmenter_status)
         self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
         self.subscribe(topics.STOP_REQUEST, self._on_stop_request, needed=False)
@@ -292,12 +294,15 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.
 
-        A recording waits for a segmenter as long as it takes. Nothing waits for ever for the
-        reject node, for whoever feeds only the segmenter has none.
+        A recording waits for a segmenter, and for the listeners that were asked for, as long as it
+        takes. Nothing waits for ever for the reject node, for whoever feeds only the segmenter has
+        none.
         """
         if source.paced and not self.parameters.lossless:
             return True
-        if source.paced and not self._wait_for(self._has_listeners, 'a segmenter'):
+        wanted = self.parameters.listeners
+        what = 'a segmenter' + (f' and {wanted} other listeners' if wanted else '')
+        if source.paced and not self._wait_for(lambda: self._has_listeners(wanted), what):
             return False
         ready = self._wait_for(self._has_line, '', patience=_PATIENCE)
         missing = [] if self._has_listeners() else ['a segmenter']
@@ -305,27 +310,32 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             missing.append('an active reject node')
         if not self._outputs.ready:
             missing.append('outputs that can be switched')
+        if not has_matched_all(self, self._info, *self._streams):
+            missing.append('some of the subscribers that DDS shows')
         if ready and missing:
             self.warn(f'the stream begins without {" and ".join(missing)}')
         return ready
 
     def _has_line(self) -> bool:
-        return self._has_listeners() and self._has_reject() and self._outputs.ready
+        there = self._has_listeners() and self._has_reject() and self._outputs.ready
+        # Whoever is there, such as a recorder, gets all that is sent from now on.
+        return there and has_matched_all(self, self._info, *self._streams)
 
     def _has_reject(self) -> bool:
         """Tell whether a reject node says that it is active, and takes the edges."""
         return (
             self._reject_ready
             and self.count_publishers(self.resolve_topic_name(topics.STOP_REQUEST.name)) > 0
-            and self._eyes.get_subscription_count()
-            >= self.count_subscribers(self.resolve_topic_name(topics.PHOTO_EYES.name))
+            and has_matched_all(self, self._eyes)
         )
 
-    def _has_listeners(self) -> bool:
-        """Tell whether driver and segmenter have found each other, both of them."""
-        return self._answered and all(
-            publisher.get_subscription_count() > 0
-            for publisher in (self._samples, self._eyes, self._status)
+    def _has_listeners(self, others: int = 0) -> bool:
+        """Tell whether driver and segmenter have found each other, and others the samples."""
+        return (
+            self._answered
+            and self._samples.get_subscription_count() > others
+            and self._eyes.get_subscription_count() > 0
+            and self._status.get_subscription_count() > 0
         )
 
     def _wait_for(self, condition: Any, what: str, patience: float = math.inf) -> bool:

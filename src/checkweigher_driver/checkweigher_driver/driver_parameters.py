@@ -29,6 +29,10 @@ class DriverParameters(Parameters):
         True, 'hold a recorded or simulated source back until the segmenter has taken what was '
         'sent; false runs it without a segmenter',
     )  # fmt: skip
+    listeners: int = parameter(
+        0, 'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
+        'a recorded or simulated source begins', minimum=0, maximum=1000,
+    )  # fmt: skip
     outputs: str = parameter(
         'none', 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
     )

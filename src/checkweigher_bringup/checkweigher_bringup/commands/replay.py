@@ -24,6 +24,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--processes', action='store_true', help='run each node in a process of its own'
     )
+    parser.add_argument(
+        '--listeners', type=int, default=0, metavar='N',
+        help='begin when N others take the samples, such as record, started before or after',
+    )  # fmt: skip
     parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
     parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
 
@@ -37,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_driver.driver_parameters import DriverParameters
     from checkweigher_validation.results import ItemResult, ResultJoiner
 
-    DriverParameters(rate=arguments.rate)  # raises ParameterError before anything is done
+    # Raises ParameterError before anything is done.
+    DriverParameters(rate=arguments.rate, listeners=arguments.listeners)
     parameters = line_parameters(arguments.params, arguments.estimator)
     output = CsvOutput(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
@@ -48,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     results: list[ItemResult] = []
     plan = Replay(
         arguments.bag, arguments.lane or '', arguments.rate, parameters, namespace,
-        arguments.processes,
+        arguments.processes, arguments.listeners,
     )  # fmt: skip
     for weighing in replay(plan):
         result = joiner.join(weighing.estimate, weighing.verdict)

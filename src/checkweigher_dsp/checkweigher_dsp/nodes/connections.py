@@ -167,5 +167,22 @@ class Connections:
             yield Concern(level, text, f'change the QoS of {who} to that of docs/interfaces.md')
 
 
+def has_matched_all(node: Node, *publishers: Publisher) -> bool:
+    """Tell whether publishers have matched every subscriber that the graph knows and they suit."""
+
+    def suits(publisher: Publisher, qos: QoSProfile) -> bool:
+        compatibility, _ = qos_check_compatible(publisher.qos_profile, qos)
+        return bool(compatibility != QoSCompatibility.ERROR)
+
+    return all(
+        publisher.get_subscription_count()
+        >= sum(
+            suits(publisher, other.qos_profile)
+            for other in node.get_subscriptions_info_by_topic(publisher.topic_name)
+        )
+        for publisher in publishers
+    )
+
+
 def _whom_to_look_for(partner: str) -> str:
     return f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
