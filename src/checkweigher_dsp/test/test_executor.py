@@ -26,7 +26,7 @@ PATIENCE = 20.0  # s
 
 @pytest.fixture(params=EXECUTORS)
 def executor(request):
-    rclpy.init(domain_id=100 + os.getpid() % 100)
+    rclpy.init(domain_id=1 + os.getpid() % 101)
     executor = make_executor(request.param)
     yield executor
     executor.shutdown()

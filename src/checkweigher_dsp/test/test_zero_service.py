@@ -14,7 +14,7 @@ from checkweigher_dsp.nodes.topics import ZERO_SETTING
 
 @pytest.fixture
 def executor():
-    rclpy.init(domain_id=100 + os.getpid() % 100)
+    rclpy.init(domain_id=1 + os.getpid() % 101)
     executor = SingleThreadedExecutor()
     yield executor
     rclpy.shutdown()
