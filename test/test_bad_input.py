@@ -95,6 +95,7 @@ def test_parameters(command: str, text: str, names: str, tmp_path: Path):
         ('weigh', BAG, '--estimator', 'best'),
         ('weigh', BAG, '--params', '/no/such/file'),
         ('weigh', BAG, '--lane', 'other'),
+        ('replay', BAG, '--listeners', '-1'),
         ('replay', BAG, '--rate', '-1'),
         ('replay', BAG, '--rate', 'nan'),
         ('replay', BAG, '--rate', 'fast'),

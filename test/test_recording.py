@@ -9,11 +9,11 @@ import signal
 import subprocess
 import sys
 
-from checkweigher_msgs.msg import LoadCellSamples, PhotoEyeEvent, Verdict
 from lines import counts_of, simulated
 import numpy as np
 import pytest
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from running import run_command
 from test_nodes import wait_for
 import yaml
@@ -22,14 +22,16 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.bag_messages import BagError
 from checkweigher_driver.bag_reading import read_bag
 from checkweigher_driver.bag_writing import write_bag
-from checkweigher_driver.recording import Recording
+from checkweigher_driver.recording import Event, Recording
 from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.conversion import edge_to, load_cell_to, reference_to, samples_to
+from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, Reference, SampleBlock
 
 MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 
 RATE = 4
 COUNT = 12
-KILLED = 3  # recorders beside one line
+BEYOND = 40  # events that come when a recorder is killed
 
 
 @pytest.fixture(scope='module')
@@ -81,43 +83,14 @@ def test_a_recording_of_a_replay_is_whole(
     assert {'/taped/statistics', '/taped/zero_setting', '/taped/reject_eye'} <= set(counts)
 
 
-class Watcher(Node):
-    """Sees what happens on a line."""
+def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[int]:
+    """Send a line, kill a recorder with SIGKILL at each moment, and weigh what it has left.
 
-    def __init__(self) -> None:
-        super().__init__('watcher')
-        self.blocks = self.edges = self.judged = 0
-        self.on_belt = False
-        for topic, take in (
-            (topics.PHOTO_EYES, self._on_edge), (topics.VERDICT, self._on_verdict),
-            (topics.LOAD_CELL_SAMPLES, self._on_block),
-        ):  # fmt: skip
-            self.create_subscription(topic.type, topic.name, take, topic.stage_qos)
-
-    def _on_edge(self, message: PhotoEyeEvent) -> None:
-        self.edges += 1
-        if message.eye == PhotoEyeEvent.INFEED and message.blocked:
-            self.on_belt = True
-        elif message.eye == PhotoEyeEvent.OUTFEED and not message.blocked:
-            self.on_belt = False
-
-    def _on_verdict(self, message: Verdict) -> None:
-        self.judged += 1
-
-    def _on_block(self, message: LoadCellSamples) -> None:
-        self.blocks += 1
-
-
-def check_killed(
-    line: Recording, rate: float, folder: Path, moments: Sequence[Callable[[Watcher], bool]]
-) -> list[tuple[int, int]]:
-    """Replay a line, kill a recorder with SIGKILL at each moment, and weigh what it has left.
-
-    The moments come one after the other. Return the verdicts that had been given at each of them,
-    and the items that could be weighed afterwards.
+    A moment is a number of events of the line: a recorder is killed when it has written so many,
+    while further ones come. Return for each the items that could be weighed afterwards.
     """
     write_bag(folder / 'line', line.load_cell, line)
-    judged = []
+    events = list(line)
     with ExitStack() as stack:
         recorders = [
             stack.enter_context(
@@ -126,29 +99,72 @@ def check_killed(
             for n in range(len(moments))
         ]
         spinner = stack.enter_context(spinning('killed'))
-        watcher = Watcher()
-        spinner.add(watcher)
-        replay = stack.enter_context(
-            started('replay', folder / 'line', '--rate', rate, '--namespace', 'killed',
-                    '--listeners', len(moments) + 1, '--csv', folder / 'line.csv')
-        )  # fmt: skip
-        for recorder, moment in zip(recorders, moments, strict=True):
-            wait_for(lambda: moment(watcher), 60.0)  # noqa: B023
-            recorder.kill()
-            judged.append(watcher.judged)
-        _, errors = replay.communicate(timeout=60)
-        assert replay.returncode == 0, errors
-    whole = read_rows(folder / 'line.csv')
+        feeder = Feeder(line.load_cell)
+        spinner.add(feeder)
+        wait_for(lambda: feeder.listeners() == len(moments), 60.0)
+        feeder.begin()
+        sent = 0
+        for n, moment in enumerate(moments):
+            feeder.send(events[sent:moment])
+            wait_for(lambda: written(folder / f'killed{n}') >= moment, 60.0)  # noqa: B023
+            sent = moment + BEYOND
+            feeder.send(events[moment:sent])
+            recorders[n].kill()
+    whole = read_rows(weigh(folder / 'line', folder)[0])
     weighed = []
     for n in range(len(moments)):
-        done = run_command('weigh', folder / f'killed{n}', '--csv', folder / f'{n}.csv')
-        assert done.returncode == 0, done.stderr
-        (notice,) = done.stderr.splitlines()
+        path, notice = weigh(folder / f'killed{n}', folder)
         assert f'{folder / f"killed{n}"}: the recording broke off' in notice
-        rows = read_rows(folder / f'{n}.csv')
+        rows = read_rows(path)
         weighed.append(sum('StreamEnded' not in row['reasons'] for row in rows))
         check_beginning(rows, whole, weighed[-1])
-    return list(zip(judged, weighed, strict=True))
+    return weighed
+
+
+class Feeder(Node):
+    """The driver of a line whose events come when the test wants them."""
+
+    def __init__(self, load_cell: LoadCell) -> None:
+        super().__init__('feeder')
+        self._info = load_cell_to(load_cell, 0)
+        self._begin = self._publisher_of(topics.LOAD_CELL_INFO)
+        self._of = {
+            SampleBlock: (self._publisher_of(topics.LOAD_CELL_SAMPLES), samples_to),
+            EyeEdge: (self._publisher_of(topics.PHOTO_EYES), edge_to),
+            Reference: (self._publisher_of(topics.REFERENCE_MASS), reference_to),
+        }
+
+    def _publisher_of(self, topic: topics.Topic) -> Publisher:
+        return self.create_publisher(topic.type, topic.name, topic.qos)
+
+    def listeners(self) -> int:
+        """Return how many take all of it."""
+        publishers = [self._begin, *(publisher for publisher, _ in self._of.values())]
+        return min(publisher.get_subscription_count() for publisher in publishers)
+
+    def begin(self) -> None:
+        self._begin.publish(self._info)
+
+    def send(self, events: Sequence[Event]) -> None:
+        for event in events:
+            publisher, message_of = self._of[type(event)]
+            publisher.publish(message_of(event))
+
+
+def written(folder: Path) -> int:
+    """Return how many events a recorder has written up to now."""
+    try:
+        return sum(1 for _ in read_bag(folder))
+    except BagError:
+        return 0
+
+
+def weigh(bag: Path, folder: Path) -> tuple[Path, str]:
+    """Weigh a bag and return the CSV and what was said on stderr."""
+    path = folder / f'{bag.name}.csv'
+    done = run_command('weigh', bag, '--csv', path)
+    assert done.returncode == 0, done.stderr
+    return path, done.stderr
 
 
 def check_beginning(rows: list[dict[str, str]], whole: list[dict[str, str]], count: int) -> None:
@@ -168,28 +184,24 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def have_begun(folder: Path) -> bool:
-    """Whether all recorders have written something that can be weighed already."""
-    try:
-        return all(read_bag(folder / f'killed{n}').blocks for n in range(KILLED))
-    except BagError:
-        return False
+def passed(line: Recording, moment: int) -> int:
+    """Return how many items have come to the outfeed eye, and their samples, by a moment."""
+    return sum(
+        isinstance(event, EyeEdge) and event.eye is Eye.OUTFEED and event.blocked
+        for event in list(line)[: moment - 5]
+    )
 
 
 def test_a_recording_that_was_killed_weighs_up_to_the_cut(tmp_path: Path):
-    moments: list[Callable[[Watcher], bool]] = [
-        lambda watcher: watcher.blocks > 200 and have_begun(tmp_path),
-        lambda watcher: watcher.judged > 3 and watcher.on_belt,
-        lambda watcher: watcher.judged > 6,
-    ]
+    line = simulated(count=10, run_out=0.5)
+    count = len(list(line))
+    moments = [count // 3, count // 2, count - BEYOND]
 
-    rate = 3.0
-    line = simulated(count=10, lead_in=3.0, run_out=0.5)
-    ends = check_killed(line, rate, tmp_path, moments)
+    weighed = check_killed(line, tmp_path, moments)
 
-    # Of the last second, in which 1.5 times the rate items pass, and of a busy machine's next one.
-    assert all(weighed >= judged - 2 * 1.5 * rate for judged, weighed in ends)
-    assert ends[0][1] < ends[2][1]
+    expected = [passed(line, moment) for moment in moments]
+    assert all(found >= least for found, least in zip(weighed, expected, strict=True))
+    assert expected[0] < expected[1] < expected[2]
 
 
 @pytest.mark.soak
@@ -198,18 +210,12 @@ def test_recordings_killed_at_many_moments_weigh_up_to_the_cut(tmp_path: Path):
     for number in range(8):
         folder = tmp_path / str(number)
         folder.mkdir()
-        moments: list[Callable[[Watcher], bool]] = [
-            lambda watcher, folder=folder: watcher.blocks > 200 and have_begun(folder),
-            *(after(edges) for edges in sorted(chance.sample(range(1, 60), KILLED - 1))),
-        ]
-        line = simulated(count=15, spacing=0.4, lead_in=4.0, seed=number)
-        ends = check_killed(line, 2.0, folder, moments)
-        print(f'\nverdicts at the moment of the kill, and items weighed after it: {ends}')
-
-
-def after(edges: int) -> Callable[[Watcher], bool]:
-    """Return the moment after so many edges: before, in the middle of and after an item."""
-    return lambda watcher: watcher.edges >= edges
+        line = simulated(count=15, spacing=0.4, seed=number)
+        moments = sorted(chance.sample(range(BEYOND, len(list(line)) - BEYOND, BEYOND), 3))
+        weighed = check_killed(line, folder, moments)
+        expected = [passed(line, moment) for moment in moments]
+        print(f'\nitems that had passed, and items weighed after the kill: {expected}, {weighed}')
+        assert all(found >= least for found, least in zip(weighed, expected, strict=True))
 
 
 def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
