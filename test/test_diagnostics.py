@@ -96,7 +96,8 @@ def test_a_line_that_is_well_is_ok_in_every_aspect_until_its_driver_goes(spinner
         if ': ' in name and name.partition(': ')[2] not in OF_THE_MACHINE
     ] == []
     assert told.last[f'{LANE}/segmenter: Zero'].hardware_id == 'simulated/paper-1'
-    assert float(told.values('segmenter: Samples')['received_samples_per_s']) > 0
+    # Not a number until there is a whole stretch of them.
+    wait_for(lambda: float(told.values('segmenter: Samples')['received_samples_per_s']) > 0)
 
     def status() -> str:
         return run_command('status', '--count', 1, '--namespace', LANE).stdout

@@ -50,7 +50,10 @@ def test_the_line_rejects_over_modbus_and_stops_when_nobody_gives_verdicts(
                 topics.VERDICT.type, topics.VERDICT.name, heard.put, topics.VERDICT.stage_qos
             )
             spinner.add(listener)
-            reject = RejectNode(overrides={'lower_limit': 0.12, 'upper_limit': 0.2})
+            # 1.5 s behind the outfeed eye, for a machine that is busy with something else.
+            reject = RejectNode(
+                {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 2.25}
+            )
             spinner.add(reject)
             for name in ('identifier', 'denoise', 'segmenter'):
                 spinner.add(STAGE_NODES[name]())
