@@ -29,9 +29,9 @@ CELL = LoadCell(
     max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
 )  # fmt: skip
 START = 1_700_000_000 * NANOSECONDS
-# An item without a mass is a FAULT half a second after t3, before the next one comes to its own;
-# 2 s more are for a machine that is busy with something else.
-IN_TIME = {'rejector_distance': 2.5, 'verdict_margin': 2.0}
+# An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector: both are for a
+# machine that is busy with something else.
+IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
     while not listener.weighings.empty():
         shown.append(listener.weighings.get().verdict.item_id)
     assert {verdict.item_id for _, verdict in faults} <= set(shown)
-    assert shown == sorted(set(shown))
+    assert len(set(shown)) == len(shown)
 
 
 def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: Spinner):
@@ -155,6 +155,16 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         spinner.add(each)
     segmenter = start('segmenter')
     judged: list[Verdict] = []
+    items: dict[int, int] = {}
+
+    def judged_items() -> list[int]:
+        # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
+        while not eyes.empty():
+            _, edge = eyes.get()
+            if edge.blocked:
+                items[stamp_from(edge.header.stamp)] = len(items) // 2
+        stamps = [stamp_from(each.header.stamp) or stamp_from(each.t1) for each in judged]
+        return sorted(items[stamp] for stamp in stamps)
 
     def judge_until(decision: int) -> None:
         judged.append(verdicts.get(timeout=20.0)[1])
@@ -172,21 +182,21 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         segmenter = start('segmenter')
         judge_until(Verdict.ACCEPT)
         judge_until(Verdict.ACCEPT)
+        weighed = judged[-1]
+        # Those that it has missed last may still have to be judged.
+        while len(found := judged_items()) < 1 + found[-1] - found[0] and len(judged) < 60:
+            judged.append(verdicts.get(timeout=20.0)[1])
     finally:
         segmenter.kill()
         segmenter.wait()
     numbers = [verdict.item_id for verdict in judged]
     assert len(set(numbers)) == len(numbers)
     # It counts from 1 again, its items are numbered on.
-    assert judged[-1].estimate_id < judged[-1].item_id == max(numbers)
-    # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
-    items: dict[int, int] = {}
-    while not eyes.empty():
-        _, edge = eyes.get()
-        if edge.blocked:
-            items[stamp_from(edge.header.stamp)] = len(items) // 2
-    of = [items[stamp_from(verdict.header.stamp) or stamp_from(verdict.t1)] for verdict in judged]
-    assert sorted(of) == list(range(of[0], of[-1] + 1))  # each has one verdict, and only one
+    before = [verdict.item_id for verdict in judged[: judged.index(weighed)]]
+    assert weighed.estimate_id < weighed.item_id
+    assert weighed.item_id > max(before)
+    found = judged_items()
+    assert found == list(range(found[0], found[-1] + 1))  # each has one verdict, and only one
 
 
 def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
