@@ -29,8 +29,8 @@ CELL = LoadCell(
     max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
 )  # fmt: skip
 START = 1_700_000_000 * NANOSECONDS
-# An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector: both are for a
-# machine that is busy with something else.
+# An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector. Both are for
+# a machine that is busy with something else.
 IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
 
 
