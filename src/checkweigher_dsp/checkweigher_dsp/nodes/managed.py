@@ -11,7 +11,7 @@ from rclpy.publisher import Publisher
 from checkweigher_dsp.nodes.shell import P, StageNode
 from checkweigher_dsp.parameters import ParameterError
 
-_FAREWELL = Duration(seconds=0.2)  # for the last words of a process that is about to end
+_FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
 
 
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
