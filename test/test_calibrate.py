@@ -13,12 +13,11 @@ import rclpy
 from running import run_command
 import yaml
 
-from checkweigher_bringup.calibration_file import check_calibration_file, write_version
 from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands import calibrate as calibrate_command
-from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import line_parameters
-from checkweigher_driver.static_calibration import CalibrationPoint, calibrate
+from checkweigher_driver.calibration_file import check_calibration_file, write_version
+from checkweigher_driver.static_calibration import CalibrationError, CalibrationPoint, calibrate
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import load_cell_to, samples_to
 from checkweigher_dsp.records import LoadCell, SampleBlock
@@ -189,9 +188,9 @@ def test_old_versions_are_kept_as_they_were(tmp_path: Path):
 def test_what_is_no_calibration_is_not_overwritten(tmp_path: Path):
     path = tmp_path / 'line.yaml'
     path.write_text('/**/driver:\n  ros__parameters:\n    source: aed\n')
-    with pytest.raises(UserError, match='is no calibration'):
+    with pytest.raises(CalibrationError, match='is no calibration'):
         check_calibration_file(path)
-    with pytest.raises(UserError, match='is a folder'):
+    with pytest.raises(CalibrationError, match='is a folder'):
         check_calibration_file(tmp_path)
 
 
@@ -200,7 +199,7 @@ def test_an_installed_package_is_no_place_for_a_calibration(tmp_path: Path):
     link = tmp_path / 'link'
     link.symlink_to(installed.parent)
     for path in (installed, link / 'cell.yaml'):
-        with pytest.raises(UserError, match='lies in the installed packages'):
+        with pytest.raises(CalibrationError, match='lies in the installed packages'):
             check_calibration_file(path)
 
 

@@ -1,42 +1,18 @@
 """What `calibrate` does: it asks for masses one after the other and waits until each is at rest."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 import sys
-
-import numpy as np
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.sample_feed import SampleFeed
 from checkweigher_driver.static_calibration import (
-    CalibrationError,
     CalibrationPoint,
+    RestReading,
     StaticReading,
-    read_static,
+    Steadiness,
 )
 from checkweigher_dsp.records import LoadCell
 from checkweigher_validation.results import GRAMS
-
-_SHOW_PERIOD = 0.5  # s of signal
-
-
-@dataclass(frozen=True, slots=True)
-class Steadiness:
-    """When a load counts as being at rest.
-
-    Attributes
-    ----------
-    duration : float
-        s, for which it is read.
-    tolerance : float
-        kg, by which the halves of that may differ.
-    patience : float
-        s, after which it is given up.
-    """
-
-    duration: float = 5.0
-    tolerance: float = 1e-4
-    patience: float = 60.0
 
 
 def ask(text: str) -> None:
@@ -56,39 +32,20 @@ def read_at_rest(
     Raises
     ------
     UserError
-        If it does not come to rest, samples stay away, or the converter is at its limit.
+        If samples stay away.
+    CalibrationError
+        If the load does not come to rest, or the converter is at its limit.
     """
     feed.forget()
-    rate = load_cell.sample_rate
-    least = max(1, round(steadiness.duration * rate))
-    tolerance = steadiness.tolerance * abs(load_cell.counts_per_kg)
-    counts, seen, shown = np.zeros(0, np.int32), 0, 0
-    reading = None
+    reading, shown = RestReading(load_cell, steadiness), None
     for block, whole in feed.blocks():
-        # Samples that were lost would hide what moved meanwhile.
-        counts = np.concatenate([counts[-least:], block]) if whole else block
-        seen += len(block)
-        if seen - shown < _SHOW_PERIOD * rate:
-            continue
-        shown = seen
-        try:
-            reading = read_static(counts[-least:], load_cell.min_counts, load_cell.max_counts)
-        except CalibrationError as error:
-            if len(counts) < least:
-                continue
-            raise UserError(str(error)) from None
-        show(_line(reading, load_cell, min(len(counts), least) / rate))
-        if len(counts) >= least and reading.is_stable(tolerance):
-            return reading
-        if seen > steadiness.patience * rate:
-            break
-    assert reading is not None
-    raise UserError(
-        f'the load did not come to rest within {steadiness.patience:g} s: the halves of '
-        f'{steadiness.duration:g} s differ by {_grams(reading.drift, load_cell):.3f} g, its mean '
-        f'is known to {_grams(reading.std_error, load_cell):.3f} g, and both must be within '
-        f'{GRAMS * steadiness.tolerance:g} g; check for wind, vibration and what touches the belt'
-    )
+        found = reading.add(block, whole=whole)
+        if reading.latest is not shown and reading.latest is not None:
+            shown = reading.latest
+            show(_line(shown, load_cell, reading.duration))
+        if found is not None:
+            return found
+    raise AssertionError('a feed has no end')
 
 
 def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 import sys
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_driver.bag_file import check_folder_of
 from checkweigher_driver.recording import Recording
+from checkweigher_driver.whole_file import check_folder_of, write_whole
 from checkweigher_validation.results import (
     TABLE_HEADER,
     ItemResult,
@@ -15,7 +15,6 @@ from checkweigher_validation.results import (
     table_row,
     write_csv,
 )
-from checkweigher_validation.whole_file import write_whole
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:

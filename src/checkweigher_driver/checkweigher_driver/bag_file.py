@@ -22,16 +22,13 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
 from checkweigher_driver.bag_messages import Topic, lane_prefix, typestore
+from checkweigher_driver.whole_file import OutputError, check_folder_of, output_error
 
 # Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # of the bag format
 _QUEUE_DEPTH = 1000  # of the topics that are not latched
 _FOREVER = QosTime(9223372036, 854775807)
-
-
-class OutputError(ValueError):
-    """An output that cannot be written; one line that says which and why."""
 
 
 class BagFile:
@@ -269,30 +266,6 @@ def check_output(path: Path) -> None:
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
-
-
-def check_folder_of(path: Path) -> None:
-    """Check that something can be made or replaced beside what `path` names.
-
-    Parameters
-    ----------
-    path : Path
-        The file or folder that is to be written.
-
-    Raises
-    ------
-    OutputError
-        If its parent is not a folder that can be written to.
-    """
-    if not path.parent.is_dir():
-        raise OutputError(f'{path}: there is no folder {path.parent}; make it first')
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise OutputError(f'{path}: folder {path.parent} is read-only')
-
-
-def output_error(path: Path, error: OSError) -> OutputError:
-    """Return the one line for an error of the file system."""
-    return OutputError(f'{path}: cannot be written: {error.strerror or error}')
 
 
 def _qos(topic: Topic) -> Qos:

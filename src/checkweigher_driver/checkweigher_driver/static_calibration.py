@@ -16,9 +16,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.records import LoadCell
+
+GRAMS = 1000.0  # in a kilogram
 _BATCHES = 10  # whose means show how well the mean is known, whatever the noise is like
 _LEAST_SAMPLES = 10 * _BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
+_LOOK_PERIOD = 0.5  # s of signal, after which a load is judged anew
 _LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
 
 
@@ -81,6 +85,107 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
         drift=float(np.mean(values[half:]) - np.mean(values[:half])),
         noise=float(np.std(values, ddof=1)),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Steadiness:
+    """When a load counts as being at rest.
+
+    Attributes
+    ----------
+    duration : float
+        s, for which it is read.
+    tolerance : float
+        kg, by which the halves of that may differ.
+    patience : float
+        s, after which it is given up.
+    """
+
+    duration: float = 5.0
+    tolerance: float = 1e-4
+    patience: float = 60.0
+
+
+class RestReading:
+    """Read a load as soon as it has been at rest for long enough.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Whose samples it reads; its sensitivity, as it is known by now, makes counts of the
+        tolerance.
+    steadiness : Steadiness
+        What is at rest.
+
+    Attributes
+    ----------
+    latest : StaticReading or None
+        Of what has come by now, at rest or not.
+    """
+
+    def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
+        self._load_cell = load_cell
+        self._steadiness = steadiness
+        self._least = max(1, round(steadiness.duration * load_cell.sample_rate))
+        self._counts = np.zeros(0, np.int32)
+        self._seen = self._looked = self._gaps = 0
+        self.latest: StaticReading | None = None
+
+    def add(self, counts: NDArray[np.int32], *, whole: bool = True) -> StaticReading | None:
+        """Take samples and return the reading if the load has been at rest for long enough.
+
+        Parameters
+        ----------
+        counts : ndarray, (n,) int32
+        whole : bool
+            Whether they follow on those before; what was lost would hide what moved meanwhile.
+
+        Raises
+        ------
+        CalibrationError
+            If the converter is at its limit, or the load has not come to rest in time.
+        """
+        rate, wanted = self._load_cell.sample_rate, self._steadiness
+        self._gaps += not whole
+        self._counts = np.concatenate([self._counts[-self._least :], counts]) if whole else counts
+        self._seen += len(counts)
+        if self._seen - self._looked < _LOOK_PERIOD * rate:
+            return None
+        self._looked = self._seen
+        complete = len(self._counts) >= self._least
+        limits = self._load_cell.min_counts, self._load_cell.max_counts
+        try:
+            self.latest = read_static(self._counts[-self._least :], *limits)
+        except CalibrationError:
+            if complete:
+                raise
+        tolerance = wanted.tolerance * abs(self._load_cell.counts_per_kg)
+        if complete and self.latest is not None and self.latest.is_stable(tolerance):
+            return self.latest
+        if self._seen > wanted.patience * rate:
+            raise CalibrationError(self._why_not())
+        return None
+
+    @property
+    def duration(self) -> float:
+        """For how long the load has been read, s; no longer than is wanted."""
+        return min(len(self._counts), self._least) / self._load_cell.sample_rate
+
+    def _why_not(self) -> str:
+        wanted = self._steadiness
+        if self._gaps:
+            return (
+                f'samples were lost {self._gaps} times in {wanted.patience:g} s; check the cable '
+                'of the load cell and the load on the machine'
+            )
+        assert self.latest is not None
+        per_gram = abs(self._load_cell.counts_per_kg) / GRAMS
+        return (
+            f'the load did not come to rest within {wanted.patience:g} s: the halves of '
+            f'{wanted.duration:g} s differ by {self.latest.drift / per_gram:.3f} g, its mean is '
+            f'known to {self.latest.std_error / per_gram:.3f} g, and both must be within '
+            f'{GRAMS * wanted.tolerance:g} g; check for wind, vibration and what touches the belt'
+        )
 
 
 @dataclass(frozen=True, slots=True)

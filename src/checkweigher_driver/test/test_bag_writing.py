@@ -15,11 +15,12 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 import yaml
 
-from checkweigher_driver.bag_file import OutputError, check_output
+from checkweigher_driver.bag_file import check_output
 from checkweigher_driver.bag_messages import INPUT_TOPICS, typestore
 from checkweigher_driver.bag_reading import read_bag
 from checkweigher_driver.bag_writing import BagWriter, write_bag
 from checkweigher_driver.simulation import Simulation, SimulationParameters
+from checkweigher_driver.whole_file import OutputError
 
 
 def _files(folder):

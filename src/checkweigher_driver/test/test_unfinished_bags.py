@@ -8,7 +8,7 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from checkweigher_driver.bag_file import BagFile, OutputError
+from checkweigher_driver.bag_file import BagFile
 from checkweigher_driver.bag_messages import (
     HEADER,
     INPUT_TOPICS,
@@ -21,6 +21,7 @@ from checkweigher_driver.bag_messages import (
 from checkweigher_driver.bag_reading import read_bag
 from checkweigher_driver.bag_recovery import recover_bag
 from checkweigher_driver.bag_writing import write_bag
+from checkweigher_driver.whole_file import OutputError
 
 DIAGNOSTICS = OUTPUT_TOPICS[-1]
 FLUSHED = 10  # messages at a time

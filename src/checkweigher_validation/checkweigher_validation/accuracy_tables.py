@@ -7,6 +7,7 @@ import json
 import math
 from pathlib import Path
 
+from checkweigher_driver.whole_file import write_whole
 from checkweigher_validation.accuracy import (
     ConditionResult,
     Evaluation,
@@ -16,7 +17,6 @@ from checkweigher_validation.accuracy import (
 )
 from checkweigher_validation.accuracy_classes import AccuracyClass, judge
 from checkweigher_validation.paper_table import PAPER_MASSES, PAPER_SPEEDS, paper_index
-from checkweigher_validation.whole_file import write_whole
 
 GRAMS = 1000.0  # in a kilogram
 METRES_PER_MINUTE = 60.0  # in a metre per second

@@ -9,7 +9,7 @@ import stat
 
 import pytest
 
-from checkweigher_driver.bag_file import OutputError
+from checkweigher_driver.whole_file import OutputError, write_whole
 from checkweigher_validation.accuracy import Evaluation
 from checkweigher_validation.accuracy_tables import (
     CSV_COLUMNS,
@@ -19,7 +19,6 @@ from checkweigher_validation.accuracy_tables import (
     write_csv,
     write_json,
 )
-from checkweigher_validation.whole_file import write_whole
 
 
 def rows_of(evaluation):

@@ -57,14 +57,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Guide through the masses and write the file."""
-    from checkweigher_bringup.calibrating import Steadiness, guided_points
-    from checkweigher_bringup.calibration_file import (
+    from checkweigher_bringup.calibrating import guided_points
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_bringup.settings import check_positive
+    from checkweigher_driver.calibration_file import (
         calibration_table,
         check_calibration_file,
         write_version,
     )
-    from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.settings import check_positive
+    from checkweigher_driver.static_calibration import Steadiness
 
     masses = [0.001 * mass for mass in arguments.masses or ()]
     for option, values in (
@@ -119,7 +120,7 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
         return line_feed(check_namespace(arguments.namespace))
     values: dict[str, object] = {}
     if arguments.params is not None:
-        from checkweigher_bringup.calibration_file import source_values
+        from checkweigher_driver.calibration_file import source_values
 
         values = source_values(arguments.params, arguments.source)
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))

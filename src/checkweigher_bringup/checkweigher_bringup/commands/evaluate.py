@@ -65,11 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.evaluation import evaluate_bags, evaluate_simulation
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_positive
+    from checkweigher_driver.whole_file import write_whole
     from checkweigher_dsp.prepackages import limits
     from checkweigher_validation.accuracy_classes import AccuracyClass
     from checkweigher_validation.accuracy_tables import text_table, write_csv, write_json
     from checkweigher_validation.tuning.parameter_file import parameter_file
-    from checkweigher_validation.whole_file import write_whole
 
     if bool(arguments.bags) == bool(arguments.protocol):
         raise UserError('name bags, or --protocol paper to simulate')

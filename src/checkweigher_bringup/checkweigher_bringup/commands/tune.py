@@ -38,11 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
     from checkweigher_bringup.training import ProgressBars, read_passes
+    from checkweigher_driver.whole_file import write_whole
     from checkweigher_validation.passes import group_by_speed
     from checkweigher_validation.tuning.parameter_file import parameter_file
     from checkweigher_validation.tuning.search import BUDGET
     from checkweigher_validation.tuning.tuner import tune
-    from checkweigher_validation.whole_file import write_whole
 
     estimators = estimator_names(arguments.estimator, ('iswd_eksi',))
     check_positive('--budget', arguments.budget)

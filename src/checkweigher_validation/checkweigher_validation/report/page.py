@@ -8,13 +8,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from checkweigher_driver.whole_file import write_whole
 from checkweigher_dsp import prepackages
 from checkweigher_validation.accuracy import Evaluation, Example
 from checkweigher_validation.accuracy_classes import AccuracyClass
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import house_style, to_inline_svg
 from checkweigher_validation.report.palette import looks_of
-from checkweigher_validation.whole_file import write_whole
 
 _TEMPLATE = 'report.html.j2'
 

@@ -9,22 +9,24 @@ import re
 import sysconfig
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from ament_index_python import get_packages_with_prefixes
 import yaml
 
-from checkweigher_bringup.errors import UserError
-from checkweigher_driver.bag_file import check_folder_of, output_error
-from checkweigher_driver.static_calibration import CalibrationPoint, StaticCalibration
+from checkweigher_driver.static_calibration import (
+    GRAMS,
+    CalibrationError,
+    CalibrationPoint,
+    StaticCalibration,
+)
+from checkweigher_driver.whole_file import check_folder_of, output_error, write_whole
 from checkweigher_dsp.parameters import flatten
-from checkweigher_validation.results import GRAMS
-from checkweigher_validation.whole_file import write_whole
 
-_FIRST_LINE = '# Made by checkweigher calibrate, version '
+_FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
 _DRIVER = '/**/driver'
 
 
 def check_calibration_file(path: Path) -> None:
-    """Raise UserError or OutputError if a calibration cannot be written: before the work.
+    """Raise CalibrationError or OutputError if a calibration cannot be written: before the work.
 
     Parameters
     ----------
@@ -34,34 +36,33 @@ def check_calibration_file(path: Path) -> None:
     """
     for tree in _installed():
         if any(each.is_relative_to(tree) for each in (path.absolute(), path.resolve())):
-            raise UserError(
+            raise CalibrationError(
                 f'{path}: lies in the installed packages in {tree}; the next installation would '
                 'replace it, choose a place of the machine, such as /etc/checkweigher'
             )
     if path.is_dir():
-        raise UserError(f'{path}: is a folder, not a file to write to')
+        raise CalibrationError(f'{path}: is a folder, not a file to write to')
     check_folder_of(path)
     if path.exists():
         read_version(path)
 
 
 def _installed() -> list[Path]:
-    trees = [Path(sysconfig.get_path('purelib')), Path('/opt/ros')]
-    with suppress(PackageNotFoundError):
-        trees.append(Path(get_package_prefix('checkweigher_bringup')))
+    packages = {Path(prefix) for prefix in get_packages_with_prefixes().values()}
+    trees = [Path(sysconfig.get_path('purelib')), Path('/opt/ros'), *packages]
     return [each for tree in trees for each in {tree.absolute(), tree.resolve()}]
 
 
 def read_version(path: Path) -> int:
-    """Return which version a calibration file is, or raise UserError if it is none."""
+    """Return which version a calibration file is, or raise CalibrationError if it is none."""
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f'{path}: cannot be read: {error}') from None
+        raise CalibrationError(f'{path}: cannot be read: {error}') from None
     found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
     if found is None:
-        raise UserError(
+        raise CalibrationError(
             f'{path}: exists already and is no calibration; choose another name for the calibration'
         )
     return int(found.group(1))
@@ -139,7 +140,7 @@ def write_version(
 
     Raises
     ------
-    UserError, OutputError
+    CalibrationError, OutputError
         If it cannot be written; what is there then stays.
     """
     check_calibration_file(path)
@@ -171,12 +172,12 @@ def _sections(path: Path | None) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise UserError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
+        raise CalibrationError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
     if not isinstance(content, dict) or not all(
         isinstance(section, dict) and isinstance(section.get('ros__parameters'), dict)
         for section in content.values()
     ):
-        raise UserError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
+        raise CalibrationError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
     return content
 
 

@@ -1,0 +1,62 @@
+"""Files that appear under their name whole or not at all, and why one cannot be written."""
+
+import os
+from pathlib import Path
+import tempfile
+
+
+class OutputError(ValueError):
+    """An output that cannot be written; one line that says which and why."""
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, in place of one that is there.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder must exist.
+    text : str
+        Line ends stay as they are.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; what was there before then stays.
+    """
+    try:
+        number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
+        try:
+            with open(number, 'w', encoding='utf-8', newline='') as file:
+                file.write(text)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
+        except BaseException:
+            os.unlink(name)
+            raise
+    except OSError as error:
+        raise output_error(path, error) from None
+
+
+def check_folder_of(path: Path) -> None:
+    """Check that something can be made or replaced beside what `path` names.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder that is to be written.
+
+    Raises
+    ------
+    OutputError
+        If its parent is not a folder that can be written to.
+    """
+    if not path.parent.is_dir():
+        raise OutputError(f'{path}: there is no folder {path.parent}; make it first')
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise OutputError(f'{path}: folder {path.parent} is read-only')
+
+
+def output_error(path: Path, error: OSError) -> OutputError:
+    """Return the one line for an error of the file system."""
+    return OutputError(f'{path}: cannot be written: {error.strerror or error}')
