@@ -4,7 +4,8 @@
 
 LINK is where the port appears. What it reads from its standard input, line by line, happens at
 once: `lose N` bytes, `corrupt` a byte, `junk N` bytes, `silence S` seconds, `stop` as by STP,
-`unplug`, `replug`, `identity TEXT`. It ends with its standard input.
+`unplug`, `replug`, `identity TEXT`, `level N` counts on the belt (signal slow). It ends with its
+standard input.
 
 What it answers follows the command list in docs/hardware.md, not the driver's code.
 """
@@ -88,6 +89,7 @@ class Device:
         self.sent = 0
         self.asked = False
         self.quiet_until = 0.0
+        self.level = 0
         self.lose = self.corrupt = 0
         self.junk = b''
         self.received = b''
@@ -101,7 +103,7 @@ class Device:
         numbers = np.arange(first, end)
         if self.recorded is not None:
             return self.recorded[first:end].astype(np.int64)
-        return ramp(numbers) if self.options.signal == 'ramp' else slow(numbers)
+        return ramp(numbers) if self.options.signal == 'ramp' else slow(numbers) + self.level
 
     def frame(self, count: int) -> bytes:
         if self.options.protocol == 'ascii':
@@ -202,6 +204,8 @@ class Device:
             self.port.unplug()
         elif word == 'replug':
             self.port.plug_in()
+        elif word == 'level':
+            self.level = int(value)
         elif word == 'identity':
             self.identity = value
         else:

@@ -11,6 +11,7 @@ from running import ROOT
 import yaml
 
 from checkweigher_bringup.cli import COMMANDS
+from checkweigher_driver.calibration_session import CalibrationParameters
 from checkweigher_driver.driver_parameters import DriverParameters
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
 from checkweigher_driver.line_io.modbus import ModbusOutputParameters
@@ -43,6 +44,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{
         f'driver, {title}': (f'{parameters.node}.', parameters)
         for title, parameters in (
+            ('calibration', CalibrationParameters),
             ('rejector', OutputParameters),
             ('outputs modbus', ModbusOutputParameters),
             ('outputs gpio', GpioOutputParameters),

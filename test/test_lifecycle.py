@@ -230,8 +230,8 @@ def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
     found: list[Verdict] = []
     judge_until(verdicts, found, Verdict.ACCEPT)
     assert manager.change(DEACTIVATE)
-    begin = driver._edges_sent
-    wait_for(lambda: driver._edges_sent >= begin + 12)  # three items that nobody judges
+    begin = driver._memory.edges_sent
+    wait_for(lambda: driver._memory.edges_sent >= begin + 12)  # three items that nobody judges
     assert manager.change(ACTIVATE)
     judge_until(verdicts, found, Verdict.FAULT)
     judge_until(verdicts, found, Verdict.ACCEPT)

@@ -12,6 +12,7 @@ from typing import Any
 from ament_index_python import get_packages_with_prefixes
 import yaml
 
+from checkweigher_driver.sources import source_class
 from checkweigher_driver.static_calibration import (
     GRAMS,
     CalibrationError,
@@ -189,3 +190,30 @@ def source_values(path: Path, source: str) -> dict[str, object]:
             found.update(flatten(section['ros__parameters']))
     prefix = f'{source}.'
     return {name[len(prefix) :]: found[name] for name in found if name.startswith(prefix)}
+
+
+def check_calibrated_source(source: str) -> None:
+    """Raise CalibrationError if a source has no calibration of its own, such as a bag."""
+    if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
+        raise CalibrationError(f'source {source}: has its calibration in its data')
+
+
+def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
+    """Return counts_per_kg and zero_counts of a source, None while there is no file.
+
+    Raises
+    ------
+    CalibrationError
+        If the file is no calibration of this source.
+    """
+    if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
+        return None
+    read_version(path)
+    values = source_values(path, source)
+    found = []
+    for name in ('counts_per_kg', 'zero_counts'):
+        value = values.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise CalibrationError(f'{path}: {source}.{name} is {value}, must be a number')
+        found.append(float(value))
+    return found[0], found[1]

@@ -1,6 +1,5 @@
 """The driver node: publishes what a source of samples and photo-eye edges delivers."""
 
-from collections import deque
 from collections.abc import Iterable, Sequence
 import math
 import threading
@@ -13,6 +12,8 @@ from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from checkweigher_driver.block_cutting import cut_at_edges, join
+from checkweigher_driver.calibration_services import CalibrationServices
+from checkweigher_driver.calibration_session import CalibrationParameters
 from checkweigher_driver.driver_health import DriverWatch
 from checkweigher_driver.driver_parameters import DriverParameters
 from checkweigher_driver.line_io import prepare_outputs
@@ -20,6 +21,7 @@ from checkweigher_driver.line_outputs import LineOutputs
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import Source, source_maker
+from checkweigher_driver.stream_memory import StreamMemory
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.connections import has_matched_all
@@ -38,19 +40,14 @@ from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import (
     EyeEdge,
-    LineHistory,
     Reference,
     SampleBlock,
     StopReason,
-    Verdict,
 )
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
 _LOOK_PERIOD = 0.05  # s, in which trouble of the machine is told at the latest
 _END_PATIENCE = 2.0  # s, for the last read of a source
-# What line_history has to tell: 20 s and more at five items a second.
-_MAX_EDGES = 400
-_MAX_VERDICTS = 200
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
@@ -70,6 +67,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         try:
             self._make_source = source_maker(self.parameters.source, self.parameters.eyes, read)
             open_outputs = prepare_outputs(self.parameters.outputs, read)
+            calibration = declare(self, CalibrationParameters, 'calibration.', read_only=True)
         except ParameterError:
             self.destroy_node()
             raise
@@ -92,6 +90,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
         if self._outputs.exist:
             self.create_service(Trigger, topics.RESET_OUTPUTS, self._reset_outputs)
+        self._calibration = CalibrationServices(
+            self, calibration, self.parameters.source, lambda: self._memory, self._stream_anew
+        )
         self._look_timer = self.create_timer(_LOOK_PERIOD, self._look_after_machine)
         self._look_timer.cancel()
         self.begin()
@@ -102,18 +103,15 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def _begin_stream(self, number: int) -> None:
         self._stopping = False
         self._flow = FlowControl()
-        self._stream_number = number
+        self._memory = StreamMemory(number)
         self._answered = False
         self._failure = self._trouble = ''
         self._telling = False  # of trouble: while the stream is going on
-        self._edges_sent = 0
-        self._last_stamp = 0
-        self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
-        self._verdicts: deque[Verdict] = deque(maxlen=_MAX_VERDICTS)
 
     def configure(self) -> None:
         """Open the source."""
         try:
+            self._calibration.read()  # before anything is opened
             self._source = self._make_source()
         except ParameterError:
             raise
@@ -129,7 +127,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         assert self._source is not None
         with self._changed:
             self._begin_stream(time.time_ns())  # no other driver's number
-        load_cell = self._source.load_cell
+        load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
+        self._calibration.begin(load_cell)
         self.diagnostics.set_hardware(load_cell)
         self._watch.begin(load_cell, time.monotonic())
         self._outputs.hold(False)
@@ -142,6 +141,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def deactivate(self) -> None:
         """End the stream: what is on the belt becomes a fault, and the outputs are safe."""
         self._outputs.safe()
+        self._calibration.end()
         self._look_timer.cancel()
         if self._thread is not None and self._stop_reading():
             self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
@@ -186,7 +186,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_segmenter_status(self, message: Any) -> None:
         with self._changed:
-            if message.stream != self._stream_number:
+            if message.stream != self._memory.stream:
                 return
             if not self._answered:
                 self._answered = True
@@ -197,8 +197,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
         self._outputs.verdict(verdict)  # before all else: the rejector waits
+        self._memory.add_verdict(verdict)
         with self._changed:
-            self._verdicts.append(verdict)
             number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
             self._flow.items_judged = max(self._flow.items_judged, number)
             self._changed.notify_all()
@@ -234,15 +234,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_line_history(self, request: Any, response: Any) -> Any:
         """Tell what was sent and what verdicts came of it."""
-        with self._changed:
-            history = LineHistory(
-                stream=self._stream_number,
-                stamp=self._last_stamp,
-                first_edge=self._edges_sent - len(self._edges),
-                edges=tuple(self._edges),
-                verdicts=tuple(self._verdicts),
-            )
-        return fill_history(history, response)
+        return fill_history(self._memory.history(), response)
+
+    def _stream_anew(self) -> str:
+        """Begin a new stream, as what the load cell is has changed; return why that failed."""
+        self.trigger_deactivate()
+        self.trigger_activate()
+        return '' if self.state == 'active' else self._failure
 
     def _run(self) -> None:
         """Publish until the source ends, and say how it ended."""
@@ -370,15 +368,15 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _publish(self, event: Event) -> None:
         self._watch.add(time.monotonic(), event)
+        if not isinstance(event, Reference):
+            self._calibration.add(event)
         if isinstance(event, SampleBlock):
             self._flow.samples_sent += len(event.counts)
-            self._last_stamp = event.stamp
+            self._memory.stamp = event.stamp
             self._samples.publish(samples_to(event))
             self.count('blocks')
         elif isinstance(event, EyeEdge):
-            with self._changed:
-                self._edges.append(event)
-                self._edges_sent += 1
+            self._memory.add_edge(event)
             self._outputs.edge(event)
             self._eyes.publish(edge_to(event))
             self.count('edges')
@@ -392,11 +390,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._telling &= state == StreamStatus.RUNNING
             self._status.publish(
                 StreamStatus(
-                    header=header_to(self._last_stamp),
-                    stream=self._stream_number,
+                    header=header_to(self._memory.stamp),
+                    stream=self._memory.stream,
                     state=state,
                     samples=self._flow.samples_sent,
-                    edges=self._edges_sent,
+                    edges=self._memory.edges_sent,
                     text=text,
                 )
             )

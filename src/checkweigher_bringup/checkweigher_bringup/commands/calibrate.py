@@ -108,14 +108,12 @@ def _calibration(points: 'list[CalibrationPoint]', load_cell: 'LoadCell') -> 'St
 
 def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]':
     """Return where the samples come from."""
-    from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.sample_feed import line_feed, source_feed
     from checkweigher_bringup.settings import check_namespace
+    from checkweigher_driver.calibration_file import check_calibrated_source
     from checkweigher_driver.sources import source_class
 
-    kind = source_class(arguments.source)
-    if not {'counts_per_kg', 'zero_counts'} <= set(kind.parameters.entries()):
-        raise UserError(f'--source {arguments.source}: has its calibration in its data')
+    check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))
     values: dict[str, object] = {}
@@ -123,4 +121,5 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
         from checkweigher_driver.calibration_file import source_values
 
         values = source_values(arguments.params, arguments.source)
+    kind = source_class(arguments.source)
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))

@@ -73,6 +73,11 @@ SEGMENTER_STATUS = _topic('segmenter/status', StreamStatus, _kept(1))
 # Of type std_srvs/srv/Trigger.
 RESET_STOP_REQUEST = 'reset_stop_request'
 RESET_OUTPUTS = 'reset_outputs'
+CALIBRATE_ZERO = 'calibrate_zero'
+CANCEL_CALIBRATION = 'cancel_calibration'
+# Of types of their own names.
+CALIBRATE_SPAN = 'calibrate_span'
+FINISH_CALIBRATION = 'finish_calibration'
 # Of type LineHistory.
 LINE_HISTORY = 'line_history'
 DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
