@@ -42,8 +42,11 @@ class LineOutputs:
         """What the line does not know yet or what still is wrong, in one line, else empty."""
         if self._outputs is None:
             return ''
-        missed = self._outputs.missed
-        return self._outputs.port_trouble or (missed if missed != self._shown else '')
+        missed, port = self._outputs.missed, self._outputs.port_trouble
+        if port:
+            # All of it, so that the request still shows what was missed when the port is back.
+            return f'{port}; {missed}' if missed else port
+        return missed if missed != self._shown else ''
 
     def open(self) -> None:
         """Open them, safe until `activate`."""

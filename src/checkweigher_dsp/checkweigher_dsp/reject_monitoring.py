@@ -77,8 +77,11 @@ class RejectMonitor:
     def hear_driver(self, trouble: str) -> None:
         """Take what the driver says is wrong with the machine, empty for nothing."""
         self.trouble = trouble
-        if trouble:
-            self._stop(StopReason.DRIVER_TROUBLE, 0, None, trouble)
+        if not trouble:
+            return
+        if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
+            self.request = None  # what is wrong by now, such as a product that was missed meanwhile
+        self._stop(StopReason.DRIVER_TROUBLE, 0, None, trouble)
 
     def advance(self, now: int) -> None:
         """Conclude what can be concluded at `now`, ns of the stamps."""

@@ -122,8 +122,9 @@ def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_somebody_rese
     assert monitor.request.hint.endswith(': the port is gone')
     monitor.reset()
     assert monitor.request is not None
+    monitor.hear_driver('the port is gone; item 1 was missed')
     monitor.hear_driver('')
-    assert monitor.request.text == 'the port is gone'
+    assert monitor.request.text == 'the port is gone; item 1 was missed'
     monitor.reset()
     assert monitor.request is None
 
