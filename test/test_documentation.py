@@ -11,6 +11,7 @@ from running import ROOT
 import yaml
 
 from checkweigher_bringup.cli import COMMANDS
+from checkweigher_bringup.dynamic_setting import DynamicSettingParameters
 from checkweigher_driver.calibration_session import CalibrationParameters
 from checkweigher_driver.driver_parameters import DriverParameters
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
@@ -34,6 +35,7 @@ INTERFACES = ROOT / 'docs/interfaces.md'
 SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{entry.name: ('', entry.type) for entry in fields(LineParameters)},
     'product': ('', ProductParameters),
+    'dynamic_setting, commissioning': ('', DynamicSettingParameters),
     'driver': ('', DriverParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
     **{

@@ -1,6 +1,7 @@
 """What `record` does: the messages of a lane, byte for byte as they come, into a bag."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import math
 from pathlib import Path
 import queue
@@ -92,8 +93,11 @@ def record(
     """
     recorded = INPUT_TOPICS if inputs_only else (*INPUT_TOPICS, *OUTPUT_TOPICS)
 
-    signal.signal(signal.SIGTERM, _interrupt)
-    with BagFile(path, recorded, namespace, in_place=True) as bag, spinning(namespace) as spinner:
+    with (
+        _signals_restored(),
+        BagFile(path, recorded, namespace, in_place=True) as bag,
+        spinning(namespace) as spinner,
+    ):
         known = None if reference is None else ReferencePasses(reference, passes)
         node = RecorderNode(tuple(t for t in recorded if not (known and t is REFERENCE_MASS)))
         spinner.add(node)
@@ -110,6 +114,18 @@ def record(
         count = bag.message_count
     print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))
     return 0
+
+
+@contextmanager
+def _signals_restored() -> Iterator[None]:
+    """Leave SIGINT and SIGTERM, in the end, to whoever had them before."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

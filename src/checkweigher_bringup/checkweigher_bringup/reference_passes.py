@@ -10,14 +10,16 @@ from rclpy.serialization import serialize_message
 
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import reference_to, verdict_from
-from checkweigher_dsp.records import Decision, Reference
+from checkweigher_dsp.records import Decision, Reason, Reference
 from checkweigher_validation.results import GRAMS
 
 _TRAIL = 1.0  # s, in which the last product leaves the belt
+# The window of such a pass is whole: it is what the training is to mend, or nothing to do with it.
+_OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 
 
 class ReferencePasses:
-    """Say of every item that was weighed what it weighs.
+    """Say of every item that passed as a whole what it weighs.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ class ReferencePasses:
     Attributes
     ----------
     count : int
-        Passes up to now; those that could not be weighed do not count and get no mass.
+        Passes up to now; those of which there is no whole window do not count and get no mass.
     """
 
     def __init__(self, mass: float, wanted: int | None) -> None:
@@ -55,17 +57,20 @@ class ReferencePasses:
             verdict = verdict_from(message)
             if self._wanted is not None and self.count >= self._wanted:
                 return
-            if verdict.decision == Decision.FAULT or verdict.t1 is None:
+            fault = verdict.decision == Decision.FAULT and not _OF_USE.issuperset(verdict.reasons)
+            if fault or verdict.t1 is None:
                 self._news.put(f'a pass that was not weighed: {", ".join(verdict.reasons)}')
                 return
             put(serialize_message(reference_to(Reference(verdict.t1, self._mass))))
             self.count += 1
             self._last = time.monotonic()
             of = '' if self._wanted is None else f' of {self._wanted}'
-            self._news.put(
-                f'pass {self.count}{of}: {GRAMS * verdict.mass:.3f} g, '
-                f'{GRAMS * (verdict.mass - self._mass):+.3f} g'
+            found = (
+                f'{GRAMS * verdict.mass:.3f} g, {GRAMS * (verdict.mass - self._mass):+.3f} g'
+                if verdict.mass == verdict.mass
+                else f'no mass yet: {", ".join(verdict.reasons)}'
             )
+            self._news.put(f'pass {self.count}{of}: {found}')
 
         node.create_subscription(
             topics.VERDICT.type, topics.VERDICT.name, hear, topics.VERDICT.stage_qos

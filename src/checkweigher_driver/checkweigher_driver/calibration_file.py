@@ -146,19 +146,38 @@ def write_version(
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
-    version = max([old or 0, *_kept_versions(path)]) + 1
     sections = _sections(base if base is not None else path if old else None)
+    version = max([old or 0, *_kept_versions(path)]) + 1
     text = calibration_text(version, source, calibration, points, sections)
     if old is not None:
-        kept = path.with_name(f'{path.stem}.v{old}{path.suffix}')
-        try:
-            # It is there if an attempt before this one broke off here.
-            with suppress(FileExistsError):
-                os.link(path, kept)
-        except OSError as error:
-            raise output_error(kept, error) from None
+        _keep(path, old)
     write_whole(path, text)
     return version
+
+
+def keep_version(path: Path) -> int:
+    """Keep a file, if it is there, as ``NAME.vN.yaml``, and return the number of the next one.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be kept.
+    """
+    version = max([0, *_kept_versions(path)]) + 1
+    if not path.exists():
+        return version
+    _keep(path, version)
+    return version + 1
+
+
+def _keep(path: Path, version: int) -> None:
+    kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
+    try:
+        # It is there if an attempt before this one broke off here.
+        with suppress(FileExistsError):
+            os.link(path, kept)
+    except OSError as error:
+        raise output_error(kept, error) from None
 
 
 def _kept_versions(path: Path) -> list[int]:

@@ -21,7 +21,7 @@ from checkweigher_dsp.rejection import RejectStage
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
-_OTHER_NODES = ('product', 'driver')
+_OTHER_NODES = ('product', 'driver', 'dynamic_setting')
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ All names are relative, so that a namespace makes a lane.
 from dataclasses import dataclass
 
 from checkweigher_msgs.msg import (
+    DynamicSetting,
     LoadCellInfo,
     LoadCellSamples,
     MassEstimate,
@@ -81,6 +82,10 @@ FINISH_CALIBRATION = 'finish_calibration'
 # Of type LineHistory.
 LINE_HISTORY = 'line_history'
 DIAGNOSTICS = _topic('/diagnostics', DiagnosticArray, _reliable(10))
+
+# Of the node dynamic_setting, which is no part of the line.
+DYNAMIC_SETTING = _topic('dynamic_setting', DynamicSetting, _kept(1))
+RECORD_PASSES, TUNE_PASSES, CANCEL_PASSES = 'record_passes', 'tune_passes', 'cancel_passes'
 
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,

@@ -1,0 +1,260 @@
+"""A node for commissioning: passes of products of known mass at each belt speed, then training.
+
+What it begins runs in processes of their own, the commands `record` and `tune`: training takes
+minutes of both cores, and the line must not wait for it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+import os
+from pathlib import Path
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from typing import Any, ClassVar
+
+from checkweigher_msgs.msg import DynamicSetting
+from checkweigher_msgs.srv import RecordPasses
+from std_srvs.srv import Trigger
+
+from checkweigher_driver.calibration_file import keep_version
+from checkweigher_dsp.estimators import ESTIMATORS
+from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_validation.results import GRAMS
+
+_POLL_PERIOD = 0.1  # s
+_END_PATIENCE = 20.0  # s, for a child to complete its bag
+_LESS_URGENT = 10  # than the line; nice
+
+
+@dataclass(frozen=True)
+class DynamicSettingParameters(Parameters):
+    """Where what is recorded and learned goes, and what is trained."""
+
+    node: ClassVar[str] = 'dynamic_setting'
+
+    folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
+    estimator: str = parameter(
+        'iswd_eksi', 'what is trained, and selected by machine.yaml', choices=tuple(ESTIMATORS)
+    )
+    budget: int = parameter(240, 'evaluations at each speed', minimum=1, maximum=1_000_000)
+    parameters: str = parameter(
+        '', 'parameter file of everything that is not trained; empty for the defaults'
+    )
+
+
+class DynamicSettingNode(StageNode[DynamicSettingParameters]):
+    """Record passes and train on them, one after the other, each in a process of its own."""
+
+    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
+        self._folder = Path(self.parameters.folder)
+        if not self.parameters.folder or not self._folder.is_dir():
+            folder = self.parameters.folder
+            self.destroy_node()
+            raise ParameterError(
+                f'dynamic_setting.folder: {folder!r} is no folder; make it, and name it there'
+            )
+        self._child: subprocess.Popen[bytes] | None = None
+        self._recording: Path | None = None
+        self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')
+        self._cancelled = False
+        self._said = self._new_state(DynamicSetting.IDLE, '')
+        self._publisher = self.create_publisher(
+            topics.DYNAMIC_SETTING.type, topics.DYNAMIC_SETTING.name, topics.DYNAMIC_SETTING.qos
+        )
+        self.create_service(RecordPasses, topics.RECORD_PASSES, self._on_record)
+        self.create_service(Trigger, topics.TUNE_PASSES, self._on_tune)
+        self.create_service(Trigger, topics.CANCEL_PASSES, self._on_cancel)
+        self.create_timer(_POLL_PERIOD, self._poll)
+        self._publish()
+
+    @property
+    def _file(self) -> Path:
+        return self._folder / 'machine.yaml'
+
+    @property
+    def _output(self) -> Path:
+        return Path(self._scratch.name, 'output')
+
+    @property
+    def _errors(self) -> Path:
+        return Path(self._scratch.name, 'errors')
+
+    def _bags(self) -> list[Path]:
+        """Return what is recorded, in the order of recording."""
+        found = ((_number(path), path) for path in self._folder.glob('passes_*'))
+        return [path for number, path in sorted(found) if number and path != self._recording]
+
+    def _new_state(self, state: int, text: str) -> DynamicSetting:
+        return DynamicSetting(
+            state=state,
+            text=text,
+            mass=math.nan,
+            bags=[str(bag) for bag in self._bags()],
+            file=str(self._file) if self._file.exists() else '',
+        )
+
+    def _publish(self) -> None:
+        self._said.header.stamp = self.get_clock().now().to_msg()
+        self._publisher.publish(self._said)
+
+    def _tell(self, state: int, text: str) -> None:
+        self._said = self._new_state(state, text)
+        self._publish()
+
+    # What is asked for
+
+    def _on_record(
+        self, request: RecordPasses.Request, response: RecordPasses.Response
+    ) -> RecordPasses.Response:
+        if self._child is not None:
+            response.message = f'busy: {self._said.text}; wait, or call {topics.CANCEL_PASSES}'
+        elif not (math.isfinite(request.mass) and request.mass > 0 and request.passes > 0):
+            response.message = (
+                f'mass {request.mass:g} kg, passes {request.passes}: both must be above 0'
+            )
+        else:
+            numbers = [_number(path) for path in self._folder.glob('passes_*')]
+            self._recording = self._folder / f'passes_{max([0, *numbers]) + 1}'
+            grams = f'{GRAMS * request.mass:.6f}'
+            self._begin(
+                'record', '--output', self._recording, '--inputs-only', '--reference', grams,
+                '--passes', request.passes, '--namespace', self.get_namespace().strip('/'),
+            )  # fmt: skip
+            self._tell(DynamicSetting.RECORDING, 'waiting for the first pass')
+            self._said.mass, self._said.wanted = float(request.mass), int(request.passes)
+            self._publish()
+            response.success, response.bag = True, str(self._recording)
+        return response
+
+    def _on_tune(self, request: Any, response: Any) -> Any:
+        bags = self._bags()
+        if self._child is not None:
+            response.message = f'busy: {self._said.text}; wait, or call {topics.CANCEL_PASSES}'
+        elif not bags:
+            response.message = f'{self._folder}: no passes; call {topics.RECORD_PASSES} first'
+        else:
+            known = self.parameters
+            base = ('--params', known.parameters) if known.parameters else ()
+            self._begin(
+                'tune', *bags, '--output', self._learned, '--overwrite', '--estimator',
+                known.estimator, '--budget', known.budget, *base,
+            )  # fmt: skip
+            self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
+            response.success = True
+            response.message = f'begun; {topics.DYNAMIC_SETTING.name} tells when it is done'
+        return response
+
+    def _on_cancel(self, request: Any, response: Any) -> Any:
+        """End what is under way; passes that were recorded are kept."""
+        response.success = True
+        response.message = 'nothing is under way'
+        if self._child is not None:
+            self._cancelled = True
+            self._child.send_signal(signal.SIGINT)
+            response.message = 'it ends; passes that were weighed are kept'
+        return response
+
+    @property
+    def _learned(self) -> Path:
+        """What `tune` writes, before it is the newest version."""
+        return self._folder / 'machine.new.yaml'
+
+    # What is under way
+
+    def _begin(self, *words: object) -> None:
+        self._cancelled = False
+        with self._output.open('w') as output, self._errors.open('w') as errors:
+            self._child = subprocess.Popen(
+                [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)],
+                stdin=subprocess.DEVNULL, stdout=output, stderr=errors,
+                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                process_group=0,  # signals of the terminal reach this node alone, which ends it
+            )  # fmt: skip
+        if words[0] == 'tune':
+            os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
+
+    def _poll(self) -> None:
+        """Tell of passes that have come, and of the end."""
+        if self._child is None:
+            return
+        status = self._child.poll()
+        if self._said.state == DynamicSetting.RECORDING:
+            self._look_for_passes()
+        if status is not None:
+            self._end(status)
+
+    def _look_for_passes(self) -> None:
+        lines = _lines(self._output)
+        if lines and lines[-1] != self._said.text:
+            self._said.text = lines[-1]
+            self._said.passes = sum(line.startswith('pass ') for line in lines)
+            self._publish()
+
+    def _end(self, status: int) -> None:
+        """Take what a child has left."""
+        errors, passes = _lines(self._errors), int(self._said.passes)
+        was, wanted, mass = self._said.state, int(self._said.wanted), self._said.mass
+        self._child, bag, self._recording = None, self._recording, None
+        if was == DynamicSetting.RECORDING and bag is not None and not passes:
+            shutil.rmtree(bag, ignore_errors=True)  # it was made for this, and nothing is in it
+        if status and not self._cancelled:
+            self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
+        elif was == DynamicSetting.RECORDING:
+            self._tell(
+                DynamicSetting.IDLE, f'{passes} of {wanted} passes of {GRAMS * mass:g} g recorded'
+            )
+            self._said.passes, self._said.wanted, self._said.mass = passes, wanted, mass
+            self._publish()
+        elif self._cancelled:
+            self._tell(DynamicSetting.IDLE, 'training cancelled')
+        else:
+            version = keep_version(self._file)
+            os.replace(self._learned, self._file)
+            self._tell(DynamicSetting.IDLE, f'learned; the line takes {self._file} as its '
+                       f'parameters, version {version}')  # fmt: skip
+        if self._said.state == DynamicSetting.FAILED:
+            self.warn(self._said.text)
+        else:
+            self.get_logger().info(self._said.text)
+
+    def destroy_node(self) -> None:
+        """End what is under way as well."""
+        child = getattr(self, '_child', None)
+        if child is not None:
+            child.send_signal(signal.SIGINT)
+            try:
+                child.wait(_END_PATIENCE)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        if hasattr(self, '_scratch'):
+            self._scratch.cleanup()
+        super().destroy_node()
+
+
+def _number(path: Path) -> int:
+    """Return the number of a bag of passes, 0 of what is none."""
+    found = re.fullmatch(r'passes_(\d+)', path.name)
+    return int(found.group(1)) if found else 0
+
+
+def _lines(file: Path) -> list[str]:
+    text = file.read_text(encoding='utf-8', errors='replace')
+    return [line.strip() for line in text.splitlines() if line.strip()]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the node."""
+    run(DynamicSettingNode, arguments)
+
+
+if __name__ == '__main__':
+    main()
