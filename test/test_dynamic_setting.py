@@ -15,6 +15,7 @@ import pytest
 from rclpy.node import Node
 import running  # noqa: F401  sets the domain
 from std_srvs.srv import Trigger
+from test_calibrate import Dialogue
 from test_nodes import wait_for
 
 from checkweigher_bringup.dynamic_setting import DynamicSettingNode
@@ -22,8 +23,11 @@ from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.bag_writing import write_bag
 from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.parameters import ParameterError
+
+Rows = Callable[..., list[dict[str, str]]]
 
 MASS, PASSES = 0.1645, 12
 LINE = {
@@ -73,9 +77,12 @@ class Technician:
         return heard
 
 
-@pytest.mark.parametrize('estimator', ['tvlpf', pytest.param('iswd_eksi', marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    ('estimator', 'speeds'),
+    [('tvlpf', (1.5,)), pytest.param('iswd_eksi', (1.0, 1.5), marks=pytest.mark.soak)],
+)
 def test_passes_at_each_speed_make_parameters_that_weigh_better(
-    rows: Callable[..., list[dict[str, str]]], tmp_path: Path, estimator: str
+    rows: Rows, tmp_path: Path, estimator: str, speeds: tuple[float, ...]
 ):
     folder = tmp_path / 'setting'
     folder.mkdir()
@@ -84,7 +91,7 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
         spinner.add(DynamicSettingNode(parameters))
         technician = Technician(spinner)
         assert 'no passes' in technician.call(Trigger, topics.TUNE_PASSES).message
-        for speed in (1.0, 1.5):
+        for speed in speeds:
             with line(spinner, speed):
                 asked = {'mass': MASS, 'passes': PASSES}
                 begun = technician.call(RecordPasses, topics.RECORD_PASSES, **asked)
@@ -93,12 +100,12 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
                 assert again.message.startswith('busy')
                 heard = technician.wait(lambda said: said.passes == PASSES and not said.state)
                 assert max(said.passes for said in heard) == PASSES
-        assert [Path(bag).name for bag in heard[-1].bags] == ['passes_1', 'passes_2']
+        assert [Path(bag).name for bag in heard[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
         assert technician.call(Trigger, topics.TUNE_PASSES).success
         learned = technician.wait(lambda said: said.file != '')[-1]
     assert learned.file == str(folder / 'machine.yaml')
 
-    for speed in (1.0, 1.5):  # other passes of other masses than those it was trained on
+    for speed in speeds:  # other passes of other masses than those it was trained on
         recording = simulated(
             profile='soft', masses=(0.1, 0.2), count=12, speed=speed, seed=int(10 * speed)
         )
@@ -135,3 +142,24 @@ def test_a_recording_that_is_cancelled_before_a_pass_leaves_nothing(tmp_path: Pa
 def test_a_folder_has_to_be_given():
     with spinning('without'), pytest.raises(ParameterError, match='is no folder'):
         DynamicSettingNode()
+
+
+def test_the_command_guides_through_the_speeds(tmp_path: Path):
+    output = tmp_path / 'machine.yaml'
+    with spinning('guided') as spinner:
+        dialogue = Dialogue(
+            '--dynamic', '--reference', 1e3 * MASS, '--passes', 4, '--speeds', 90, '--output',
+            output, '--namespace', 'guided', '--estimator', 'tvlpf', '--budget', 8,
+        )  # fmt: skip
+        assert 'Set the belt to 90 m/min' in dialogue.asked()
+        with line(spinner, 1.0):
+            dialogue.answer()
+            assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
+        with line(spinner, 1.5):
+            dialogue.answer()
+            status, printed, errors = dialogue.end()
+    assert status == 0, errors
+    assert 'the belt ran at 60' in printed
+    assert 'version 1 written' in printed
+    assert LineParameters.from_file(output).identifier.estimator == 'tvlpf'
+    assert not output.with_name('machine.new.yaml').exists()

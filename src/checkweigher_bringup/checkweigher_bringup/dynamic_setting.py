@@ -21,7 +21,8 @@ from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
-from checkweigher_driver.calibration_file import keep_version
+from checkweigher_driver.calibration_file import check_not_installed, keep_version
+from checkweigher_driver.static_calibration import CalibrationError
 from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.shell import StageNode, run
@@ -61,6 +62,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             raise ParameterError(
                 f'dynamic_setting.folder: {folder!r} is no folder; make it, and name it there'
             )
+        try:
+            check_not_installed(self._folder)
+        except CalibrationError as error:
+            self.destroy_node()
+            raise ParameterError(f'dynamic_setting.folder: {error}') from None
         self._child: subprocess.Popen[bytes] | None = None
         self._recording: Path | None = None
         self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')

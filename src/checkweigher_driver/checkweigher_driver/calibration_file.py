@@ -35,17 +35,22 @@ def check_calibration_file(path: Path) -> None:
         A file that is there has to be a calibration, which then is kept as an older version. A file
         in an installed package is refused: the next installation would replace it.
     """
+    check_not_installed(path)
+    if path.is_dir():
+        raise CalibrationError(f'{path}: is a folder, not a file to write to')
+    check_folder_of(path)
+    if path.exists():
+        read_version(path)
+
+
+def check_not_installed(path: Path) -> None:
+    """Raise CalibrationError if a path lies in an installed package."""
     for tree in _installed():
         if any(each.is_relative_to(tree) for each in (path.absolute(), path.resolve())):
             raise CalibrationError(
                 f'{path}: lies in the installed packages in {tree}; the next installation would '
                 'replace it, choose a place of the machine, such as /etc/checkweigher'
             )
-    if path.is_dir():
-        raise CalibrationError(f'{path}: is a folder, not a file to write to')
-    check_folder_of(path)
-    if path.exists():
-        read_version(path)
 
 
 def _installed() -> list[Path]:

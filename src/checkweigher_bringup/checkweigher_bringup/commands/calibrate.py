@@ -1,4 +1,4 @@
-"""Calibrate the load cell with known masses at rest."""
+"""Calibrate the load cell with known masses at rest, or the line with passes of a known mass."""
 
 import argparse
 from pathlib import Path
@@ -21,13 +21,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wanted.add_argument(
         '--zero', action='store_true', help='read the empty belt only, and keep the sensitivity'
     )
+    wanted.add_argument(
+        '--dynamic', action='store_true',
+        help='record passes of --reference at each of --speeds, and train on them',
+    )  # fmt: skip
     parser.add_argument(
         '--output', type=Path, required=True, metavar='FILE',
         help='parameter file; one that is there is kept as an older version',
     )  # fmt: skip
     parser.add_argument(
-        '--source', required=True, metavar='NAME',
-        help='source whose calibration it is, such as aed',
+        '--source', metavar='NAME',
+        help='source whose calibration it is, such as aed; not with --dynamic',
     )  # fmt: skip
     parser.add_argument(
         '--open', action='store_true',
@@ -53,10 +57,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--max-residual', type=float, metavar='G',
         help='write nothing if a mass is further off the line',
     )  # fmt: skip
+    dynamic = parser.add_argument_group('dynamic setting')
+    dynamic.add_argument('--reference', type=float, metavar='G', help='mass of all that passes')
+    dynamic.add_argument(
+        '--passes', type=int, metavar='N', default=60, help='at each speed; default 60'
+    )
+    dynamic.add_argument(
+        '--speeds',
+        type=float,
+        nargs='+',
+        metavar='M_PER_MIN',
+        help='belt speeds, in turn',
+    )
+    dynamic.add_argument(
+        '--bags', type=Path, metavar='DIR', help='folder for the bags; default OUTPUT_passes'
+    )
+    dynamic.add_argument('--estimator', metavar='NAME', default='iswd_eksi', help='what is trained')
+    dynamic.add_argument('--budget', type=int, metavar='N', help='as that of tune')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Guide through the masses and write the file."""
+    if arguments.dynamic:
+        from checkweigher_bringup.dynamic_guide import set_dynamically
+
+        return set_dynamically(arguments)
     from checkweigher_bringup.calibrating import guided_points
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_positive
@@ -67,6 +92,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from checkweigher_driver.static_calibration import Steadiness
 
+    if arguments.source is None:
+        raise UserError('--source: must name the source whose calibration it is, such as aed')
     masses = [0.001 * mass for mass in arguments.masses or ()]
     for option, values in (
         ('--masses', arguments.masses or ()),

@@ -1,0 +1,103 @@
+"""What `calibrate --dynamic` does: passes of a known mass at one belt speed after the other."""
+
+import argparse
+import os
+from pathlib import Path
+from statistics import median
+
+from checkweigher_bringup.calibrating import ask
+from checkweigher_bringup.commands import tune
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.recorder import record
+from checkweigher_bringup.settings import (
+    check_namespace,
+    check_positive,
+    estimator_names,
+    line_parameters,
+)
+from checkweigher_bringup.training import read_passes
+from checkweigher_driver.calibration_file import check_not_installed, keep_version
+from checkweigher_driver.whole_file import check_folder_of, output_error
+
+_SECONDS = 60.0  # in a minute
+_TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
+
+
+def set_dynamically(arguments: argparse.Namespace) -> int:
+    """Guide through the speeds, train, and write the parameter file; return the exit status.
+
+    Raises
+    ------
+    UserError
+        If an option is missing or cannot be, or passes are missing in the end.
+    """
+    _check(arguments)
+    output: Path = arguments.output
+    folder = arguments.bags or output.with_name(f'{output.stem}_passes')
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise output_error(folder, error) from None
+    bags = [_record_at(speed, folder, arguments) for speed in arguments.speeds]
+    new = output.with_name(f'{output.stem}.new{output.suffix}')
+    parser = argparse.ArgumentParser()
+    tune.add_arguments(parser)
+    words = [*bags, '--output', new, '--overwrite', '--estimator', arguments.estimator]
+    for option in ('budget', 'params'):
+        if (value := getattr(arguments, option)) is not None:
+            words += [f'--{option}', value]
+    tune.run(parser.parse_args([str(word) for word in words]))
+    version = keep_version(output)
+    os.replace(new, output)
+    print(f'{output}: version {version} written; start the line with it')
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse what cannot be before anything passes."""
+    for option in ('reference', 'speeds'):
+        if getattr(arguments, option) is None:
+            raise UserError(f'--{option}: must be given with --dynamic')
+    for option in ('reference', 'passes', 'budget'):
+        check_positive(f'--{option}', getattr(arguments, option))
+    for speed in arguments.speeds:
+        check_positive('--speeds', speed)
+    if arguments.source is not None or arguments.open:
+        raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
+    check_namespace(arguments.namespace)
+    estimator_names([arguments.estimator], ())
+    if arguments.output.is_dir():
+        raise UserError(f'{arguments.output}: is a folder, not a file to write to')
+    check_not_installed(arguments.output)
+    check_folder_of(arguments.output)
+
+
+def _record_at(speed: float, folder: Path, arguments: argparse.Namespace) -> Path:
+    """Record the passes at a speed in m/min, again where the belt had another; return the bag."""
+    while True:
+        ask(f'Set the belt to {speed:g} m/min, run the line')
+        bag = _free(folder, speed)
+        record(
+            bag, check_namespace(arguments.namespace), None, inputs_only=True,
+            reference=0.001 * arguments.reference, passes=arguments.passes,
+        )  # fmt: skip
+        base = line_parameters(arguments.params, None)
+        passes = [each for each in read_passes([bag], None, base.segmenter)[0] if each.whole]
+        if len(passes) < arguments.passes:
+            raise UserError(
+                f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; begin anew, '
+                'or tune on what there is'
+            )
+        found = _SECONDS * median(each.window.belt_speed for each in passes)
+        print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')
+        if abs(found / speed - 1) <= _TOLERANCE:
+            return bag
+        print(f'the belt ran at {found:.2f} m/min, not at {speed:g}: this bag is left out')
+
+
+def _free(folder: Path, speed: float) -> Path:
+    """Return a name for a bag that is not taken yet."""
+    number = 1
+    while (path := folder / f'{speed:g}_{number}').exists():
+        number += 1
+    return path
