@@ -1,6 +1,7 @@
-"""What must not change a mass: how samples were grouped into messages, and the gain of the cell."""
+"""What must not change a mass: how samples were grouped, the gain of the cell, its clock."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from lines import amplified, reblocked, simulated
@@ -12,6 +13,7 @@ from checkweigher_driver.recording import Recording
 Rows = Callable[..., list[dict[str, str]]]
 
 GAIN_TOLERANCE = 1e-9  # relative
+DRIFT = 1e-4  # of the clock of a load cell; of quartz
 
 
 @pytest.fixture
@@ -40,3 +42,19 @@ def test_the_gain_of_the_load_cell_changes_no_mass(
     for row, amplified_row in zip(weigh(line), weigh(amplified(line, gain)), strict=True):
         mass = float(row['mass_g'])
         assert float(amplified_row['mass_g']) == pytest.approx(mass, rel=GAIN_TOLERANCE)
+
+
+@pytest.mark.parametrize('drift', [DRIFT, -DRIFT])
+@pytest.mark.parametrize('speed', [1.0, 1.5])
+def test_a_clock_that_is_off_changes_no_mass_by_more_than_a_count(
+    weigh: Callable[[Recording], list[dict[str, str]]], speed: float, drift: float
+):
+    line = simulated(speed=speed, count=10)
+    begin, count = line.blocks[0].stamp, 1e3 / line.load_cell.counts_per_kg
+    stretched = Recording.from_events(
+        line.load_cell,
+        [replace(event, stamp=begin + round((event.stamp - begin) * (1 + drift)))
+         for event in line],
+    )  # fmt: skip
+    for row, other in zip(weigh(line), weigh(stretched), strict=True):
+        assert float(other['mass_g']) == pytest.approx(float(row['mass_g']), abs=count)

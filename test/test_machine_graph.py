@@ -34,6 +34,8 @@ from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, SampleBlock
 
 _MOST_MISSED = 20  # samples at the start of the port
 _PASS = 0.1  # s, less than any pass takes
+_SETTLED = 10.0  # s
+_OF_CLOCK = 0.1  # of a mass, by which it is off where the clock is off by 1 during the pass
 LIMITS = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 0.6}
 # However busy the machine is on which the test runs.
 PATIENT = {
@@ -109,7 +111,7 @@ def machine(folder: Path, bag: Path, recording: Recording, eyes: str) -> Iterato
         plc.kill()
 
 
-def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float], float]:
+def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float], float, float]:
     """Return the edges as they were read, on the time of the bag, and how far that is off.
 
     Each edge is put between the samples of the bag between which it was published.
@@ -119,8 +121,9 @@ def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float
     edges : list of EyeEdge
     errors : list of float
         Of their stamps against what the PLC played, ms.
-    drift : float
-        Largest relative error of the time between samples as far apart as in a pass.
+    drift, late_drift : float
+        Largest relative error of the time between samples as far apart as in a pass, in all, and
+        from 10 s after the first one on.
     """
     blocks, rate = line.blocks, recording.load_cell.sample_rate
     counts = np.concatenate([block.counts for block in recording.blocks])
@@ -148,11 +151,13 @@ def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float
         for edge in edges
     ]
     step = round(_PASS * rate / len(blocks[0].counts))
-    drift = max(
+    drifts = [
         abs((late.stamp - early.stamp) / ((late.first_index - early.first_index) * period) - 1)
         for early, late in zip(blocks, blocks[step:], strict=False)
-    )
-    return edges, errors, drift
+    ]
+    settled = [drift for drift, block in zip(drifts, blocks, strict=False)
+               if block.first_index > _SETTLED * rate]  # fmt: skip
+    return edges, errors, max(drifts), max(settled, default=math.nan)
 
 
 def weighed(recording: Recording, edges: Sequence[EyeEdge]) -> list[float]:
@@ -197,7 +202,7 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
         figures = source.figures()
         assert line.plc.state(RELEASE) is True
         late = check_rejects(line, verdicts)
-    edges, off, drift = seen_by(line, recording)
+    edges, off, drift, late_drift = seen_by(line, recording)
     # What remains when the edges are where the PLC was read is the clock of the samples.
     count_mass = 1 / cell.counts_per_kg
     masses, expected = [each.mass for each in verdicts], weighed(recording, edges)[:count]
@@ -215,12 +220,13 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
         f'{1e6 * max(map(abs, changed)):.2f} mg (median {1e6 * median(map(abs, changed)):.2f} mg) '
         f'with those of the bag, {within} within a count; '
         f'one count {1e6 * count_mass:.2f} mg, clock {1e6 * drift:.0f} ppm, '
+        f'after 10 s {1e6 * late_drift:.0f} ppm, '
         f'edges {min(off):+.2f} to {max(off):+.2f} ms; {len(late)} rejected, {min(late):.2f} to '
         f'{max(late):.2f} ms after their time; CPU {cpu / lasted:.1%}; {figures}'
     )
     assert figures['samples lost'] == 0
     for error, number in zip(errors, sound, strict=True):
-        assert abs(error) <= count_mass + 2 * drift * masses[number]
+        assert abs(error) <= count_mass + _OF_CLOCK * drift * masses[number]
     # A sample for the clock, which is fitted within the first seconds.
     doubt = figures.get('largest edge uncertainty ms', 0.0) + 1e3 / cell.sample_rate
     assert max(map(abs, off)) <= doubt

@@ -231,7 +231,7 @@ class WeighWindow:
     first_index : int
         Index of ``counts[0]`` since the source started.
     stamp : int
-        ns, time of ``counts[0]``.
+        ns, time of ``counts[0]``, at the nominal rate from that of the sample at ``window_begin``.
     empty_begin : int
         Position in ``counts`` of the first sample at which the item before had left the belt; at
         dense spacing it lies after t1, where the item is entering already.

@@ -313,7 +313,9 @@ class Segmenter:
             zero=zero.counts,
             zero_std_dev=zero.std_dev,
             first_index=first,
-            stamp=self._buffer.stamp_at(first),
+            # By that of t2: what the clock of the samples is off would show in the lead time.
+            stamp=self._buffer.stamp_at(begin)
+            - round((begin - first) * NANOSECONDS / self.load_cell.sample_rate),
             empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
