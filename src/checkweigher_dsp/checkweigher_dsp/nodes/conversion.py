@@ -1,5 +1,7 @@
 """Messages to records and back.
 
+Messages are made empty and then filled in: a message that is made of parts makes them all twice.
+
 Reading takes any object with the fields of the message, so that the same functions serve rclpy
 and readers of bags. Writing converts every field to the exact Python type: rclpy does not check,
 and a numpy scalar in a field aborts the process when the message is serialised.
@@ -52,16 +54,24 @@ def known_stamp_from(time: Any) -> int | None:
     return stamp_from(time) or None
 
 
-def time_to(stamp: int | None) -> Time:
-    """Return a stamp in ns as a time message, 0 if it is not known or fits into none."""
+def _set_time(time: Time, stamp: int | None) -> None:
+    """Write a stamp in ns, 0 if it is not known or fits into no time message."""
     sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
     # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
-    return Time(sec=sec, nanosec=nanosec) if -(2**31) <= sec < 2**31 else Time()
+    if -(2**31) <= sec < 2**31:
+        time.sec, time.nanosec = sec, nanosec
+
+
+def _set_header(header: Header, stamp: int | None, frame_id: str) -> None:
+    _set_time(header.stamp, stamp)
+    header.frame_id = frame_id
 
 
 def header_to(stamp: int | None, frame_id: str = '') -> Header:
     """Return a header with a stamp in ns."""
-    return Header(stamp=time_to(stamp), frame_id=frame_id)
+    header = Header()
+    _set_header(header, stamp, frame_id)
+    return header
 
 
 def load_cell_from(message: Any) -> LoadCell:
@@ -106,11 +116,11 @@ def samples_from(message: Any) -> SampleBlock:
 
 def samples_to(block: SampleBlock) -> messages.LoadCellSamples:
     """Return the LoadCellSamples of a block."""
-    return messages.LoadCellSamples(
-        header=header_to(block.stamp, 'load_cell'),
-        first_index=int(block.first_index),
-        counts=_array('i', block.counts),
-    )
+    message = messages.LoadCellSamples()
+    _set_header(message.header, block.stamp, 'load_cell')
+    message.first_index = int(block.first_index)
+    message.counts = _array('i', block.counts)
+    return message
 
 
 def edge_from(message: Any) -> EyeEdge:
@@ -120,11 +130,11 @@ def edge_from(message: Any) -> EyeEdge:
 
 def edge_to(edge: EyeEdge) -> messages.PhotoEyeEvent:
     """Return the PhotoEyeEvent of an edge."""
-    return messages.PhotoEyeEvent(
-        header=header_to(edge.stamp, edge.eye.name.lower()),
-        eye=int(edge.eye),
-        blocked=bool(edge.blocked),
-    )
+    message = messages.PhotoEyeEvent()
+    _set_header(message.header, edge.stamp, edge.eye.name.lower())
+    message.eye = int(edge.eye)
+    message.blocked = bool(edge.blocked)
+    return message
 
 
 def reference_from(message: Any) -> Reference:
@@ -158,22 +168,23 @@ def window_from(message: Any) -> WeighWindow:
 
 def window_to(window: WeighWindow) -> messages.WeighWindow:
     """Return the WeighWindow message of a window."""
-    return messages.WeighWindow(
-        header=header_to(window.t3, 'weigh_belt'),
-        item_id=int(window.item_id),
-        t1=time_to(window.t1),
-        t2=time_to(window.t2),
-        t3=time_to(window.t3),
-        first_index=int(window.first_index),
-        first_stamp=time_to(window.stamp),
-        empty_begin=int(window.empty_begin),
-        window_begin=int(window.window_begin),
-        window_end=int(window.window_end),
-        counts=_array('i', window.counts),
-        denoised=_array('d', window.denoised),
-        reasons=list(window.reasons),
-        **{name: float(getattr(window, name)) for name in _WINDOW_NUMBERS},
-    )
+    message = messages.WeighWindow()
+    _set_header(message.header, window.t3, 'weigh_belt')
+    message.item_id = int(window.item_id)
+    _set_time(message.t1, window.t1)
+    _set_time(message.t2, window.t2)
+    _set_time(message.t3, window.t3)
+    message.first_index = int(window.first_index)
+    _set_time(message.first_stamp, window.stamp)
+    message.empty_begin = int(window.empty_begin)
+    message.window_begin = int(window.window_begin)
+    message.window_end = int(window.window_end)
+    message.counts = _array('i', window.counts)
+    message.denoised = _array('d', window.denoised)
+    message.reasons = list(window.reasons)
+    for name in _WINDOW_NUMBERS:
+        setattr(message, name, float(getattr(window, name)))
+    return message
 
 
 def estimate_from(message: Any) -> MassEstimate:
@@ -198,18 +209,18 @@ def estimate_from(message: Any) -> MassEstimate:
 
 def estimate_to(estimate: MassEstimate) -> messages.MassEstimate:
     """Return the MassEstimate message of an estimate."""
-    message = messages.MassEstimate
-    return message(
-        header=header_to(estimate.t3, 'weigh_belt'),
-        item_id=int(estimate.item_id),
-        t1=time_to(estimate.t1),
-        t2=time_to(estimate.t2),
-        t3=time_to(estimate.t3),
-        status=message.WEIGHED if estimate.weighed else message.FAULT,
-        reasons=list(estimate.reasons),
-        estimator=estimate.estimator,
-        **{name: float(getattr(estimate, name)) for name in _ESTIMATE_NUMBERS},
-    )
+    message = messages.MassEstimate()
+    _set_header(message.header, estimate.t3, 'weigh_belt')
+    message.item_id = int(estimate.item_id)
+    _set_time(message.t1, estimate.t1)
+    _set_time(message.t2, estimate.t2)
+    _set_time(message.t3, estimate.t3)
+    message.status = message.WEIGHED if estimate.weighed else message.FAULT
+    message.reasons = list(estimate.reasons)
+    message.estimator = estimate.estimator
+    for name in _ESTIMATE_NUMBERS:
+        setattr(message, name, float(getattr(estimate, name)))
+    return message
 
 
 def verdict_from(message: Any) -> Verdict:
@@ -233,20 +244,20 @@ def verdict_from(message: Any) -> Verdict:
 
 def verdict_to(verdict: Verdict) -> messages.Verdict:
     """Return the Verdict message of a verdict."""
-    return messages.Verdict(
-        header=header_to(verdict.t3, 'weigh_belt'),
-        item_id=int(verdict.item_id),
-        decision=int(verdict.decision),
-        reasons=list(verdict.reasons),
-        mass=float(verdict.mass),
-        std_dev=float(verdict.std_dev),
-        lower_limit=float(verdict.lower_limit),
-        upper_limit=float(verdict.upper_limit),
-        reject_at=time_to(verdict.reject_at),
-        t1=time_to(verdict.t1),
-        estimate_id=int(verdict.estimate_id),
-        late=bool(verdict.late),
-    )
+    message = messages.Verdict()
+    _set_header(message.header, verdict.t3, 'weigh_belt')
+    message.item_id = int(verdict.item_id)
+    message.decision = int(verdict.decision)
+    message.reasons = list(verdict.reasons)
+    message.mass = float(verdict.mass)
+    message.std_dev = float(verdict.std_dev)
+    message.lower_limit = float(verdict.lower_limit)
+    message.upper_limit = float(verdict.upper_limit)
+    _set_time(message.reject_at, verdict.reject_at)
+    _set_time(message.t1, verdict.t1)
+    message.estimate_id = int(verdict.estimate_id)
+    message.late = bool(verdict.late)
+    return message
 
 
 def stop_request_to(request: StopRequest | None) -> messages.StopRequest:
