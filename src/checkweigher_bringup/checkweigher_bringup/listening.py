@@ -14,6 +14,7 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.line import Weighing
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import estimate_from, reference_from, verdict_from
+from checkweigher_dsp.nodes.delivery import current
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.records import MassEstimate, Reason, Reference, Verdict
 from checkweigher_validation.results import ItemResult, ResultJoiner
@@ -49,6 +50,7 @@ class ResultListener(Node):
         self.heard = time.monotonic()
         self.judged = 0
         self._from_start = from_start
+        self._delivery = current()
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
         self.listen(topics.MASS_ESTIMATE, self._on_estimate)
@@ -57,7 +59,10 @@ class ResultListener(Node):
     def listen(self, topic: Topic, callback: Any) -> None:
         """Subscribe to a topic of the lane."""
         qos = topic.qos if self._from_start else topic.stage_qos
-        self.create_subscription(topic.type, topic.name, callback, qos)
+        if self._delivery is not None:
+            self._delivery.subscribe(self, topic.type, topic.name, callback, qos)
+        else:
+            self.create_subscription(topic.type, topic.name, callback, qos)
 
     def _on_estimate(self, message: Any) -> None:
         estimate = estimate_from(message)

@@ -9,6 +9,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from checkweigher_dsp.nodes.delivery import Delivery, delivering
 from checkweigher_dsp.nodes.executor import make_executor
 
 _PATIENCE = 10.0  # s
@@ -16,10 +17,17 @@ _END_PATIENCE = 2.0  # s
 
 
 class Spinner:
-    """Spins nodes in a thread."""
+    """Spins nodes in a thread.
 
-    def __init__(self) -> None:
-        self._executor = make_executor()
+    Parameters
+    ----------
+    delivery : Delivery
+        Hands messages over between the nodes.
+    """
+
+    def __init__(self, delivery: Delivery) -> None:
+        self._delivery = delivery
+        self._executor = make_executor(delivery=delivery)
         self._nodes: list[Node] = []
         self._stopping = False
         self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
@@ -57,8 +65,9 @@ class Spinner:
         self._thread.join(timeout=_END_PATIENCE)
         if not self._thread.is_alive():
             self._executor.shutdown()
-        for node in reversed(self._nodes):
-            node.destroy_node()
+        with self._delivery.turn():  # a source may still be publishing
+            for node in reversed(self._nodes):
+                node.destroy_node()
 
     def _end(self) -> None:
         self._stopping = True
@@ -83,11 +92,12 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        spinner = Spinner()
-        try:
-            yield spinner
-        finally:
-            spinner.stop()
+        with delivering() as delivery:
+            spinner = Spinner(delivery)
+            try:
+                yield spinner
+            finally:
+                spinner.stop()
     finally:
         rclpy.try_shutdown()
 

@@ -1,7 +1,7 @@
 """An executor that keeps its wait set from one wait to the next."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 import inspect
 import math
@@ -14,7 +14,6 @@ from rclpy.executors import (
     ConditionReachedException,
     ExternalShutdownException,
     ShutdownException,
-    SingleThreadedExecutor,
     TimeoutException,
     TimeoutObject,
 )
@@ -26,7 +25,11 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.waitable import NumberOfEntities, Waitable
 
+from checkweigher_dsp.nodes.delivery import Delivery, is_handed_over, was_handed_over
+from checkweigher_dsp.nodes.executor import DeliveringExecutor
+
 _LOOK_PERIOD = 0.05  # s, in which services, clients and events are looked at under traffic
+_CLEAR_PERIOD = 1.0  # s, in which subscriptions are looked at of which all is handed over
 _LIVELY = 0.5  # s after a call in which the next one is expected
 _LONGEST_SWEEP = 0.02  # s of messages after which timers get their turn
 _ROUNDS = 4  # after which subscriptions without messages are asked again
@@ -38,7 +41,7 @@ T = TypeVar('T')
 Listed = tuple[Any, Any, Any]
 
 
-class CachedExecutor(SingleThreadedExecutor):
+class CachedExecutor(DeliveringExecutor):
     """A single-threaded executor that keeps its wait set from one wait to the next.
 
     That of rclpy collects all entities of all nodes anew before each wait, and waits twice for
@@ -49,10 +52,11 @@ class CachedExecutor(SingleThreadedExecutor):
     then done in the way of rclpy, so that it does what it does there.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, delivery: Delivery, **options: Any) -> None:
         self._stale = True
         self._in_use = ExitStack()
         self._subscriptions: list[Subscription] = []
+        self._seldom: list[Subscription] = []  # all of theirs is handed over
         self._timers: list[Timer] = []
         self._guards: list[GuardCondition] = []
         self._frequent: list[Listed] = []
@@ -64,8 +68,8 @@ class CachedExecutor(SingleThreadedExecutor):
         self._spinning = self._expecting = False
         self._frequent_set: Any = None
         self._whole_set: Any = None
-        self._looked = self._called = -math.inf  # s of the monotonic clock
-        super().__init__(**options)
+        self._looked = self._called = self._cleared = -math.inf  # s of the monotonic clock
+        super().__init__(delivery, **options)
 
     def add_node(self, node: Node) -> bool:
         """Serve one more node."""
@@ -81,6 +85,11 @@ class CachedExecutor(SingleThreadedExecutor):
         """Collect the entities anew: one was created or destroyed."""
         self._stale = True
         super().wake()
+
+    def nudge(self) -> None:
+        """Have a wait end, from any thread."""
+        if self._guard is not None:
+            self._guard.trigger()
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop for good. The thread that spins lets go of the entities, if there is one."""
@@ -135,11 +144,16 @@ class CachedExecutor(SingleThreadedExecutor):
     def _serve(self, end: float) -> bool:
         """Wait until `end`, s of the monotonic clock; return whether anything was done."""
         now = time.monotonic()
+        if self._seldom:
+            if now >= self._cleared + _CLEAR_PERIOD:
+                return self._clear_away()
+            end = min(end, self._cleared + _CLEAR_PERIOD)
         look = self._looked + _LOOK_PERIOD
         whole = now >= look or now < self._called + _LIVELY
         wait_set = self._wait_set(whole=whole)
         until = end if whole else min(end, look)
-        wait_set.wait(-1 if until == math.inf else max(0, round(1e9 * (until - now))))
+        with self._delivery.away():
+            wait_set.wait(-1 if until == math.inf else max(0, round(1e9 * (until - now))))
         if whole:
             self._looked = time.monotonic()
         if not self._context.ok():
@@ -156,6 +170,24 @@ class CachedExecutor(SingleThreadedExecutor):
             done |= self._do_the_rare()
         return done
 
+    def _clear_away(self) -> bool:
+        """Take what DDS has brought of what was handed over, and what came from outside with it."""
+        self._cleared = time.monotonic()
+        with self._delivery.away():
+            came = [each for each in self._leftovers() if not was_handed_over(each[0], each[2])]
+        for subscription, *arguments in came:
+            self._execute(subscription, subscription.callback, *arguments)
+        self._delivery.look()
+        return self._do_the_rare()
+
+    def _leftovers(self) -> Iterator[tuple[Subscription, Any, Any]]:
+        for subscription in self._seldom:
+            for _ in range(subscription.qos_profile.depth):
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                yield subscription, *taken
+
     def _collect(self) -> None:
         """List the entities of all nodes, and keep them from being destroyed while listed."""
         self._let_go()
@@ -164,10 +196,15 @@ class CachedExecutor(SingleThreadedExecutor):
         self._is_ordinary = not any(True for node in nodes for _ in node.guards)
         self._guards = self._held([self._guard, self._sigint_gc])
         for node in nodes:
-            self._waitables += self._held(node.waitables)
             subscriptions, timers = self._held(node.subscriptions), self._held(node.timers)
+            seldom = [each for each in subscriptions if is_handed_over(each)]
+            subscriptions = [each for each in subscriptions if each not in seldom]
+            self._seldom += seldom
             self._subscriptions += [each for each in subscriptions if _is_plain(each)]
             self._timers += [each for each in timers if _is_plain(each)]
+            # What waits there would end each wait for an event of the same subscription.
+            events = {event for each in seldom for event in each.event_handlers}
+            self._waitables += self._held(each for each in node.waitables if each not in events)
             for subscription in subscriptions:
                 self._list(WaitSet.add_subscription, subscription)
             for timer in timers:
@@ -203,6 +240,7 @@ class CachedExecutor(SingleThreadedExecutor):
         """Forget the entities: what was destroyed meanwhile goes now."""
         self._frequent_set = self._whole_set = None
         self._subscriptions, self._timers, self._waitables = [], [], []
+        self._seldom = []
         self._frequent, self._rare = [], []
         self._watched, self._guards = [], []
         self._in_use.close()
@@ -275,7 +313,8 @@ class CachedExecutor(SingleThreadedExecutor):
                 if taken is None:
                     continue
                 had.append(subscription)
-                self._execute(subscription, subscription.callback, taken[0])
+                arguments = taken[:1] if _takes_message_alone(subscription) else taken
+                self._execute(subscription, subscription.callback, *arguments)
                 if self._stale or self._is_shutdown:
                     return
             asked = had
@@ -297,12 +336,13 @@ def _never() -> bool:
 
 
 def _is_plain(entity: Subscription | Timer) -> bool:
-    """Tell whether the callback of an entity is a function, of a message alone if of one."""
-    if isinstance(entity, Subscription):
-        # rclpy has no other word for what a callback takes.
-        message_only = entity._callback_type is Subscription.CallbackType.MessageOnly
-        return message_only and not inspect.iscoroutinefunction(entity.callback)
+    """Tell whether the callback of an entity is a function."""
     return not inspect.iscoroutinefunction(entity.callback)
+
+
+def _takes_message_alone(subscription: Subscription) -> bool:
+    # rclpy has no other word for what a callback takes.
+    return subscription._callback_type is Subscription.CallbackType.MessageOnly
 
 
 def _count(listed: Iterable[Listed]) -> NumberOfEntities:

@@ -9,7 +9,8 @@ from checkweigher_dsp.health import Finding
 from checkweigher_dsp.item_health import WorkloadWatch
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import window_from, window_to
-from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
+from checkweigher_dsp.nodes.held_publisher import HeldPublisher
+from checkweigher_dsp.nodes.shell import StageNode, run
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):

@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.item_health import RejectorWatch, VerdictWatch
 from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.alarm import Alarm
 from checkweigher_dsp.nodes.conversion import (
     edge_from,
     estimate_from,
@@ -20,9 +21,10 @@ from checkweigher_dsp.nodes.conversion import (
     stop_request_to,
     verdict_to,
 )
+from checkweigher_dsp.nodes.held_publisher import HeldPublisher
 from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.recall import Recall
-from checkweigher_dsp.nodes.shell import HeldPublisher, run
+from checkweigher_dsp.nodes.shell import run
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Eye,
@@ -39,7 +41,6 @@ from checkweigher_dsp.reject_timing import StreamClock
 from checkweigher_dsp.rejection import RejectStage
 
 _TICK = 0.005  # s, well below verdict_margin
-_SHORTEST = NANOSECONDS // 1000  # ns, of the timer
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
@@ -67,9 +68,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._shown: StopRequest | None = None
         self.create_service(Trigger, topics.RESET_STOP_REQUEST, self._reset)
-        self._timer = self.create_timer(_TICK, self._tick)
-        self._timer.cancel()
-        self._due = 0  # when the timer runs out, ns of the monotonic clock
+        self._alarm = Alarm(self, self._tick)
         self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
         self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
         self.subscribe(topics.PHOTO_EYES, self._on_edge)
@@ -98,7 +97,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if was_active:
             self._settle(None)
             self._publish(self._stage.stop(self._now()))
-        self._timer.cancel()
+        self._alarm.clear()
 
     def last_words(self) -> list[Publisher]:
         """Return the publishers of the request to stop and of the last verdicts."""
@@ -214,7 +213,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._wake()
 
     def _wake(self) -> None:
-        """Have the timer run out when time alone brings something, and not before."""
+        """Have the alarm ring when time alone brings something, and not before."""
         now = time.monotonic_ns()
         waiting = self._recall is not None and self._recall.waiting
         if waiting or self._monitor.waiting:
@@ -222,11 +221,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         else:
             due = self._stage.due if self.parameters.deadlines else None
         if due is None:
-            self._timer.cancel()
-        elif self._timer.is_canceled() or due < self._due:
-            self._due = due
-            self._timer.timer_period_ns = max(due - now, _SHORTEST)
-            self._timer.reset()
+            self._alarm.clear()
+        else:
+            self._alarm.set_by(due)
 
     def _settle(self, history: LineHistory | None) -> None:
         """Judge what was missed, then go on with what was kept back meanwhile."""
@@ -268,7 +265,6 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._rejector_watch.add_strays(time.monotonic(), self._monitor.strays - strays)
             self.warn('reject_eye saw something near no reject time')
         self._show_stop_request()
-        self._timer.cancel()
         self._wake()
 
     def _publish(self, verdicts: list[Verdict]) -> None:

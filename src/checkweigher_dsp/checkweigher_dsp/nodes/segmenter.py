@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.nodes.alarm import Alarm
 from checkweigher_dsp.nodes.conversion import (
     edge_from,
     header_to,
@@ -20,8 +21,16 @@ from checkweigher_dsp.nodes.conversion import (
     window_to,
     zero_change_to,
 )
-from checkweigher_dsp.nodes.shell import HeldPublisher, StageNode, run
-from checkweigher_dsp.records import EyeEdge, LoadCell, Reason, SampleBlock, WeighWindow
+from checkweigher_dsp.nodes.held_publisher import HeldPublisher
+from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    EyeEdge,
+    LoadCell,
+    Reason,
+    SampleBlock,
+    WeighWindow,
+)
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 from checkweigher_dsp.segmenter_health import SegmenterWatch
 
@@ -64,12 +73,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self.subscribe(topics.PHOTO_EYES, lambda m: self._on_event(edge_from(m))),
         )
         self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
-        self._answer_timer = self.create_timer(_ANSWER_PERIOD, self._answer)
-        self._end_timer = self.create_timer(_END_PATIENCE, self._finish_incomplete)
-        self._end_timer.cancel()
+        self._answer_alarm = Alarm(self, self._answer)
+        self._end_alarm = Alarm(self, self._finish_incomplete)
         self._zero_requests: list[Future] = []
-        self._zero_timer = self.create_timer(_ZERO_PATIENCE, self._refuse_zero)
-        self._zero_timer.cancel()
+        self._zero_alarm = Alarm(self, self._refuse_zero)
         # A group of its own: samples go on while an answer waits for them.
         self.create_service(Trigger, 'zero', self._on_zero, callback_group=ReentrantCallbackGroup())
 
@@ -81,7 +88,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         answer: Future = Future()
         self._zero_requests.append(answer)
         self._segmenter.request_zero()
-        self._zero_timer.reset()
+        self._zero_alarm.set(_in(_ZERO_PATIENCE))
         response.success, response.message = await answer
         return response
 
@@ -89,7 +96,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_zero(False, f'no answer from the belt within {_ZERO_PATIENCE:g} s: not zeroed')
 
     def _answer_zero(self, done: bool, text: str) -> None:
-        self._zero_timer.cancel()
+        self._zero_alarm.clear()
         requests, self._zero_requests = self._zero_requests, []
         for request in requests:
             request.set_result((done, text))
@@ -155,18 +162,18 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 return
             self._stream = int(message.stream)
             self._end = None
-            self._end_timer.cancel()
+            self._end_alarm.clear()
             if self._load_cell is not None:
                 self._watch.begin_stream(time.monotonic(), self._load_cell)
             if self._segmenter is not None and self._segmenter.samples > 0:
                 self._start()
             self._announced = True
-            self._answer_timer.reset()
+            self._answer_alarm.set(_in(_ANSWER_PERIOD))
         else:
             self._stream = int(message.stream)
             self._watch.end_stream(well=message.state == StreamStatus.FINISHED, text=message.text)
             self._end = (int(message.samples), int(message.edges))
-            self._end_timer.reset()
+            self._end_alarm.set(_in(_END_PATIENCE))
             self._finish_if_ended()
 
     def _answer(self) -> None:
@@ -176,8 +183,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         direction only this node.
         """
         if self._segmenter is None or any(s.get_publisher_count() == 0 for s in self._inputs):
+            self._answer_alarm.set(_in(_ANSWER_PERIOD))
             return
-        self._answer_timer.cancel()
         if self._announced:
             self._announced = False
             self._publish_status(StreamStatus.RUNNING)
@@ -189,7 +196,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (self._segmenter.samples, self._segmenter.edges) == self._end:
             self._finish()
         else:
-            self._end_timer.reset()
+            self._end_alarm.set(_in(_END_PATIENCE))
 
     def _finish_incomplete(self) -> None:
         """Finish although something is missing: it will not come any more."""
@@ -205,7 +212,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _finish(self) -> None:
         assert self._segmenter is not None
         self._end = None
-        self._end_timer.cancel()
+        self._end_alarm.clear()
         self._publish(self._segmenter.finish())
         self._publish_status(StreamStatus.FINISHED)
 
@@ -240,6 +247,11 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 items=self._items_before + self._segmenter.items,
             )
         )
+
+
+def _in(seconds: float) -> int:
+    """Return a time from now on, ns of the monotonic clock."""
+    return time.monotonic_ns() + round(seconds * NANOSECONDS)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

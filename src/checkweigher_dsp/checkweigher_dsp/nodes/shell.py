@@ -1,6 +1,5 @@
 """What all nodes of the line have in common: parameters, publishing, start and end."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import Field
 import inspect
@@ -29,19 +28,15 @@ from rclpy.subscription import Subscription
 
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes.connections import MAKERS
+from checkweigher_dsp.nodes.delivery import DeliveringPublisher, Delivery, current, delivering
 from checkweigher_dsp.nodes.diagnostics import Diagnostics
-from checkweigher_dsp.nodes.executor import ProcessParameters, make_executor
+from checkweigher_dsp.nodes.executor import INTRA_PROCESS, ProcessParameters, make_executor
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
 _LARGEST_INTEGER = 2**63 - 1
-_POLL_PERIOD = 0.01  # s
-_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
-_SETTLE_TIME = 0.2  # s without a further subscriber, where any of them is the consumer
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
 _FAREWELL = 0.1  # s, for what the end of one node is to the others of its process
-# More than this is not kept for a consumer that has not appeared yet.
-_MAX_HELD = 10_000
 
 P = TypeVar('P', bound=Parameters)
 
@@ -93,88 +88,6 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
     return parameters.from_mapping(values)
 
 
-class HeldPublisher:
-    """Publish to a topic, keeping what comes before its consumer is there.
-
-    At start-up the nodes of a line find each other in any order: without this, what the first one
-    publishes before it has found the second would be lost, and an item without its verdict. Once
-    there has been a consumer nothing is held any more: a stale window helps nobody.
-
-    Parameters
-    ----------
-    node : Node
-        Publishes.
-    topic : Topic
-        Where to.
-    answer : Topic, optional
-        What the consumer makes of it and publishes, under whatever name: a recorder that was there
-        first does not pass for it, unless nobody else comes. Without, any subscriber is one.
-    """
-
-    def __init__(self, node: Node, topic: Topic, answer: Topic | None = None) -> None:
-        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos)
-        self._answer = answer
-        self._held: deque[Any] = deque(maxlen=_MAX_HELD)
-        self._node = node
-        self._timer = node.create_timer(_POLL_PERIOD, self._poll)
-        self._open = False
-        self._first_seen: float | None = None
-        self._matched = (0, 0.0)  # how many, and since when
-
-    @property
-    def publisher(self) -> Publisher:
-        """The publisher behind."""
-        return self._publisher
-
-    def publish(self, message: Any) -> None:
-        """Publish a message now, or as soon as somebody listens."""
-        if self._open:
-            self._publisher.publish(message)
-            # The next stage may be in this process: an executor that can is told of it.
-            expect = getattr(self._node.executor, 'expect', None)
-            if expect is not None:
-                expect()
-        else:
-            self._held.append(message)
-
-    def _poll(self) -> None:
-        matched = self._publisher.get_subscription_count()
-        if matched == 0:
-            return
-        now = time.monotonic()
-        self._first_seen = self._first_seen or now
-        if matched != self._matched[0]:
-            self._matched = (matched, now)
-        waited = now - self._first_seen
-        if not self._has_consumer(matched) and waited < _CONSUMER_PATIENCE:
-            return
-        self._open = True
-        self._node.destroy_timer(self._timer)
-        while self._held:
-            self._publisher.publish(self._held.popleft())
-
-    def _has_consumer(self, matched: int) -> bool:
-        readers = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
-        # The graph may know of a reader that the publisher has yet to match.
-        if matched < len(readers):
-            return False
-        if self._answer is None:
-            # A node that was started again finds one reader after the other.
-            return time.monotonic() - self._matched[1] > _SETTLE_TIME
-        kind = f'{self._answer.type.__module__.split(".")[0]}/msg/{self._answer.type.__name__}'
-        return any(
-            kind in self._types_published_by(reader.node_name, reader.node_namespace)
-            for reader in readers
-        )
-
-    def _types_published_by(self, name: str, namespace: str) -> set[str]:
-        try:
-            published = self._node.get_publisher_names_and_types_by_node(name, namespace)
-        except RuntimeError:  # the graph knows its endpoints, but not yet the node
-            return set()
-        return {kind for _, kinds in published for kind in kinds}
-
-
 class StageNode(Node, Generic[P]):
     """A node around one stage of the line.
 
@@ -189,6 +102,7 @@ class StageNode(Node, Generic[P]):
     """
 
     _health: Diagnostics | None = None  # Node itself makes publishers before there is any
+    _delivery: Delivery | None = None
 
     def __init__(
         self,
@@ -214,6 +128,8 @@ class StageNode(Node, Generic[P]):
         except ParameterError:
             self.destroy_node()
             raise
+        if self.process.transport == INTRA_PROCESS:
+            self._delivery = current()
         self.add_on_set_parameters_callback(self._check_parameters)
         self.diagnostics.start()
 
@@ -236,7 +152,11 @@ class StageNode(Node, Generic[P]):
             return super().create_publisher(msg_type, topic, qos_profile, **options)
         connections = self._health.connections
         options.setdefault('event_callbacks', connections.output_events(topic))
+        if self._delivery is not None:
+            options.setdefault('publisher_class', DeliveringPublisher)
         publisher = super().create_publisher(msg_type, topic, qos_profile, **options)
+        if isinstance(publisher, DeliveringPublisher) and self._delivery is not None:
+            self._delivery.add_publisher(publisher)
         connections.add_output(topic, publisher, qos_profile)
         return publisher
 
@@ -244,12 +164,16 @@ class StageNode(Node, Generic[P]):
         """Destroy a publisher."""
         if self._health is not None:
             self._health.connections.forget(publisher)
+        if self._delivery is not None:
+            self._delivery.forget(publisher)
         return bool(super().destroy_publisher(publisher))
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
         """Destroy a subscription."""
         if self._health is not None:
             self._health.connections.forget(subscription)
+        if self._delivery is not None:
+            self._delivery.forget(subscription)
         return bool(super().destroy_subscription(subscription))
 
     def subscribe(
@@ -270,10 +194,12 @@ class StageNode(Node, Generic[P]):
                 self.diagnostics.connections.refused(time.monotonic(), topic.name, str(error))
 
         connections = self.diagnostics.connections
-        subscription = self.create_subscription(
-            topic.type, topic.name, guarded, topic.stage_qos,
-            event_callbacks=connections.input_events(topic.name),
-        )  # fmt: skip
+        events = connections.input_events(topic.name)
+        ends = topic.type, topic.name, guarded, topic.stage_qos
+        if self._delivery is not None:
+            subscription = self._delivery.subscribe(self, *ends, events)
+        else:
+            subscription = self.create_subscription(*ends, event_callbacks=events)
         if needed is None:
             needed = topic.name in MAKERS
         connections.add_input(topic.name, subscription, topic.stage_qos, needed=needed)
@@ -333,6 +259,15 @@ def run_all(
     Signals stay with Python and only end the loop. Those of rclpy take the context away from
     whatever is under way, and KeyboardInterrupt comes up in the middle of a message.
     """
+    with delivering() as delivery:
+        _run_all(make_nodes, arguments, delivery)
+
+
+def _run_all(
+    make_nodes: Callable[[], Sequence[Node]],
+    arguments: Sequence[str] | None,
+    delivery: Delivery,
+) -> None:
     stopping = running = False
 
     def stop(*_: object) -> None:
@@ -348,7 +283,8 @@ def run_all(
     try:
         _initialise(arguments)
         nodes = make_nodes()
-        executor = make_executor(*{n.process.executor for n in nodes if isinstance(n, StageNode)})
+        names = {node.process.executor for node in nodes if isinstance(node, StageNode)}
+        executor = make_executor(*names, delivery=delivery)
         for node in nodes:
             executor.add_node(node)
         # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.
@@ -367,7 +303,7 @@ def run_all(
         # Ctrl-C comes twice to a node of ros2 launch, from the terminal and from launch: the
         # second one must find nothing that it could break.
         running = True
-        _shut_down(nodes, executor)
+        _shut_down(nodes, executor, delivery)
         if executor is not None:
             executor.shutdown()
         for node in reversed(nodes):
@@ -376,13 +312,16 @@ def run_all(
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _shut_down(nodes: Sequence[Node], executor: SingleThreadedExecutor | None) -> None:
+def _shut_down(
+    nodes: Sequence[Node], executor: SingleThreadedExecutor | None, delivery: Delivery
+) -> None:
     """Have each node leave in order, the last one first, while the others still work."""
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
             continue
         try:
-            told = node.shut_down()
+            with delivery.turn():
+                told = node.shut_down()
             end = time.monotonic() + _FAREWELL
             while told and executor is not None and len(nodes) > 1 and time.monotonic() < end:
                 executor.spin_once(timeout_sec=_FAREWELL)
