@@ -27,6 +27,8 @@ from builtin_interfaces.msg import Time
 from processes import HERE, Listener, Process, Usage, line_commands, listener, started
 
 from checkweigher_driver.bag_reading import read_bag
+from checkweigher_driver.bag_writing import write_bag
+from checkweigher_driver.simulation import Simulation, SimulationParameters
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import verdict_from
 from checkweigher_dsp.nodes.topics import Topic
@@ -81,16 +83,16 @@ def figure(name: str, unit: str, values: list[float], **more: Any) -> Figure:
     return Figure(name, unit, len(ordered), median, low, high, worst, **more)
 
 
-def parameters(count: int, rate: float = 1.0) -> dict[str, dict[str, object]]:
-    """Return the parameters of the simulated line."""
-    return {
-        'driver': {
-            'rate': rate,
-            'simulator.count': count,
-            'simulator.speed': _SPEED,
-            'simulator.spacing': _SPACING,
-        }
-    }
+def parameters(bag: Path) -> dict[str, dict[str, object]]:
+    """Return the parameters of a line that plays a bag at true time."""
+    return {'driver': {'source': 'bag', 'bag.path': str(bag)}}
+
+
+def write_line(bag: Path, count: int) -> None:
+    """Write a bag of the simulated line: to make its noise is not what a line has to do."""
+    values: dict[str, object] = {'count': count, 'speed': _SPEED, 'spacing': _SPACING}
+    simulation = Simulation(SimulationParameters.from_mapping(values))
+    write_bag(bag, simulation.load_cell, simulation)
 
 
 def measure_hop(count: int) -> Figure:
@@ -157,11 +159,13 @@ def running(
         arrivals = [Arrivals([]) for _ in range(lanes)]
         stamps = [Path(folder, f'stamps{lane}') for lane in range(lanes)]
         commands = []
+        bag = Path(folder, 'bag')
+        write_line(bag, count)
         for lane in range(lanes):
             arrivals[lane].listen(here, f'lane{lane}')
             file = Path(folder, f'lane{lane}.yaml')
             commands += line_commands(
-                file, parameters(count), stamps[lane],
+                file, parameters(bag), stamps[lane],
                 one_process=one_process, namespace=f'lane{lane}',
             )  # fmt: skip
         with started(commands) as processes:

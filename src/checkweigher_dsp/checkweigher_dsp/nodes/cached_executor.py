@@ -62,6 +62,7 @@ class CachedExecutor(DeliveringExecutor):
         self._frequent: list[Listed] = []
         self._rare: list[Listed] = []
         self._rare_pointers: set[int] = set()
+        self._events: list[Waitable] = []  # those of the latter
         self._waitables: list[Waitable] = []
         self._watched: list[Waitable] = []  # those that the last wait was for
         self._is_ordinary = True
@@ -178,7 +179,16 @@ class CachedExecutor(DeliveringExecutor):
         for subscription, *arguments in came:
             self._execute(subscription, subscription.callback, *arguments)
         self._delivery.look()
-        return self._do_the_rare()
+        return self._has_event() and self._do_the_rare()
+
+    def _has_event(self) -> bool:
+        """Tell whether there is an event of a subscription of which all is handed over."""
+        count = sum((event.get_num_entities() for event in self._events), NumberOfEntities())
+        wait_set = self._new_wait_set(count)
+        for event in self._events:
+            event.add_to_wait_set(wait_set)
+        wait_set.wait(0)
+        return any(event.is_ready(wait_set) for event in self._events)
 
     def _leftovers(self) -> Iterator[tuple[Subscription, Any, Any]]:
         for subscription in self._seldom:
@@ -203,7 +213,8 @@ class CachedExecutor(DeliveringExecutor):
             self._subscriptions += [each for each in subscriptions if _is_plain(each)]
             self._timers += [each for each in timers if _is_plain(each)]
             # What waits there would end each wait for an event of the same subscription.
-            events = {event for each in seldom for event in each.event_handlers}
+            events = self._held(event for each in seldom for event in each.event_handlers)
+            self._events += events
             self._waitables += self._held(each for each in node.waitables if each not in events)
             for subscription in subscriptions:
                 self._list(WaitSet.add_subscription, subscription)
@@ -240,7 +251,7 @@ class CachedExecutor(DeliveringExecutor):
         """Forget the entities: what was destroyed meanwhile goes now."""
         self._frequent_set = self._whole_set = None
         self._subscriptions, self._timers, self._waitables = [], [], []
-        self._seldom = []
+        self._seldom, self._events = [], []
         self._frequent, self._rare = [], []
         self._watched, self._guards = [], []
         self._in_use.close()
