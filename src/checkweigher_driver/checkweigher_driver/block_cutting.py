@@ -12,7 +12,7 @@ import numpy as np
 from checkweigher_driver.recording import Event
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 
-_LONGEST = 0.25  # s of signal in a joined block: the segmenter reports as often
+LONGEST = 0.25  # s of signal in a joined block: the segmenter reports as often
 _ROUNDING = 1  # ns
 
 
@@ -51,7 +51,7 @@ def cut_at_edges(events: Iterable[Event], sample_rate: float) -> Iterator[Event]
         yield held
 
 
-def join(events: Iterable[Event], sample_rate: float) -> Iterator[Event]:
+def join(events: Iterable[Event], sample_rate: float, longest: float = LONGEST) -> Iterator[Event]:
     """Yield a stream with fewer, longer blocks.
 
     Parameters
@@ -60,6 +60,8 @@ def join(events: Iterable[Event], sample_rate: float) -> Iterator[Event]:
         In canonical order, which they keep.
     sample_rate : float
         Hz.
+    longest : float
+        s of signal, of a joined block; one that is longer already stays as it is.
 
     Yields
     ------
@@ -70,7 +72,7 @@ def join(events: Iterable[Event], sample_rate: float) -> Iterator[Event]:
     count = 0
     for event in events:
         if isinstance(event, SampleBlock):
-            if blocks and not _continues(blocks[0], count, event, sample_rate):
+            if blocks and not _continues(blocks[0], count, event, sample_rate, longest):
                 yield _joined(blocks)
                 blocks, count = [], 0
             blocks.append(event)
@@ -89,12 +91,14 @@ def _part(block: SampleBlock, begin: int, end: int, sample_rate: float) -> Sampl
     return SampleBlock(stamp, block.first_index + begin, block.counts[begin:end])
 
 
-def _continues(first: SampleBlock, count: int, block: SampleBlock, sample_rate: float) -> bool:
+def _continues(
+    first: SampleBlock, count: int, block: SampleBlock, sample_rate: float, longest: float
+) -> bool:
     expected = first.stamp + round(count * NANOSECONDS / sample_rate)
     return (
         block.first_index == first.first_index + count
         and abs(block.stamp - expected) <= _ROUNDING
-        and count + len(block.counts) <= _LONGEST * sample_rate
+        and count + len(block.counts) <= longest * sample_rate
     )
 
 

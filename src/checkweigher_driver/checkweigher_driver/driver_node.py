@@ -286,8 +286,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Return what the source delivers, the blocks cut as the pace wants them."""
         if not source.paced:
             return source
-        cut = cut_at_edges if self.parameters.rate > 0 else join
-        return cut(source, source.load_cell.sample_rate)
+        rate = source.load_cell.sample_rate
+        if self.parameters.rate == 0:
+            return join(source, rate)
+        return cut_at_edges(join(source, rate, self.parameters.block_time), rate)
 
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.

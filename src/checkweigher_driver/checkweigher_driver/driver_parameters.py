@@ -33,6 +33,11 @@ class DriverParameters(Parameters):
         0, 'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
         'a recorded or simulated source begins', minimum=0, maximum=1000,
     )  # fmt: skip
+    block_time: float = parameter(
+        0.05, 'duration to which the blocks of a recorded or simulated source are joined, the '
+        'fewer the less work; an edge waits for none; 0 leaves them as they are', unit='s', minimum=0,
+        maximum=1,
+    )  # fmt: skip
     outputs: str = parameter(
         'none', 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
     )

@@ -53,6 +53,14 @@ def test_two_edges_in_a_block_cut_it_twice():
     assert shown(cut_at_edges(events, RATE)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]
 
 
+def test_an_edge_does_not_wait_for_the_blocks_that_are_joined():
+    events = [block(0, 10), block(10, 10), edge(13.5), block(20, 10), block(30, 10), block(40, 10)]
+
+    joined = join(events, RATE, longest=0.02)
+
+    assert shown(cut_at_edges(joined, RATE)) == [(0, 14), 13.5, (14, 6), (20, 20), (40, 10)]
+
+
 def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
     _, _, last = cut_at_edges([block(0, 10), edge(2.5)], 960.0)
 
