@@ -35,8 +35,8 @@ class DriverParameters(Parameters):
     )  # fmt: skip
     block_time: float = parameter(
         0.05, 'duration to which the blocks of a recorded or simulated source are joined, the '
-        'fewer the less work; an edge waits for none; 0 leaves them as they are', unit='s', minimum=0,
-        maximum=1,
+        'fewer the less work; an edge waits for none; 0 leaves them as they are',
+        unit='s', minimum=0, maximum=1,
     )  # fmt: skip
     outputs: str = parameter(
         'none', 'what rejector and stop are connected to', choices=tuple(OUTPUTS)

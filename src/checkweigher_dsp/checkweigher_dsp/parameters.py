@@ -175,7 +175,7 @@ def _check_number(name: str, default: object, allowed: Description, value: objec
 
 
 # Parameters that every ROS node has.
-_COMMON = frozenset({'use_sim_time', 'executor'})
+_COMMON = frozenset({'use_sim_time', 'executor', 'transport'})
 
 
 def read_parameter_file(

@@ -33,6 +33,7 @@ _CLEAR_PERIOD = 1.0  # s, in which subscriptions are looked at of which all is h
 _LIVELY = 0.5  # s after a call in which the next one is expected
 _LONGEST_SWEEP = 0.02  # s of messages after which timers get their turn
 _ROUNDS = 4  # after which subscriptions without messages are asked again
+_INTERNALS = ('_guard', '_sigint_gc', '_tasks', '_context', '_is_shutdown', '_spin_once_impl')
 _RARE_KINDS = ('subscription', 'client', 'service')
 
 WaitSet = _rclpy.WaitSet
@@ -71,6 +72,8 @@ class CachedExecutor(DeliveringExecutor):
         self._whole_set: Any = None
         self._looked = self._called = self._cleared = -math.inf  # s of the monotonic clock
         super().__init__(delivery, **options)
+        for name in _INTERNALS:
+            getattr(self, name)  # AttributeError with an rclpy that has become another one
 
     def add_node(self, node: Node) -> bool:
         """Serve one more node."""

@@ -18,7 +18,7 @@ TRANSPORTS = (INTRA_PROCESS, 'dds')
 EXECUTORS = (SINGLE_THREADED, CACHED)
 # Which one the commands have, and the nodes where no parameter says so.
 DEFAULT_TRANSPORT = os.environ.get('CHECKWEIGHER_TRANSPORT', INTRA_PROCESS)
-DEFAULT = os.environ.get('CHECKWEIGHER_EXECUTOR', SINGLE_THREADED)
+DEFAULT = os.environ.get('CHECKWEIGHER_EXECUTOR', CACHED)
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class ProcessParameters(Parameters):
     node: ClassVar[str] = 'executor'
 
     executor: str = parameter(
-        DEFAULT, 'what calls the callbacks; cached is faster, and has to be said by all nodes of a '
-        'process', choices=EXECUTORS,
+        DEFAULT, 'what calls the callbacks; cached, which is faster, where all nodes of a process '
+        'say so', choices=EXECUTORS,
     )  # fmt: skip
     transport: str = parameter(
         DEFAULT_TRANSPORT, 'how messages reach the nodes of the same process: handed over as they '
@@ -112,7 +112,10 @@ def make_executor(*names: str, delivery: Delivery | None = None) -> DeliveringEx
     delivery = delivery or Delivery()
     if SINGLE_THREADED in wanted:
         return DeliveringExecutor(delivery)
-    # It reads what rclpy keeps to itself: another rclpy may not have it, and does without.
-    from checkweigher_dsp.nodes.cached_executor import CachedExecutor
+    try:
+        from checkweigher_dsp.nodes.cached_executor import CachedExecutor
 
-    return CachedExecutor(delivery)
+        return CachedExecutor(delivery)
+    except (ImportError, AttributeError):
+        # It reads what rclpy keeps to itself: another rclpy may not have it, and does without.
+        return DeliveringExecutor(delivery)
