@@ -6,6 +6,7 @@ it was, but for rounding to a nanosecond.
 
 from collections.abc import Iterable, Iterator
 import math
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 
 LONGEST = 0.25  # s of signal in a joined block: the segmenter reports as often
 _ROUNDING = 1  # ns
+
+E = TypeVar('E', bound=Event)
 
 
 def cut_at_edges(events: Iterable[Event], sample_rate: float) -> Iterator[Event]:
@@ -51,7 +54,9 @@ def cut_at_edges(events: Iterable[Event], sample_rate: float) -> Iterator[Event]
         yield held
 
 
-def join(events: Iterable[Event], sample_rate: float, longest: float = LONGEST) -> Iterator[Event]:
+def join(
+    events: Iterable[E], sample_rate: float, longest: float = LONGEST
+) -> Iterator[E | SampleBlock]:
     """Yield a stream with fewer, longer blocks.
 
     Parameters
