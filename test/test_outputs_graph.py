@@ -35,6 +35,7 @@ def outputs_of(plc: Plc) -> dict[str, object]:
         # However busy the machine is on which the test runs.
         'modbus_outputs.timeout': 2.0,
         'rejector.late_tolerance': 2.0,
+        'rejector.verdict_timeout': 5.0,
     }
 
 
