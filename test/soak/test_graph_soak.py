@@ -85,11 +85,13 @@ class Memory:
 
     def report(self) -> str:
         """Return one line a process."""
-        first, settled, last = self.items[0], self.items[self._settled], self.items[-1]
+        # That of a line that only takes longer to settle ends level, that of a leak does not.
+        shown = np.unique(np.linspace(self._settled, len(self.items) - 1, 5).astype(int))
+        passed = self.items[-1] - self.items[self._settled]
         return '\n'.join(
-            f'  {name:10} RSS {values[0]} kB after {first} items, {values[self._settled]} after '
-            f'{settled}, {values[-1]} after {last}, {max(values)} at most; '
-            f'{1000 * self.growth(name) / (last - settled):+.1f} kB per 1,000 items'
+            f'  {name:10} RSS {values[0]} kB after {self.items[0]} items, '
+            + ', '.join(f'{values[n]} after {self.items[n]}' for n in shown)
+            + f'; {1000 * self.growth(name) / passed:+.1f} kB per 1,000 items'
             for name, values in self.resident.items()
         )
 
