@@ -200,7 +200,7 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
         source = line.driver._source
         assert source is not None
         figures = source.figures()
-        assert line.plc.state(RELEASE) is True
+        assert line.plc.state(RELEASE) is True, (line.driver._outputs.finding(), source.trouble)
         late = check_rejects(line, verdicts)
     edges, off, drift, late_drift = seen_by(line, recording)
     # What remains when the edges are where the PLC was read is the clock of the samples.

@@ -122,7 +122,8 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
     plc.start()
     try:
         with spinning('missing') as spinner:
-            line = Line(spinner, plc, monkeypatch, upper_limit=0.01)  # all are rejected
+            # All are rejected, far enough behind the belt for a busy machine.
+            line = Line(spinner, plc, monkeypatch, upper_limit=0.01, rejector_distance=1.5)
             line.verdict()
             wait_for(lambda: plc.state(RELEASE) is True, 'the release')
             plc.kill()

@@ -219,7 +219,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         name = self.resolve_topic_name(topics.STOP_REQUEST.name)
         if self._outputs.exist and self.count_publishers(name) == 0:
             self._outputs.nobody_requests()
-        trouble = '; '.join(filter(None, (failed, self._outputs.trouble)))
+        trouble = self._outputs.trouble(failed)
         if trouble != self._trouble and self._telling:
             self._trouble = trouble
             self._publish_status(StreamStatus.RUNNING, trouble)

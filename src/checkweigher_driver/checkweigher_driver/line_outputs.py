@@ -37,16 +37,21 @@ class LineOutputs:
         """Whether they can be switched, if there are any."""
         return self._outputs is None or not self._outputs.port_trouble
 
-    @property
-    def trouble(self) -> str:
-        """What the line does not know yet or what still is wrong, in one line, else empty."""
-        if self._outputs is None:
+    def trouble(self, of_source: str) -> str:
+        """Return what the line does not know yet or what still is wrong, in one line, else empty.
+
+        Parameters
+        ----------
+        of_source : str
+            What is wrong with load cell and photo-eyes.
+        """
+        port = '' if self._outputs is None else self._outputs.port_trouble
+        missed = '' if self._outputs is None else self._outputs.missed
+        # What is missed while something else is wrong is told as long as that: the request shows
+        # what it was told last, and has to show it still when only that remains.
+        if missed == self._shown and not (of_source or port):
             return ''
-        missed, port = self._outputs.missed, self._outputs.port_trouble
-        if port:
-            # All of it, so that the request still shows what was missed when the port is back.
-            return f'{port}; {missed}' if missed else port
-        return missed if missed != self._shown else ''
+        return '; '.join(filter(None, (of_source, port, missed)))
 
     def open(self) -> None:
         """Open them, safe until `activate`."""
