@@ -192,7 +192,7 @@ def test_a_full_disk_is_one_line(tmp_path):
         text=True,
     )
     last_line = done.stderr.strip().splitlines()[-1]
-    assert last_line.startswith(f'checkweigher_driver.bag_file.OutputError: {tmp_path / "bag"}: ')
+    assert last_line.startswith(f'checkweigher_driver.whole_file.OutputError: {tmp_path / "bag"}: ')
     assert os.strerror(errno.EFBIG) in last_line
     assert not list(tmp_path.iterdir())
 
