@@ -243,17 +243,35 @@ def test_what_somebody_else_publishes_there_comes_once_beside_it(process, watche
     assert [-each for each in numbers(heard) if each < 0] == list(range(1, 100))
 
 
-def test_one_that_stays_is_heard_without_delay(process):
+@pytest.mark.parametrize('own', [False, True])
+def test_one_that_stays_is_heard_without_delay(process, own):
     heard = []
     process.subscribe(heard.append)
-    process.publisher()
+    if own:
+        process.publisher()
     stranger = process.node.create_publisher(Time, 'numbers', DEPTH)
     stranger.publish(message(1))
     process.spin_until(lambda: len(heard) == 1)
 
-    for number in range(2, 102):  # with a look each second this would take longer than patience
+    began = time.monotonic()
+    for number in range(2, 102):
         stranger.publish(message(number))
         process.spin_until(lambda number=number: len(heard) == number)
+    assert time.monotonic() - began < PATIENCE  # 100 s if each waited for the next look
+
+
+def test_the_first_message_is_not_kept_waiting_where_nobody_else_publishes(process):
+    heard = []
+    process.subscribe(heard.append)
+    process.spin_for(0.1)
+    strangers = []
+    began = time.monotonic()
+    for number in range(1, 31):
+        strangers.append(process.node.create_publisher(Time, 'numbers', DEPTH))
+        strangers[-1].publish(message(number))
+        process.spin_until(lambda number=number: len(heard) == number)
+        process.node.destroy_publisher(strangers.pop())
+    assert time.monotonic() - began < PATIENCE  # 30 s if each waited for the next look
 
 
 def test_results_from_before_a_subscription_was_there_come_over_dds(process):

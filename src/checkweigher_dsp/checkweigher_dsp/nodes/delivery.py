@@ -138,7 +138,8 @@ class _Taker:
         assert self.subscription is not None
         known = self.listens
         count = self.subscription.get_publisher_count()
-        self.listens = not self.open or count > len(self.makers)
+        # Where nobody of this process publishes, who comes from outside must not be kept waiting.
+        self.listens = not self.open or not self.makers or count > len(self.makers)
         return self.listens != known
 
 
