@@ -243,6 +243,19 @@ def test_what_somebody_else_publishes_there_comes_once_beside_it(process, watche
     assert [-each for each in numbers(heard) if each < 0] == list(range(1, 100))
 
 
+def test_the_timers_of_a_new_node_come_before_its_messages(process):
+    order = []
+    stranger = process.node.create_publisher(Time, 'numbers', DEPTH)
+    process.publisher()
+    node = Node('late')
+    node.create_timer(0.0, lambda: order.append('timer'))
+    process.subscribe(lambda m: order.append('message'), at=node)
+    stranger.publish(message(1))
+
+    process.spin_until(lambda: 'message' in order)
+    assert order[0] == 'timer'
+
+
 @pytest.mark.parametrize('own', [False, True])
 def test_one_that_stays_is_heard_without_delay(process, own):
     heard = []

@@ -78,6 +78,8 @@ class CachedExecutor(DeliveringExecutor):
     def add_node(self, node: Node) -> bool:
         """Serve one more node."""
         self._stale = True
+        # Its timers come first: what reaches a node that is not active yet is lost.
+        self._cleared = time.monotonic()
         return bool(super().add_node(node))
 
     def remove_node(self, node: Node) -> None:
@@ -179,6 +181,8 @@ class CachedExecutor(DeliveringExecutor):
         self._cleared = time.monotonic()
         with self._delivery.away():
             came = [each for each in self._leftovers() if not was_handed_over(each[0], each[2])]
+        if came:  # what was published before on other topics comes first
+            self._sweep({each.handle.pointer for each in self._subscriptions})
         for subscription, *arguments in came:
             self._execute(subscription, subscription.callback, *arguments)
         self._delivery.look()
