@@ -347,6 +347,7 @@ class CachedExecutor(DeliveringExecutor):
             callback(*arguments)
         finally:
             group.ending_execution(entity)
+        self._delivery.catch_up()  # a product on the belt does not wait for the next timer
 
 
 def _never() -> bool:

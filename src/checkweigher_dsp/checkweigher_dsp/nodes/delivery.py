@@ -8,6 +8,7 @@ from array import array
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import math
 import threading
 import time
 from typing import Any, Protocol
@@ -19,6 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
 
+_LONGEST_WAIT = 0.005  # s for a turn, after which a source leaves what it has to whoever waits
 _LONGEST_TURN = 0.01  # s of messages, after which the executor looks at timers and services
 _REMEMBERED = 1000  # messages sent over DDS, beyond those that a queue holds
 _MAX_GONE = 10  # publishers that were destroyed, whose messages may yet come over DDS
@@ -155,7 +157,7 @@ class Delivery:
     def __init__(self) -> None:
         self._queue: deque[tuple[_Taker, Any]] = deque()
         self._turn = threading.Lock()
-        self._waiting: set[int] = set()  # threads, for their turn
+        self._waiting_since = math.inf  # s of the monotonic clock, where somebody waits for a turn
         self._away = False  # whether the executor waits for something to do
         self._executor: Server | None = None
         self._change = threading.Lock()  # of what follows
@@ -248,7 +250,11 @@ class Delivery:
 
     def serve(self) -> None:
         """Hand over what there is, unless somebody else is at it, who then does it."""
-        while self._queue and not self._waiting and self._turn.acquire(blocking=False):
+        while (
+            self._queue
+            and time.monotonic() < self._waiting_since + _LONGEST_WAIT
+            and self._turn.acquire(blocking=False)
+        ):
             try:
                 done = self._hand_over()
             except Exception as error:
@@ -298,11 +304,17 @@ class Delivery:
         finally:
             self._away = False
             self._begin()
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """Hand over, in the middle of a turn, what others have left to whoever has it."""
+        if self._queue:
+            self._hand_over()
 
     def _begin(self) -> None:
-        self._waiting.add(threading.get_ident())
+        self._waiting_since = time.monotonic()
         self._turn.acquire()
-        self._waiting.discard(threading.get_ident())
+        self._waiting_since = math.inf
 
     def _end(self) -> None:
         try:
