@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import math
 from pathlib import Path
 import queue
+import time
 from typing import Any
 
 from checkweigher_msgs.msg import DynamicSetting
@@ -137,6 +138,22 @@ def test_a_recording_that_is_cancelled_before_a_pass_leaves_nothing(tmp_path: Pa
         assert technician.call(Trigger, topics.CANCEL_PASSES).success
         technician.wait(lambda said: '0 of 3' in said.text)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.soak
+def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Path):
+    for number, speed in ((1, 1.0), (2, 1.5)):  # two speeds, two workers
+        recording = simulated(masses=(MASS,), count=4, speed=speed)
+        write_bag(tmp_path / f'passes_{number}', recording.load_cell, recording)
+    with spinning('cancelled') as spinner:
+        spinner.add(DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000}))
+        technician = Technician(spinner)
+        assert technician.call(Trigger, topics.TUNE_PASSES).success
+        technician.wait(lambda said: said.state == DynamicSetting.TUNING)
+        time.sleep(5.0)  # in which its workers begin: no condition tells
+        assert technician.call(Trigger, topics.CANCEL_PASSES).success
+        technician.wait(lambda said: said.text == 'training cancelled')
+    assert not (tmp_path / 'machine.yaml').exists()
 
 
 def test_a_folder_has_to_be_given():

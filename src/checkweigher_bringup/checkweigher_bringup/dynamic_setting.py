@@ -164,9 +164,14 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         response.message = 'nothing is under way'
         if self._child is not None:
             self._cancelled = True
-            self._child.send_signal(signal.SIGINT)
+            self._interrupt(self._child)
             response.message = 'it ends; passes that were weighed are kept'
         return response
+
+    def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
+        """End a child and its own children, which training would wait for."""
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGINT)
 
     @property
     def _learned(self) -> Path:
@@ -235,11 +240,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         """End what is under way as well."""
         child = getattr(self, '_child', None)
         if child is not None:
-            child.send_signal(signal.SIGINT)
+            self._interrupt(child)
             try:
                 child.wait(_END_PATIENCE)
             except subprocess.TimeoutExpired:
-                child.kill()
+                os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
         if hasattr(self, '_scratch'):
             self._scratch.cleanup()
