@@ -161,6 +161,7 @@ def test_a_folder_has_to_be_given():
         DynamicSettingNode()
 
 
+@pytest.mark.soak
 def test_the_command_guides_through_the_speeds(tmp_path: Path):
     output = tmp_path / 'machine.yaml'
     with spinning('guided') as spinner:
