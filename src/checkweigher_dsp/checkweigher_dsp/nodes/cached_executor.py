@@ -67,7 +67,7 @@ class CachedExecutor(DeliveringExecutor):
         self._waitables: list[Waitable] = []
         self._watched: list[Waitable] = []  # those that the last wait was for
         self._is_ordinary = True
-        self._spinning = self._expecting = False
+        self._spinning = False
         self._frequent_set: Any = None
         self._whole_set: Any = None
         self._looked = self._called = self._cleared = -math.inf  # s of the monotonic clock
@@ -168,7 +168,7 @@ class CachedExecutor(DeliveringExecutor):
         called = whole and self._is_called(wait_set, timers)
         messages = set(wait_set.get_ready_entities('subscription'))
         done = bool(timers) and self._call_timers(timers)
-        if messages or self._expecting:
+        if messages:
             self._sweep(messages)
             done = True
         if called:
@@ -307,15 +307,11 @@ class CachedExecutor(DeliveringExecutor):
                 done = True
         return done
 
-    def expect(self) -> None:
-        """Ask all subscriptions once more before the next wait: one of them has a message."""
-        self._expecting = True
-
     def _sweep(self, ready: set[int]) -> None:
         """Take messages in rounds, one of each subscription, until there are none.
 
         A round is of the subscriptions that had one in the round before, and of all of them now
-        and then and where one is expected.
+        and then.
         """
         end = time.monotonic() + _LONGEST_SWEEP
         asked = [each for each in self._subscriptions if each.handle.pointer in ready]
@@ -336,8 +332,7 @@ class CachedExecutor(DeliveringExecutor):
                 if self._stale or self._is_shutdown:
                     return
             asked = had
-            if self._expecting or (had and rounds % _ROUNDS == 0):
-                self._expecting = False
+            if had and rounds % _ROUNDS == 0:
                 asked = self._subscriptions
 
     def _execute(self, entity: Any, callback: Callable[..., Any], *arguments: Any) -> None:

@@ -110,7 +110,7 @@ def samples_from(message: Any) -> SampleBlock:
     return SampleBlock(
         stamp_from(message.header.stamp),
         int(message.first_index),
-        np.frombuffer(message.counts, np.int32),
+        _shared(message.counts, np.int32),
     )
 
 
@@ -159,8 +159,8 @@ def window_from(message: Any) -> WeighWindow:
         empty_begin=int(message.empty_begin),
         window_begin=int(message.window_begin),
         window_end=int(message.window_end),
-        counts=np.frombuffer(message.counts, np.int32),
-        denoised=np.frombuffer(message.denoised, np.float64),
+        counts=_shared(message.counts, np.int32),
+        denoised=_shared(message.denoised, np.float64),
         reasons=tuple(message.reasons),
         **{name: float(getattr(message, name)) for name in _WINDOW_NUMBERS},
     )
@@ -344,6 +344,13 @@ def statistics_to(statistics: ProductionStatistics, batch: str) -> messages.Stat
         share_below_tu1=float(statistics.share_below_tu1),
         throughput=float(statistics.throughput),
     )
+
+
+def _shared(field: Any, kind: type) -> NDArray[Any]:
+    """Return the values of a field, not to be written to: other nodes may have the same message."""
+    values: NDArray[Any] = np.frombuffer(field, kind)
+    values.flags.writeable = False
+    return values
 
 
 def _array(typecode: str, values: NDArray[Any]) -> 'array.array[Any]':
