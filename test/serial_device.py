@@ -161,6 +161,8 @@ class Device:
         if name in self.options.refuse:
             return '?'
         if command == 'IDN?':
+            time.sleep(self.options.late)
+            self.options.late = 0.0
             return self.identity
         if command == 'BDR?':
             return f'{self.options.baud},0'
@@ -241,6 +243,7 @@ def main() -> None:
     parser.add_argument('--begin', type=Path, help='is written when the bag begins: the time, ns')
     parser.add_argument('--burst', type=float, default=0.0, help='s, as an USB adapter bundles')
     parser.add_argument('--identity', default='HBM,FIT/5,0123456,P72')
+    parser.add_argument('--late', type=float, default=0.0, help='s, of the first reply to IDN?')
     parser.add_argument('--refuse', nargs='*', default=[], help='commands that are replied to by ?')
     parser.add_argument('--mute', action='store_true', help='reply to nothing')
     parser.add_argument('--reset-time', type=float, default=3.0)

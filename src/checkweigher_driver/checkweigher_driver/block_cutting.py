@@ -91,6 +91,27 @@ def join(
         yield _joined(blocks)
 
 
+def cut_for_pace(
+    events: Iterable[Event], sample_rate: float, pace: float, block_time: float
+) -> Iterator[Event]:
+    """Yield a recorded or simulated stream in the blocks that it is to be published in.
+
+    Parameters
+    ----------
+    events : iterable of Event
+        In canonical order, which they keep.
+    sample_rate : float
+        Hz.
+    pace : float
+        Seconds of signal in a second; 0 is as fast as nothing is lost, in long blocks.
+    block_time : float
+        s of signal in a block at any other pace; no edge waits for the end of one.
+    """
+    if pace == 0:
+        return join(events, sample_rate)
+    return cut_at_edges(join(events, sample_rate, block_time), sample_rate)
+
+
 def _part(block: SampleBlock, begin: int, end: int, sample_rate: float) -> SampleBlock:
     stamp = block.stamp + round(begin * NANOSECONDS / sample_rate)
     return SampleBlock(stamp, block.first_index + begin, block.counts[begin:end])

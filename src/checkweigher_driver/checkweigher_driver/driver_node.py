@@ -1,6 +1,6 @@
 """The driver node: publishes what a source of samples and photo-eye edges delivers."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import math
 import threading
 import time
@@ -11,7 +11,7 @@ from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
-from checkweigher_driver.block_cutting import cut_at_edges, join
+from checkweigher_driver.block_cutting import cut_for_pace
 from checkweigher_driver.calibration_services import CalibrationServices
 from checkweigher_driver.calibration_session import CalibrationParameters
 from checkweigher_driver.driver_health import DriverWatch
@@ -38,12 +38,7 @@ from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.shell import declare, run
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.records import (
-    EyeEdge,
-    Reference,
-    SampleBlock,
-    StopReason,
-)
+from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock, StopReason
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
 _LOOK_PERIOD = 0.05  # s, in which trouble of the machine is told at the latest
@@ -269,8 +264,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             return
         rate = source.load_cell.sample_rate
         self._telling = True
-        pacer = Pacer(self.parameters.rate, rate, time.monotonic())
-        for event in self._events(source):
+        pace = self.parameters.rate
+        pacer = Pacer(pace, rate, time.monotonic())
+        events = cut_for_pace(source, rate, pace, self.parameters.block_time)
+        for event in events if source.paced else source:
             if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
                 return
             if held_back and isinstance(event, SampleBlock):
@@ -281,15 +278,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 ):
                     return
             self._publish(event)
-
-    def _events(self, source: Source) -> Iterable[Event]:
-        """Return what the source delivers, the blocks cut as the pace wants them."""
-        if not source.paced:
-            return source
-        rate = source.load_cell.sample_rate
-        if self.parameters.rate == 0:
-            return join(source, rate)
-        return cut_at_edges(join(source, rate, self.parameters.block_time), rate)
 
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.

@@ -243,6 +243,12 @@ def test_a_device_that_is_restarted_is_waited_for(device):
     make('aed', device('--reset-time', 0.3).link, reset=True).close()
 
 
+def test_a_reply_that_comes_after_it_was_given_up_is_not_taken_for_the_next_one(device):
+    source = make('aed', device('--late', 0.6).link)
+    source.close()
+    assert source.load_cell.serial_number == '0123456'
+
+
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
