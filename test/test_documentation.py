@@ -27,8 +27,8 @@ from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.product import ProductParameters
 from checkweigher_dsp.parameters import Parameters, describe
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.recipes import Product, read_recipes
-from checkweigher_dsp.records import Reason
 
 INTERFACES = ROOT / 'docs/interfaces.md'
 

@@ -25,7 +25,7 @@ from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.records import Reason
+from checkweigher_dsp.reasons import Reason
 
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 BURST = 50  # messages, after which all must have arrived

@@ -169,9 +169,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return response
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """End a child and its own children, which training would wait for."""
+        """End a child and its own children, which training would wait for.
+
+        SIGINT would be lost on a child that is just starting where it is ignored, as in a shell's
+        background.
+        """
         if child.poll() is None:
-            os.killpg(child.pid, signal.SIGINT)
+            os.killpg(child.pid, signal.SIGTERM)
 
     @property
     def _learned(self) -> Path:

@@ -16,7 +16,8 @@ from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import estimate_from, reference_from, verdict_from
 from checkweigher_dsp.nodes.delivery import current
 from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.records import MassEstimate, Reason, Reference, Verdict
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import MassEstimate, Reference, Verdict
 from checkweigher_validation.results import ItemResult, ResultJoiner
 
 _PATIENCE = 5.0  # s without a verdict before the reason is looked for

@@ -10,7 +10,8 @@ from rclpy.serialization import serialize_message
 
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import reference_to, verdict_from
-from checkweigher_dsp.records import Decision, Reason, Reference
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Decision, Reference
 from checkweigher_validation.results import GRAMS
 
 _TRAIL = 1.0  # s, in which the last product leaves the belt

@@ -38,7 +38,8 @@ from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.shell import declare, run
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock, StopReason
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
 _LOOK_PERIOD = 0.05  # s, in which trouble of the machine is told at the latest

@@ -7,7 +7,8 @@ from checkweigher_msgs.msg import StopRequest
 
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_dsp.health import Concern, Finding, Level, conclude
-from checkweigher_dsp.records import EyeEdge, StopReason, Verdict
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import EyeEdge, Verdict
 
 
 class LineOutputs:

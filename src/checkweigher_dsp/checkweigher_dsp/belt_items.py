@@ -3,7 +3,8 @@
 from collections import deque
 
 from checkweigher_dsp.items import Item, accounts_for, departure, length
-from checkweigher_dsp.records import EyeEdge, Reason
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import EyeEdge
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
 _OVERDUE = 1.5

@@ -20,7 +20,8 @@ from checkweigher_dsp.pass_stack import (
     stretch_length,
     time_since_entry,
 )
-from checkweigher_dsp.records import Reason, WeighWindow
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.shrinkage_table import UNTRAINED, ShrinkageTable
 from checkweigher_dsp.wavelet_shrinkage import LEVELS, ShrinkageFilter, threshold_universally
 

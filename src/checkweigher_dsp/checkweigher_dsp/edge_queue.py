@@ -10,30 +10,35 @@ class EdgeQueue:
     """Keep edges until the samples have reached them.
 
     Edges in a wrong order do no harm meanwhile, and no window is later for it, since it needs the
-    samples up to t3 anyway. An edge that is far behind the samples is kept apart until the next
-    ones come: these may show that the clock has gone back, and the edge is no late one then.
+    samples up to t3 anyway. An edge that is far behind another one is kept apart until the next
+    samples come: these may show that the clock has gone back, and the edge is no late one then.
 
     Parameters
     ----------
     lateness : int
-        ns, how far edges may be behind the samples.
+        ns, how far an edge may be behind others.
     """
 
     def __init__(self, lateness: int) -> None:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
+        self._newest: int | None = None  # stamp of an edge by this clock
 
-    def add(self, edge: EyeEdge, last: int | None) -> None:
-        """Take an edge; `last` is the stamp of the last sample, ns, None before the first."""
-        if last is not None and edge.stamp < last - self._lateness:
+    def add(self, edge: EyeEdge) -> None:
+        """Take an edge."""
+        if self._newest is not None and edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
-        else:
-            insort(self._edges, edge, key=_stamp)
+            return
+        self._newest = edge.stamp if self._newest is None else max(self._newest, edge.stamp)
+        insort(self._edges, edge, key=_stamp)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
         """Take edges, whatever the samples say."""
         self._edges = sorted([*edges, *self._edges], key=_stamp)
+        if self._edges:
+            newest = self._edges[-1].stamp
+            self._newest = newest if self._newest is None else max(self._newest, newest)
 
     def admit_strays(self) -> None:
         """Take what was kept apart: the clock has not gone back, the edges are late."""
@@ -52,6 +57,7 @@ class EdgeQueue:
     def pop_all(self) -> list[EyeEdge]:
         """Return all edges."""
         self.admit_strays()
+        self._newest = None
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:

@@ -18,7 +18,8 @@ from checkweigher_dsp.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.identification import is_stable, platform_poles
 from checkweigher_dsp.parameters import Parameters, parameter
-from checkweigher_dsp.records import MassEstimate, Reason, WeighWindow
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import MassEstimate, WeighWindow
 
 # How far an average may be off the plain mean of a window: standard deviations of its samples, and
 # the share of the load that a platform which is not the one of the parameters costs.

@@ -12,7 +12,8 @@ from checkweigher_dsp.health import (
     RecentValues,
     conclude,
 )
-from checkweigher_dsp.records import NANOSECONDS, MassEstimate, Reason, StopRequest, Verdict
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 
 _TOO_MANY_FAILED = 0.05  # share of the last items
 _FEWEST_FAILED = 2

@@ -8,7 +8,8 @@ from collections import deque
 
 from checkweigher_dsp.belt_items import BeltItems
 from checkweigher_dsp.items import Item, departure, length
-from checkweigher_dsp.records import Eye, EyeEdge, Reason
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Eye, EyeEdge
 
 _REMEMBERED = 64  # edges, in which one that comes twice is known again
 _FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends

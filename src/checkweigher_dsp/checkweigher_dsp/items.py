@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from checkweigher_dsp.records import Reason
+from checkweigher_dsp.reasons import Reason
 
 
 @dataclass(slots=True, eq=False)

@@ -2,7 +2,8 @@
 
 import math
 
-from checkweigher_dsp.records import Decision, MassEstimate, Reason, Verdict
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Decision, MassEstimate, Verdict
 from checkweigher_dsp.reject_parameters import RejectParameters
 from checkweigher_dsp.reject_timing import reject_time
 

@@ -3,7 +3,8 @@
 import math
 
 from checkweigher_dsp.items import Item
-from checkweigher_dsp.records import Reason, seconds
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import seconds
 from checkweigher_dsp.segmenter_parameters import SegmenterParameters
 
 # Of the usual speed; a belt that runs slower than that during a pass has stood still.

@@ -2,14 +2,8 @@
 
 from dataclasses import dataclass
 
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    Decision,
-    EyeEdge,
-    StopReason,
-    StopRequest,
-    Verdict,
-)
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, StopRequest, Verdict
 from checkweigher_dsp.reject_parameters import RejectParameters
 
 _MAX_OPEN = 10_000

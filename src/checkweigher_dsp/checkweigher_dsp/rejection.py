@@ -11,13 +11,13 @@ import math
 
 from checkweigher_dsp.item_tracking import Item, ItemTracker
 from checkweigher_dsp.judging import judge
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
     LineHistory,
     MassEstimate,
-    Reason,
     Verdict,
 )
 from checkweigher_dsp.reject_items import RejectItem, RejectItems, stamps_of

@@ -12,11 +12,11 @@ from checkweigher_dsp.item_tracking import ItemTracker
 from checkweigher_dsp.items import Item
 from checkweigher_dsp.load_check import LoadCheck
 from checkweigher_dsp.motion_check import MotionCheck
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     EyeEdge,
     LoadCell,
-    Reason,
     SampleBlock,
     WeighWindow,
     seconds,
@@ -186,7 +186,7 @@ class Segmenter:
     def add_edge(self, edge: EyeEdge) -> list[WeighWindow]:
         """Take a photo-eye edge and return the windows that it completes."""
         self.edges += 1
-        self._pending.add(edge, self._buffer.last_stamp)
+        self._pending.add(edge)
         self._take_due_edges()
         return self._give_up_without_samples(edge.stamp) + self._cut_waiting()
 

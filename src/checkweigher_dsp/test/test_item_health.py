@@ -10,15 +10,8 @@ from checkweigher_dsp.item_health import (
     VerdictWatch,
     WorkloadWatch,
 )
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    Decision,
-    MassEstimate,
-    Reason,
-    StopReason,
-    StopRequest,
-    Verdict,
-)
+from checkweigher_dsp.reasons import Reason, StopReason
+from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, StopRequest, Verdict
 
 
 def test_faults_are_an_error_once_nothing_else_comes():

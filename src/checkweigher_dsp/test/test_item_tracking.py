@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 import pytest
 
 from checkweigher_dsp.item_tracking import ItemTracker
-from checkweigher_dsp.records import Eye, EyeEdge, Reason
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Eye, EyeEdge
 
 MS = 1_000_000
 DEBOUNCE = 5 * MS

@@ -6,12 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import (
-    MassEstimate,
-    Reason,
-    WeighWindow,
-    seconds,
-)
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import MassEstimate, WeighWindow, seconds
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_dsp.records import Decision, Eye, EyeEdge, StopReason, Verdict
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
 from checkweigher_dsp.reject_monitoring import RejectMonitor
 from checkweigher_dsp.reject_parameters import RejectParameters
 from checkweigher_dsp.reject_timing import StreamClock

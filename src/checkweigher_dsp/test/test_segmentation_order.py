@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Reason, SampleBlock
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 
 DEFAULT = SegmenterParameters()

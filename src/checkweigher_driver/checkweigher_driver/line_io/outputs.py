@@ -10,7 +10,8 @@ from checkweigher_driver.line_io.answer_watch import AnswerWatch
 from checkweigher_driver.line_io.clock_watch import ClockWatch
 from checkweigher_driver.line_io.reject_pulses import RejectPulses
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Reason, Verdict
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
 
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 # A reject time further ahead is not on the clock of this machine.

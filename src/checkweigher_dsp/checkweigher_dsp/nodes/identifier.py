@@ -11,7 +11,7 @@ from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import estimate_to, window_from
 from checkweigher_dsp.nodes.held_publisher import HeldPublisher
 from checkweigher_dsp.nodes.shell import StageNode, run
-from checkweigher_dsp.records import Reason
+from checkweigher_dsp.reasons import Reason
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):

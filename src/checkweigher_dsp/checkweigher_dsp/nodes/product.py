@@ -35,8 +35,9 @@ from checkweigher_dsp.nodes.shell import StageNode, run
 from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.production_statistics import ProductionRecord
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.recipes import NODES, Product, RecipeError, read_recipes
-from checkweigher_dsp.records import NANOSECONDS, Reason
+from checkweigher_dsp.records import NANOSECONDS
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s

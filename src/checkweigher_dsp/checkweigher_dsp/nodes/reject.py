@@ -25,13 +25,12 @@ from checkweigher_dsp.nodes.held_publisher import HeldPublisher
 from checkweigher_dsp.nodes.managed import ManagedStageNode
 from checkweigher_dsp.nodes.recall import Recall
 from checkweigher_dsp.nodes.shell import run
+from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Eye,
     LineHistory,
     MassEstimate,
-    Reason,
-    StopReason,
     StopRequest,
     Verdict,
 )

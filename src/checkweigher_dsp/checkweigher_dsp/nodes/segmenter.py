@@ -23,14 +23,8 @@ from checkweigher_dsp.nodes.conversion import (
 )
 from checkweigher_dsp.nodes.held_publisher import HeldPublisher
 from checkweigher_dsp.nodes.shell import StageNode, run
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    EyeEdge,
-    LoadCell,
-    Reason,
-    SampleBlock,
-    WeighWindow,
-)
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 from checkweigher_dsp.segmenter_health import SegmenterWatch
 

@@ -1,0 +1,91 @@
+"""Why an item cannot be weighed and why a line should stop, each with what to look at."""
+
+from enum import StrEnum
+
+
+class Reason(StrEnum):
+    """Why an item cannot be weighed. ``DistanceFault`` is the word of OPC 40200."""
+
+    DISTANCE_FAULT = 'DistanceFault'
+    MISSING_EDGE = 'MissingEdge'
+    CHATTERING_EYE = 'ChatteringEye'
+    PRODUCT_TOO_LONG = 'ProductTooLong'
+    PRODUCT_TOO_SHORT = 'ProductTooShort'
+    BELT_SPEED = 'BeltSpeed'
+    WINDOW_TOO_SHORT = 'WindowTooShort'
+    SAMPLES_LOST = 'SamplesLost'
+    SATURATION = 'Saturation'
+    SOURCE_RESTARTED = 'SourceRestarted'
+    STREAM_ENDED = 'StreamEnded'
+    SPEED_NOT_TRAINED = 'SpeedNotTrained'
+    NO_CONVERGENCE = 'NoConvergence'
+    NO_LOAD = 'NoLoad'
+    BAD_WINDOW = 'BadWindow'
+    NO_ESTIMATE = 'NoEstimate'
+    UNKNOWN_ITEM = 'UnknownItem'
+    LATE_EDGE = 'LateEdge'
+    PRODUCT_ASKEW = 'ProductAskew'
+    BELT_SPEED_CHANGED = 'BeltSpeedChanged'
+    BELT_STOPPED = 'BeltStopped'
+    START_UP = 'StartUp'
+    CLOCK_JUMP = 'ClockJump'
+    ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
+    NO_PRODUCT = 'NoProduct'
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _HINTS[self]
+
+
+_HINTS = {
+    Reason.DISTANCE_FAULT: 'two products were on the weigh belt at once; increase their spacing',
+    Reason.MISSING_EDGE: 'a photo-eye did not switch, or the product was taken off the belt',
+    Reason.CHATTERING_EYE: 'a photo-eye switched too often; check for reflections and loose film',
+    Reason.PRODUCT_TOO_LONG: 'longer than the recipe allows, or never fully on the weigh belt',
+    Reason.PRODUCT_TOO_SHORT: 'shorter than the recipe or min_product_length allows',
+    Reason.BELT_SPEED: 'the belt speed is outside the recipe or min_belt_speed..max_belt_speed',
+    Reason.WINDOW_TOO_SHORT: 'the product was fully on the belt for too few samples',
+    Reason.SAMPLES_LOST: 'samples are missing; check the load on the machine and the QoS depth',
+    Reason.SATURATION: 'the converter was at its limit; check overload and load-cell wiring',
+    Reason.SOURCE_RESTARTED: 'the sample source started again while the product was on the line',
+    Reason.STREAM_ENDED: 'the stream ended before the product had left the belt',
+    Reason.SPEED_NOT_TRAINED: 'no training passes near this belt speed; run tune at this speed',
+    Reason.NO_CONVERGENCE: 'no stable platform or level in this signal; check what shakes the belt',
+    Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
+    Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
+    Reason.NO_ESTIMATE: 'no mass came in time for the rejector; check that all stages run',
+    Reason.UNKNOWN_ITEM: 'a mass came of what the eyes never saw; is there a second line?',
+    Reason.LATE_EDGE: 'an edge came after younger ones; check the clock and path of the photo-eyes',
+    Reason.PRODUCT_ASKEW: 'the length is that of a product that lies askew; check its guidance',
+    Reason.BELT_SPEED_CHANGED: 'another speed than the item before; expected once after a change',
+    Reason.BELT_STOPPED: 'less than half the speed of the item before: stopped, or edges were lost',
+    Reason.START_UP: 'the product was on the line before the first sample; run it again',
+    Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
+    Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
+    Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
+}
+
+
+class StopReason(StrEnum):
+    """Why the line should stop."""
+
+    TOO_MANY_REJECTS = 'TooManyRejects'
+    UNCONFIRMED_REJECT = 'UnconfirmedReject'
+    CONFIRMED_ACCEPT = 'ConfirmedAccept'
+    DRIVER_TROUBLE = 'DriverTrouble'
+    NOT_READY = 'NotReady'
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _STOP_HINTS[self]
+
+
+_STOP_HINTS = {
+    StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
+    StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
+    StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
+    StopReason.DRIVER_TROUBLE: 'the driver has trouble with load cell, photo-eyes or outputs',
+    StopReason.NOT_READY: 'no verdicts come: reject is not active; activate it or start it again',
+}
