@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import heapq
 
-from spoilt_lines import CELL, EDGES, LENGTH, MS, Event, SpoiltLine
+from spoilt_lines import CELL, EDGES, LENGTH, MS, START, Event, SpoiltLine
 
 from checkweigher_dsp.estimation import IdentifierParameters
 from checkweigher_dsp.line import LineParameters, Weighing, WeighingLine
@@ -188,7 +188,9 @@ def violations(
     for entry in _without_partner(entries):
         yield f'products {line.entries[entry]} have no verdict'
     for verdict in verdicts:
-        if verdict.decision is not Decision.FAULT and _sound_product(line, verdict) is None:
+        if verdict.decision is Decision.FAULT or _sound_product(line, verdict) is not None:
+            continue
+        if _alone_in_window(line, t2s.get(verdict.estimate_id), verdict.t3) is None:
             yield f'accepted, but no sound product: {verdict}'
 
 
@@ -264,6 +266,21 @@ def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None
     return None
 
 
+def _alone_in_window(line: SpoiltLine, t2: int | None, t3: int | None) -> int | None:
+    """Return which product left at t3 and really was alone and wholly on the belt since t2.
+
+    Where edges are lost its window may begin by that of one that was taken off: it is whole and
+    holds nothing else, and its mass has to be right.
+    """
+    for number, product in enumerate(line.products):
+        if t2 is None or product.t3 is None or line.plan.jump or product.t3 + START != t3:
+            continue
+        begin, others = t2 - START, [other for other in line.products if other is not product]
+        alone = not any(each.t1 < product.t3 and each.gone > begin for each in others)
+        return number if alone and product.t2 is not None and product.t2 <= begin else None
+    return None
+
+
 def _until(line: SpoiltLine, last: EyeEdge) -> Iterator[tuple[int, EyeEdge]]:
     """Yield the edges that came up to the first of `last`."""
     for when, event in line.events:
@@ -277,11 +294,14 @@ def wrong_masses(line: SpoiltLine, weighings: Sequence[Weighing], estimator: str
     """Say which accepted items have not t2, t3 and the mass of the product that they are of."""
     for weighing in weighings:
         estimate = weighing.estimate
-        number = _sound_product(line, estimate) if estimate.weighed else None
+        if not estimate.weighed:
+            continue
+        within = _alone_in_window(line, estimate.t2, estimate.t3)
+        number = _sound_product(line, estimate) if within is None else within
         if number is None:
-            continue  # no mass, or told by `violations`
+            continue  # told by `violations`
         mass = line.products[number].mass
-        if estimate.t2 != line.truth[number]['t2']:
+        if within is None and estimate.t2 != line.truth[number]['t2']:
             yield f'stamps of another product: {estimate}'
         if abs(estimate.mass - mass) > max(TOLERANCE[estimator] * mass, 4 * estimate.std_dev):
             yield f'{estimate.mass:.5f} kg +- {estimate.std_dev:.5f} is accepted for {mass:g} kg'

@@ -5,12 +5,14 @@ the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
 """
 
 from collections import deque
+from dataclasses import replace
 
 from checkweigher_dsp.belt_items import BeltItems
 from checkweigher_dsp.items import Item, departure, length
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Eye, EyeEdge
 
+_LONG_AGO = -(2**62)  # ns
 _REMEMBERED = 64  # edges, in which one that comes twice is known again
 _FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends
 
@@ -162,6 +164,10 @@ class ItemTracker(BeltItems):
         if backwards:
             self._edges.clear()
             self._items.clear()
+            self._came_last.clear()
+            # What the eyes showed holds, but by another clock: nothing is chatter of it.
+            for eye, edge in self._last_edge.items():
+                self._last_edge[eye] = replace(edge, stamp=_LONG_AGO)
             self._newest = None
         self._transit = self._odd_transit = self._outfeed_free = None
 
