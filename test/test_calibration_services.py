@@ -10,7 +10,7 @@ import pytest
 from rclpy.node import Node
 from serial_line import SerialDevice
 from std_srvs.srv import Trigger
-from test_nodes import wait_for
+from test_nodes import call, wait_for
 import yaml
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -41,11 +41,7 @@ class Technician:
         spinner.add(self._node)
 
     def call(self, kind: type, name: str, **values: float) -> Any:
-        client = self._node.create_client(kind, name)
-        wait_for(client.service_is_ready)
-        answer = client.call_async(kind.Request(**values))
-        wait_for(answer.done)
-        return answer.result()
+        return call(self._node, kind, name, **values)
 
     def zero(self) -> Any:
         return self.call(Trigger, topics.CALIBRATE_ZERO)

@@ -17,7 +17,7 @@ from rclpy.node import Node
 import running  # noqa: F401  sets the domain
 from std_srvs.srv import Trigger
 from test_calibrate import Dialogue
-from test_nodes import wait_for
+from test_nodes import call
 
 from checkweigher_bringup.dynamic_setting import DynamicSettingNode
 from checkweigher_bringup.line import STAGE_NODES
@@ -63,11 +63,7 @@ class Technician:
         spinner.add(self._node)
 
     def call(self, kind: type, name: str, **values: object) -> Any:
-        client = self._node.create_client(kind, name)
-        wait_for(client.service_is_ready)
-        answer = client.call_async(kind.Request(**values))
-        wait_for(answer.done)
-        return answer.result()
+        return call(self._node, kind, name, **values)
 
     def wait(self, condition: Callable[[DynamicSetting], bool]) -> list[DynamicSetting]:
         """Return what was said up to what meets a condition."""

@@ -102,6 +102,15 @@ def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
         time.sleep(0.01)
 
 
+def call(node: Node, kind: Any, name: str, **values: object) -> Any:
+    """Call a service from a node that spins, and return the answer."""
+    client = node.create_client(kind, name)
+    wait_for(client.service_is_ready)
+    answer = client.call_async(kind.Request(**values))
+    wait_for(answer.done)
+    return answer.result()
+
+
 def publish(node: Node, topic: Topic, message: Any) -> None:
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
     wait_for(lambda: publisher.get_subscription_count() > 0)

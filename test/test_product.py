@@ -9,7 +9,6 @@ import math
 from pathlib import Path
 import queue
 import statistics
-import time
 from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
@@ -19,6 +18,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from running import BAGS, run_command
+from test_nodes import call, wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
@@ -62,13 +62,6 @@ products:
 """
 TU1_GROSS = 0.14325 + 0.004
 BELT = LoadCell(960.0, 5e5, 1.25e6, -(2**23), 2**23 - 1, 7.2, 0.2)
-
-
-def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'timed out'
-        time.sleep(0.01)
 
 
 class Line:
@@ -118,11 +111,7 @@ class Line:
         self.operator.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def call(self, kind: Any, name: str, **request: object) -> Any:
-        client = self.operator.create_client(kind, name)
-        wait_for(client.service_is_ready)
-        future = client.call_async(kind.Request(**request))
-        wait_for(future.done)
-        return future.result()
+        return call(self.operator, kind, name, **request)
 
     def select(self, product: str) -> Any:
         return self.call(SelectProduct, 'select_product', product=product)

@@ -1,7 +1,6 @@
 """What `calibrate --dynamic` does: passes of a known mass at one belt speed after the other."""
 
 import argparse
-import os
 from pathlib import Path
 from statistics import median
 
@@ -16,7 +15,7 @@ from checkweigher_bringup.settings import (
     line_parameters,
 )
 from checkweigher_bringup.training import read_passes
-from checkweigher_driver.calibration_file import check_not_installed, keep_version
+from checkweigher_driver.calibration_file import check_not_installed, replace_version
 from checkweigher_driver.whole_file import check_folder_of, output_error
 
 _SECONDS = 60.0  # in a minute
@@ -47,8 +46,7 @@ def set_dynamically(arguments: argparse.Namespace) -> int:
         if (value := getattr(arguments, option)) is not None:
             words += [f'--{option}', value]
     tune.run(parser.parse_args([str(word) for word in words]))
-    version = keep_version(output)
-    os.replace(new, output)
+    version = replace_version(output, new)
     print(f'{output}: version {version} written; start the line with it')
     return 0
 

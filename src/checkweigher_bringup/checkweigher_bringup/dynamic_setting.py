@@ -21,7 +21,7 @@ from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
-from checkweigher_driver.calibration_file import check_not_installed, keep_version
+from checkweigher_driver.calibration_file import check_not_installed, replace_version
 from checkweigher_driver.static_calibration import CalibrationError
 from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.nodes import topics
@@ -231,8 +231,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         elif self._cancelled:
             self._tell(DynamicSetting.IDLE, 'training cancelled')
         else:
-            version = keep_version(self._file)
-            os.replace(self._learned, self._file)
+            version = replace_version(self._file, self._learned)
             self._tell(DynamicSetting.IDLE, f'learned; the line takes {self._file} as its '
                        f'parameters, version {version}')  # fmt: skip
         if self._said.state == DynamicSetting.FAILED:

@@ -160,19 +160,25 @@ def write_version(
     return version
 
 
-def keep_version(path: Path) -> int:
-    """Keep a file, if it is there, as ``NAME.vN.yaml``, and return the number of the next one.
+def replace_version(path: Path, new: Path) -> int:
+    """Put a new file in place of one that is kept as ``NAME.vN.yaml``, if there is one.
+
+    Returns
+    -------
+    int
+        Number of the new version.
 
     Raises
     ------
     OutputError
-        If it cannot be kept.
+        If the old one cannot be kept; it stays then.
     """
     version = max([0, *_kept_versions(path)]) + 1
-    if not path.exists():
-        return version
-    _keep(path, version)
-    return version + 1
+    if path.exists():
+        _keep(path, version)
+        version += 1
+    os.replace(new, path)
+    return version
 
 
 def _keep(path: Path, version: int) -> None:

@@ -24,7 +24,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
     """
     try:
         return serial.Serial(
-            name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=1.0, exclusive=True
+            name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
     except (OSError, ValueError) as error:  # SerialException is an OSError
         raise SerialError(f'{name}: {reason_of(name, error)}') from None

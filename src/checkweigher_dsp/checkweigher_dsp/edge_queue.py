@@ -42,8 +42,9 @@ class EdgeQueue:
 
     def admit_strays(self) -> None:
         """Take what was kept apart: the clock has not gone back, the edges are late."""
-        strays, self._strays = self._strays, []
-        self.put_back(strays)
+        if self._strays:  # with each block of samples, and there hardly ever are any
+            strays, self._strays = self._strays, []
+            self.put_back(strays)
 
     def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
         """Return the first edges, as long as they meet a condition."""

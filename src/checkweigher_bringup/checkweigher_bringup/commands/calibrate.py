@@ -137,7 +137,7 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
     """Return where the samples come from."""
     from checkweigher_bringup.sample_feed import line_feed, source_feed
     from checkweigher_bringup.settings import check_namespace
-    from checkweigher_driver.calibration_file import check_calibrated_source
+    from checkweigher_driver.calibration_file import check_calibrated_source, source_values
     from checkweigher_driver.sources import source_class
 
     check_calibrated_source(arguments.source)
@@ -145,8 +145,6 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
         return line_feed(check_namespace(arguments.namespace))
     values: dict[str, object] = {}
     if arguments.params is not None:
-        from checkweigher_driver.calibration_file import source_values
-
         values = source_values(arguments.params, arguments.source)
     kind = source_class(arguments.source)
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))

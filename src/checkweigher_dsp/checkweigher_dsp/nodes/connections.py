@@ -169,15 +169,10 @@ class Connections:
 
 def has_matched_all(node: Node, *publishers: Publisher) -> bool:
     """Tell whether publishers have matched every subscriber that the graph knows and they suit."""
-
-    def suits(publisher: Publisher, qos: QoSProfile) -> bool:
-        compatibility, _ = qos_check_compatible(publisher.qos_profile, qos)
-        return bool(compatibility != QoSCompatibility.ERROR)
-
     return all(
         publisher.get_subscription_count()
         >= sum(
-            suits(publisher, other.qos_profile)
+            topics.fits(publisher.qos_profile, other.qos_profile)
             for other in node.get_subscriptions_info_by_topic(publisher.topic_name)
         )
         for publisher in publishers

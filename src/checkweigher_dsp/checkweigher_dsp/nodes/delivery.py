@@ -16,9 +16,11 @@ from typing import Any, Protocol
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.utilities import get_rmw_implementation_identifier
+
+from checkweigher_dsp.nodes.topics import fits
 
 _LONGEST_WAIT = 0.005  # s for a turn, after which a source leaves what it has to whoever waits
 _LONGEST_TURN = 0.01  # s of messages, after which the executor looks at timers and services
@@ -357,8 +359,9 @@ def _taker_of(subscription: Subscription) -> _Taker | None:
 
 def _fit(maker: DeliveringPublisher, taker: _Taker) -> bool:
     assert taker.subscription is not None
-    compatibility, _ = qos_check_compatible(maker.qos_profile, taker.subscription.qos_profile)
-    return maker.msg_type is taker.subscription.msg_type and compatibility != QoSCompatibility.ERROR
+    subscription = taker.subscription
+    same = maker.msg_type is subscription.msg_type
+    return same and fits(maker.qos_profile, subscription.qos_profile)
 
 
 _current: Delivery | None = None

@@ -20,7 +20,14 @@ from checkweigher_msgs.msg import (
     ZeroSetting,
 )
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,12 @@ class Topic:
     type: type
     qos: QoSProfile
     stage_qos: QoSProfile
+
+
+def fits(offered: QoSProfile, asked: QoSProfile) -> bool:
+    """Tell whether a publisher and a subscription of these profiles connect."""
+    compatibility, _ = qos_check_compatible(offered, asked)
+    return bool(compatibility != QoSCompatibility.ERROR)
 
 
 def _topic(name: str, message: type, qos: QoSProfile, stage_qos: QoSProfile | None = None) -> Topic:
