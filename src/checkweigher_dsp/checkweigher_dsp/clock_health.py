@@ -92,14 +92,13 @@ class ClockWatch:
         while self._blocks and self._blocks[0][0] <= now - _RATE_SPAN:
             self._blocks.popleft()
 
-    @property
-    def pace(self) -> float:
-        """Seconds of the stamps in a second; NaN if not known.
+    def _pace(self, slope: float) -> float:
+        """Return seconds of the stamps in a second; NaN if not known.
 
         From the least delays once there are some: after a halt blocks come faster for a while.
         """
         if len(self._bins) >= _PACE_BINS:
-            return 1.0 - self._bins.slope
+            return 1.0 - slope
         if len(self._blocks) < 2:
             return math.nan
         (began, first_stamp, _), (came, last_stamp, _) = self._blocks[0], self._blocks[-1]
@@ -107,11 +106,6 @@ class ClockWatch:
         if elapsed < _SHORTEST_SPAN:
             return math.nan
         return (last_stamp - first_stamp) / NANOSECONDS / elapsed
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the stamps run with the machine's clock: those of a replay may not."""
-        return abs(self.pace - 1) <= _REPLAY
 
     @property
     def sample_rate(self) -> float:
@@ -122,22 +116,15 @@ class ClockWatch:
         elapsed = (last_stamp - first_stamp) / NANOSECONDS
         return (last - first) / elapsed if elapsed >= _SHORTEST_SPAN else math.nan
 
-    @property
-    def drift(self) -> float:
-        """How much faster the machine's clock runs than that of the stamps, relative."""
-        return self._bins.slope if len(self._bins) >= _DRIFT_BINS else math.nan
-
-    @property
-    def jitter(self) -> float:
-        """By how much 95 % of the blocks are not later than the least late one, s."""
+    def _jitter(self) -> float:
+        """Return by how much 95 % of the blocks are not later than the least late one, s."""
         return self._delays.quantile(0.95) - self._delays.smallest
 
-    @property
-    def eye_offset(self) -> float:
-        """How much later the edges come than the samples of the same time, s."""
+    def _eye_offset(self, least: float) -> float:
+        """Return how much later the edges come than the samples of the same time, s."""
         if len(self._edge_delays) < _FEWEST_EDGES:
             return math.nan
-        return self._edge_delays.smallest - self._least()
+        return self._edge_delays.smallest - least
 
     def _least(self) -> float:
         """Return the least delay of a block lately, s from the stamp of the first one."""
@@ -153,37 +140,42 @@ class ClockWatch:
         offset_of_clocks : float
             s, of the clock of day less the one on which arrivals are told.
         """
+        least, slope = self._least(), self._bins.slope
         offset = math.nan
         if self._origin is not None:
-            offset = self._least() + offset_of_clocks - self._origin / NANOSECONDS
-        drift = self.drift
+            offset = least + offset_of_clocks - self._origin / NANOSECONDS
+        pace, jitter, eye_offset = self._pace(slope), self._jitter(), self._eye_offset(least)
+        # How much faster the machine's clock runs than that of the stamps, relative.
+        drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {
             'stamps_behind_this_machine_s': offset,
             'drift_ppm': 1e6 * drift,
-            'jitter_of_arrival_ms': 1e3 * self.jitter,
-            'edges_behind_samples_ms': 1e3 * self.eye_offset,
-            'pace_of_stamps': self.pace,
+            'jitter_of_arrival_ms': 1e3 * jitter,
+            'edges_behind_samples_ms': 1e3 * eye_offset,
+            'pace_of_stamps': pace,
         }
-        if math.isnan(self.pace):
+        if math.isnan(pace):
             return conclude('Clock', 'not known yet', (), values)
-        if not self.is_live:
-            text = f'the stamps run at {self.pace:.2f} times real time, as those of a replay do'
+        if abs(pace - 1) > _REPLAY:
+            text = f'the stamps run at {pace:.2f} times real time, as those of a replay do'
             return conclude('Clock', text, (), values)
-        return conclude('Clock', 'stamps and arrival agree', self._concerns(), values)
+        concerns = _concerns(drift, jitter, eye_offset)
+        return conclude('Clock', 'stamps and arrival agree', concerns, values)
 
-    def _concerns(self) -> list[Concern]:
-        found = []
-        if abs(self.eye_offset) > _EYE_OFFSET_LIMIT:
-            side = 'later' if self.eye_offset > 0 else 'earlier'
-            text = f'edges come {abs(self.eye_offset):.2f} s {side} than samples of the same stamp'
-            hint = 'check that load cell and photo-eyes are stamped by one clock'
-            found.append(Concern(Level.WARN, text, hint))
-        if abs(self.drift) > _DRIFT_LIMIT:
-            text = f'the stamps drift by {1e6 * self.drift:.0f} ppm against this machine'
-            hint = 'check the sample rate in load_cell/info and what the stamps are made of'
-            found.append(Concern(Level.WARN, text, hint))
-        if self.jitter > _JITTER_LIMIT:
-            text = f'blocks come up to {1e3 * self.jitter:.0f} ms late'
-            hint = 'check the load on this machine and the network to the driver'
-            found.append(Concern(Level.WARN, text, hint))
-        return found
+
+def _concerns(drift: float, jitter: float, eye_offset: float) -> list[Concern]:
+    found = []
+    if abs(eye_offset) > _EYE_OFFSET_LIMIT:
+        side = 'later' if eye_offset > 0 else 'earlier'
+        text = f'edges come {abs(eye_offset):.2f} s {side} than samples of the same stamp'
+        hint = 'check that load cell and photo-eyes are stamped by one clock'
+        found.append(Concern(Level.WARN, text, hint))
+    if abs(drift) > _DRIFT_LIMIT:
+        text = f'the stamps drift by {1e6 * drift:.0f} ppm against this machine'
+        hint = 'check the sample rate in load_cell/info and what the stamps are made of'
+        found.append(Concern(Level.WARN, text, hint))
+    if jitter > _JITTER_LIMIT:
+        text = f'blocks come up to {1e3 * jitter:.0f} ms late'
+        hint = 'check the load on this machine and the network to the driver'
+        found.append(Concern(Level.WARN, text, hint))
+    return found

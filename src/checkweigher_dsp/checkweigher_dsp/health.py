@@ -8,12 +8,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 import math
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
 
 MINUTE = 60.0  # s, what is called lately
 _MAX_VALUES = 10_000
+_value = itemgetter(1)
 
 
 class Level(IntEnum):
@@ -115,12 +117,12 @@ class RecentValues:
     @property
     def values(self) -> NDArray[np.float64]:
         """The values, the oldest first."""
-        return np.array([value for _, value in self._entries])
+        return np.array(list(map(_value, self._entries)))
 
     @property
     def total(self) -> float:
         """Sum of the values."""
-        return math.fsum(value for _, value in self._entries)
+        return math.fsum(map(_value, self._entries))
 
     @property
     def median(self) -> float:
@@ -130,12 +132,12 @@ class RecentValues:
     @property
     def largest(self) -> float:
         """Largest value, NaN without any."""
-        return max((value for _, value in self._entries), default=math.nan)
+        return max(map(_value, self._entries), default=math.nan)
 
     @property
     def smallest(self) -> float:
         """Smallest value, NaN without any."""
-        return min((value for _, value in self._entries), default=math.nan)
+        return min(map(_value, self._entries), default=math.nan)
 
     def quantile(self, share: float) -> float:
         """Return the value that a share of all does not exceed, NaN without any."""

@@ -9,6 +9,7 @@ import time
 from typing import Any, TypeVar, cast
 
 from rclpy.client import Client
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import (
     ConditionReachedException,
@@ -20,6 +21,7 @@ from rclpy.executors import (
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -28,8 +30,8 @@ from rclpy.waitable import NumberOfEntities, Waitable
 from checkweigher_dsp.nodes.delivery import Delivery, is_handed_over, was_handed_over
 from checkweigher_dsp.nodes.executor import DeliveringExecutor
 
-_LOOK_PERIOD = 0.05  # s, in which services, clients and events are looked at under traffic
-_CLEAR_PERIOD = 1.0  # s, in which subscriptions are looked at of which all is handed over
+_LOOK_PERIOD = 0.05  # s, in which services and clients are looked at under traffic
+_CLEAR_PERIOD = 1.0  # s, for events, and subscriptions of which all is handed over
 _LIVELY = 0.5  # s after a call in which the next one is expected
 _LONGEST_SWEEP = 0.02  # s of messages after which timers get their turn
 _ROUNDS = 4  # after which subscriptions without messages are asked again
@@ -63,8 +65,8 @@ class CachedExecutor(DeliveringExecutor):
         self._frequent: list[Listed] = []
         self._rare: list[Listed] = []
         self._rare_pointers: set[int] = set()
-        self._events: list[Waitable] = []  # those of the latter
-        self._waitables: list[Waitable] = []
+        self._events: list[Waitable] = []  # of the middleware
+        self._waitables: list[Waitable] = []  # all others
         self._watched: list[Waitable] = []  # those that the last wait was for
         self._is_ordinary = True
         self._spinning = False
@@ -150,7 +152,7 @@ class CachedExecutor(DeliveringExecutor):
     def _serve(self, end: float) -> bool:
         """Wait until `end`, s of the monotonic clock; return whether anything was done."""
         now = time.monotonic()
-        if self._seldom:
+        if self._seldom or self._events:
             if now >= self._cleared + _CLEAR_PERIOD:
                 return self._clear_away()
             end = min(end, self._cleared + _CLEAR_PERIOD)
@@ -180,7 +182,7 @@ class CachedExecutor(DeliveringExecutor):
         """Take what DDS has brought of what was handed over, and what came from outside with it."""
         self._cleared = time.monotonic()
         with self._delivery.away():
-            came = [each for each in self._leftovers() if not was_handed_over(each[0], each[2])]
+            came = list(self._leftovers())
         if came:  # what was published before on other topics comes first
             self._sweep({each.handle.pointer for each in self._subscriptions})
         for subscription, *arguments in came:
@@ -189,7 +191,7 @@ class CachedExecutor(DeliveringExecutor):
         return self._has_event() and self._do_the_rare()
 
     def _has_event(self) -> bool:
-        """Tell whether there is an event of a subscription of which all is handed over."""
+        """Tell whether there is an event of the middleware."""
         count = sum((event.get_num_entities() for event in self._events), NumberOfEntities())
         wait_set = self._new_wait_set(count)
         for event in self._events:
@@ -198,12 +200,19 @@ class CachedExecutor(DeliveringExecutor):
         return any(event.is_ready(wait_set) for event in self._events)
 
     def _leftovers(self) -> Iterator[tuple[Subscription, Any, Any]]:
+        """Yield what DDS has brought that was not handed over, and take what was."""
         for subscription in self._seldom:
             for _ in range(subscription.qos_profile.depth):
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                # Serialized, for hardly any of it is looked at.
+                taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     break
-                yield subscription, *taken
+                message, info = taken
+                if was_handed_over(subscription, info):
+                    continue
+                if not subscription.raw:
+                    message = deserialize_message(message, subscription.msg_type)
+                yield subscription, message, info
 
     def _collect(self) -> None:
         """List the entities of all nodes, and keep them from being destroyed while listed."""
@@ -219,10 +228,10 @@ class CachedExecutor(DeliveringExecutor):
             self._seldom += seldom
             self._subscriptions += [each for each in subscriptions if _is_plain(each)]
             self._timers += [each for each in timers if _is_plain(each)]
-            # What waits there would end each wait for an event of the same subscription.
-            events = self._held(event for each in seldom for event in each.event_handlers)
-            self._events += events
-            self._waitables += self._held(each for each in node.waitables if each not in events)
+            # Of these there are dozens, and they come when an endpoint is found, if ever.
+            waitables = self._held(node.waitables)
+            self._events += [each for each in waitables if isinstance(each, EventHandler)]
+            self._waitables += [each for each in waitables if not isinstance(each, EventHandler)]
             for subscription in subscriptions:
                 self._list(WaitSet.add_subscription, subscription)
             for timer in timers:
