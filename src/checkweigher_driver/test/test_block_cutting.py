@@ -1,9 +1,11 @@
 from dataclasses import astuple
+from functools import partial
 
 import numpy as np
 import pytest
 
-from checkweigher_driver.block_cutting import cut_at_edges, join
+from checkweigher_driver.block_cutting import cut_for_pace, join, join_past_edges
+from checkweigher_driver.pacing import Pacer
 from checkweigher_driver.simulation import Simulation, SimulationParameters
 from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Reference, SampleBlock
@@ -21,6 +23,10 @@ def edge(milliseconds):
     return EyeEdge(round(milliseconds * MILLISECOND), Eye.OUTFEED, True)
 
 
+def entry(milliseconds):
+    return EyeEdge(round(milliseconds * MILLISECOND), Eye.INFEED, True)
+
+
 def shown(events):
     """Return events as plain values: (first index, count) of a block, ms of an edge."""
     return [
@@ -31,38 +37,73 @@ def shown(events):
     ]
 
 
+def prompt(events, longest):
+    return list(join_past_edges(events, RATE, longest, prompt=True))
+
+
 @pytest.mark.parametrize(
     ('at', 'cut'),
     [
-        (13.5, [(0, 10), (10, 4), 13.5, (14, 6), (20, 10)]),
+        (13.5, [(0, 14), 13.5, (14, 16)]),
         # The sample that is taken at the moment of the edge follows it.
-        (13.0, [(0, 10), (10, 3), 13.0, (13, 7), (20, 10)]),
-        (10.0, [(0, 10), 10.0, (10, 10), (20, 10)]),
-        (19.5, [(0, 10), (10, 10), 19.5, (20, 10)]),
+        (13.0, [(0, 13), 13.0, (13, 17)]),
+        (10.0, [(0, 10), 10.0, (10, 20)]),
+        (19.5, [(0, 20), 19.5, (20, 10)]),
     ],
 )
-def test_an_edge_comes_between_the_samples_before_and_after_it(at, cut):
+def test_a_window_does_not_wait_for_the_block_in_which_it_ends(at, cut):
     events = [block(0, 10), block(10, 10), edge(at), block(20, 10)]
 
-    assert shown(cut_at_edges(events, RATE)) == cut
+    assert shown(prompt(events, 0.03)) == cut
+
+
+def test_other_edges_come_at_once_and_cut_nothing():
+    events = [block(0, 10), block(10, 10), entry(13.5), entry(15), block(20, 10), block(30, 10)]
+
+    assert shown(prompt(events, 0.03)) == [13.5, 15, (0, 30), (30, 10)]
+
+
+def test_at_full_speed_no_edge_cuts():
+    events = [block(0, 10), edge(3.5), block(10, 10), edge(13.5), block(20, 10)]
+
+    assert shown(cut_for_pace(events, RATE, 0.0, 0.02)) == [3.5, 13.5, (0, 30)]
+    assert shown(cut_for_pace(events, RATE, 1.0, 0.02)) == [
+        (0, 4), 3.5, (4, 10), 13.5, (14, 16)
+    ]  # fmt: skip
 
 
 def test_two_edges_in_a_block_cut_it_twice():
     events = [block(0, 10), edge(2.5), edge(6.5)]
 
-    assert shown(cut_at_edges(events, RATE)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]
+    assert shown(prompt(events, 0.01)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 3)]
 
 
-def test_an_edge_does_not_wait_for_the_blocks_that_are_joined():
-    events = [block(0, 10), block(10, 10), edge(13.5), block(20, 10), block(30, 10), block(40, 10)]
+def test_a_block_that_is_longer_than_wanted_is_cut_at_each_edge():
+    events = [block(0, 100), entry(2.5), entry(6.5)]
 
-    joined = join(events, RATE, longest=0.02)
+    assert shown(prompt(events, 0.05)) == [(0, 3), 2.5, (3, 4), 6.5, (7, 93)]
 
-    assert shown(cut_at_edges(joined, RATE)) == [(0, 14), 13.5, (14, 6), (20, 20), (40, 10)]
+
+def test_an_edge_in_a_gap_comes_after_the_samples_before_it():
+    events = [block(0, 10), entry(25), block(40, 10)]
+
+    assert shown(prompt(events, 1.0)) == [(0, 10), 25, (40, 10)]
+
+
+def test_all_come_in_the_order_in_which_they_are_due():
+    simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
+    rate = simulation.load_cell.sample_rate
+    pacer = Pacer(1.0, rate, 0.0)
+
+    due = [pacer.due(event) for event in cut_for_pace(simulation, rate, 1.0, 0.05)]
+
+    assert len(due) > 100
+    # The last sample before t3 is due when it ends, which is after t3.
+    assert np.all(np.diff(due) > -1 / rate)
 
 
 def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
-    _, _, last = cut_at_edges([block(0, 10), edge(2.5)], 960.0)
+    _, _, last = join_past_edges([block(0, 10), edge(2.5)], 960.0, prompt=True)
 
     assert last.first_index == 3
     assert last.stamp == round(3 * NANOSECONDS / 960)
@@ -92,7 +133,11 @@ def test_a_joined_block_is_no_longer_than_the_segmenter_reports():
     assert shown(join(events, RATE)) == [(first, 250) for first in range(0, 1000, 250)]
 
 
-@pytest.mark.parametrize('cut', [cut_at_edges, join])
+@pytest.mark.parametrize(
+    'cut',
+    [join, partial(join_past_edges, prompt=True), partial(join_past_edges, prompt=False)],
+    ids=['joined', 'prompt', 'past edges'],
+)
 def test_the_masses_are_the_same_to_the_last_bit(cut):
     simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
 
