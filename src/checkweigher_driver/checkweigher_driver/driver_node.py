@@ -194,8 +194,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         verdict = verdict_from(message)
         self._outputs.verdict(verdict)  # before all else: the rejector waits
         self._memory.add_verdict(verdict)
+        number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
         with self._changed:
-            number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
             self._flow.items_judged = max(self._flow.items_judged, number)
             self._changed.notify_all()
 
@@ -265,10 +265,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             return
         rate = source.load_cell.sample_rate
         self._telling = True
-        pace = self.parameters.rate
-        pacer = Pacer(pace, rate, time.monotonic())
+        pace, pacer = self.parameters.rate, None
         events = cut_for_pace(source, rate, pace, self.parameters.block_time)
         for event in events if source.paced else source:
+            pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
             if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
                 return
             if held_back and isinstance(event, SampleBlock):
@@ -290,7 +290,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if source.paced and not self.parameters.lossless:
             return True
         wanted = self.parameters.listeners
-        what = 'a segmenter' + (f' and {wanted} other listeners' if wanted else '')
+        what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
         if source.paced and not self._wait_for(lambda: self._has_listeners(wanted), what):
             return False
         ready = self._wait_for(self._has_line, '', patience=_PATIENCE)
@@ -306,9 +306,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return ready
 
     def _has_line(self) -> bool:
-        there = self._has_listeners() and self._has_reject() and self._outputs.ready
-        # Whoever is there, such as a recorder, gets all that is sent from now on.
-        return there and has_matched_all(self, self._info, *self._streams)
+        if not (self._has_listeners() and self._has_reject() and self._outputs.ready):
+            return False
+        return has_matched_all(self, self._info, *self._streams)  # a recorder gets all, too
 
     def _has_reject(self) -> bool:
         """Tell whether a reject node says that it is active, and takes the edges."""

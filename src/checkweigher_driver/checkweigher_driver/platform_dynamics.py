@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 
 class Platform:
@@ -73,6 +72,8 @@ class Platform:
         return reading
 
     def _stretch(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
+        from scipy.signal import lfilter  # half a second, that no node should take to start
+
         a11, a12, a21, a22 = self.transition(load)
         b1, b2 = 1 - a11, -a12 * a21 - a22 * (1 - a11)
         state = np.array((self._reading, a12 * self._rate - a22 * self._reading))

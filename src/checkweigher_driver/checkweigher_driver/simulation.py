@@ -26,7 +26,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from checkweigher_driver.belt_travel import BeltTravel, Line, Pass
 from checkweigher_driver.platform_dynamics import Platform
@@ -280,6 +279,8 @@ class _Machine:
     """The state of one run: belt, platform and noise sources."""
 
     def __init__(self, parameters: SimulationParameters) -> None:
+        from scipy.signal import butter  # half a second, that no node should take to start
+
         self.total: int | None = None
         self._parameters = parameters
         self._profile = PROFILES[parameters.profile]
@@ -356,6 +357,8 @@ class _Machine:
             deviation = self._profile.broadband * self._speed * math.sqrt(self._rate / 2)
             force += deviation * self._broadband.standard_normal(len(force))
         if self._profile.floor:
+            from scipy.signal import sosfilt
+
             # Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
             width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
             white = self._floor.standard_normal(len(force)) / math.sqrt(width / (self._rate / 2))

@@ -1,5 +1,8 @@
 """The registry of sources and the sources themselves."""
 
+import subprocess
+import sys
+
 import pytest
 
 from checkweigher_driver.bag_messages import BagError
@@ -87,3 +90,15 @@ def test_a_bag_that_is_not_named_or_not_there_is_refused(tmp_path):
         found(found.parameters())
     with pytest.raises(BagError, match='there is no such file'):
         found(found.parameters.from_mapping({'path': str(tmp_path / 'none')}))
+
+
+def test_no_source_loads_scipy_before_it_is_begun():
+    # It takes as long as all else that a line needs to start.
+    code = (
+        'import sys\n'
+        'from checkweigher_driver.sources import SOURCES, source_class\n'
+        'loaded = [source_class(name) for name in SOURCES]\n'
+        'assert loaded and "scipy" not in sys.modules'
+    )
+
+    subprocess.run([sys.executable, '-c', code], check=True)
