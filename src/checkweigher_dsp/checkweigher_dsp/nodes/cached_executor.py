@@ -72,6 +72,7 @@ class CachedExecutor(DeliveringExecutor):
         self._spinning = False
         self._frequent_set: Any = None
         self._whole_set: Any = None
+        self._event_set: Any = None
         self._looked = self._called = self._cleared = -math.inf  # s of the monotonic clock
         super().__init__(delivery, **options)
         for name in _INTERNALS:
@@ -192,8 +193,8 @@ class CachedExecutor(DeliveringExecutor):
 
     def _has_event(self) -> bool:
         """Tell whether there is an event of the middleware."""
-        count = sum((event.get_num_entities() for event in self._events), NumberOfEntities())
-        wait_set = self._new_wait_set(count)
+        wait_set = self._event_set
+        wait_set.clear_entities()
         for event in self._events:
             event.add_to_wait_set(wait_set)
         wait_set.wait(0)
@@ -243,10 +244,9 @@ class CachedExecutor(DeliveringExecutor):
         self._rare_pointers = {handle.pointer for _, _, handle in self._rare}
         guards = NumberOfEntities(num_gcs=len(self._guards))
         self._frequent_set = self._new_wait_set(guards + _count(self._frequent))
-        whole = guards + _count([*self._frequent, *self._rare])
-        for waitable in self._waitables:
-            whole += waitable.get_num_entities()
+        whole = guards + _count([*self._frequent, *self._rare]) + _count_in(self._waitables)
         self._whole_set = self._new_wait_set(whole)
+        self._event_set = self._new_wait_set(_count_in(self._events))
 
     def _list(self, add: Any, entity: Any) -> None:
         frequent = isinstance(entity, Subscription | Timer) and _is_plain(entity)
@@ -265,7 +265,7 @@ class CachedExecutor(DeliveringExecutor):
 
     def _let_go(self) -> None:
         """Forget the entities: what was destroyed meanwhile goes now."""
-        self._frequent_set = self._whole_set = None
+        self._frequent_set = self._whole_set = self._event_set = None
         self._subscriptions, self._timers, self._waitables = [], [], []
         self._seldom, self._events = [], []
         self._frequent, self._rare = [], []
@@ -374,3 +374,7 @@ def _count(listed: Iterable[Listed]) -> NumberOfEntities:
         num_subs=counts[Subscription], num_timers=counts[Timer],
         num_clients=counts[Client], num_services=counts[Service],
     )  # fmt: skip
+
+
+def _count_in(waitables: Iterable[Waitable]) -> NumberOfEntities:
+    return sum((each.get_num_entities() for each in waitables), NumberOfEntities())
