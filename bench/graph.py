@@ -36,7 +36,7 @@ from checkweigher_dsp.records import Decision, Verdict
 
 _SPEED, _SPACING = 1.5, 0.35  # m/s, m
 _ITEMS_PER_SECOND = _SPEED / _SPACING
-_SETTLED = 10  # items until a line is warm
+_SETTLED = 10  # items, or messages, until all have found each other and are warm
 _PATIENCE = 60.0  # s without a verdict
 _HOP_THERE = 0.09  # ms, a raw hop on the machine for which the targets of latency were set
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
@@ -66,13 +66,13 @@ def measure_hop(count: int) -> Figure:
             _PATIENCE,
         )
         values = []
-        for number in range(count):
+        for number in range(_SETTLED + count):
             time.sleep(0.005)  # as a line has it: nobody is warm from the message before
             sent = time.monotonic_ns()
             there.publish(Time(sec=number))
             here.spin_until(lambda number=number: len(came) > number, _PATIENCE)  # type: ignore[misc]
             values.append((came[-1] - sent) / 2e6)
-    return figure('raw hop between two processes', 'ms', values)
+    return figure('raw hop between two processes', 'ms', values[_SETTLED:])
 
 
 @dataclass
