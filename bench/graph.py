@@ -35,7 +35,6 @@ from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.records import Decision, Verdict
 
 _SPEED, _SPACING = 1.5, 0.35  # m/s, m
-_ITEMS_PER_SECOND = _SPEED / _SPACING
 _SETTLED = 10  # items, or messages, until all have found each other and are warm
 _PATIENCE = 60.0  # s without a verdict
 _HOP_THERE = 0.09  # ms, a raw hop on the machine for which the targets of latency were set
@@ -47,9 +46,46 @@ def parameters(bag: Path) -> dict[str, dict[str, object]]:
     return {'driver': {'source': 'bag', 'bag.path': str(bag)}}
 
 
-def write_line(bag: Path, count: int) -> None:
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Lanes that run at true time.
+
+    Attributes
+    ----------
+    items : int
+        Of each lane.
+    lanes : int
+        At once.
+    one_process : bool
+        Whether the nodes of a lane share a process.
+    spacing : float
+        m, of the items at 90 m/min.
+    """
+
+    items: int
+    lanes: int = 1
+    one_process: bool = True
+    spacing: float = _SPACING
+
+    @property
+    def name(self) -> str:
+        """What it is, in a table."""
+        name = 'one process' if self.one_process else 'a process per node'
+        if self.lanes > 1:
+            name += f', {self.lanes} lanes'
+        if self.spacing != _SPACING:
+            name += f', {_SPEED / self.spacing:.1f} items a second'
+        return name
+
+    @property
+    def duration(self) -> float:
+        """How long the items take, s."""
+        return self.items * self.spacing / _SPEED
+
+
+def write_line(bag: Path, count: int, spacing: float) -> None:
     """Write a bag of the simulated line: to make its noise is not what a line has to do."""
-    values: dict[str, object] = {'count': count, 'speed': _SPEED, 'spacing': _SPACING}
+    values: dict[str, object] = {'count': count, 'speed': _SPEED, 'spacing': spacing}
     simulation = Simulation(SimulationParameters.from_mapping(values))
     write_bag(bag, simulation.load_cell, simulation)
 
@@ -111,21 +147,22 @@ class Arrivals:
 
 @contextmanager
 def running(
-    lanes: int, count: int, *, one_process: bool
+    trial: Trial,
 ) -> Iterator[tuple[Listener, list[Arrivals], list[list[Process]], list[Path]]]:
-    """Have lanes that weigh `count` items each."""
+    """Have the lanes of a trial."""
+    lanes = trial.lanes
     with tempfile.TemporaryDirectory() as folder, listener() as here:
         arrivals = [Arrivals([]) for _ in range(lanes)]
         stamps = [Path(folder, f'stamps{lane}') for lane in range(lanes)]
         commands = []
         bag = Path(folder, 'bag')
-        write_line(bag, count)
+        write_line(bag, trial.items, trial.spacing)
         for lane in range(lanes):
             arrivals[lane].listen(here, f'lane{lane}')
             file = Path(folder, f'lane{lane}.yaml')
             commands += line_commands(
                 file, parameters(bag), stamps[lane],
-                one_process=one_process, namespace=f'lane{lane}',
+                one_process=trial.one_process, namespace=f'lane{lane}',
             )  # fmt: skip
         with started(commands) as processes:
             size = len(processes) // lanes
@@ -133,17 +170,17 @@ def running(
             yield here, arrivals, grouped, stamps
 
 
-def measure_line(count: int, hop: Figure, *, lanes: int = 1, one_process: bool) -> list[Figure]:
+def measure_line(trial: Trial, hop: Figure) -> list[Figure]:
     """Return latency, cost and memory of lanes that run at true time."""
-    what = 'one process' if one_process else 'a process per node'
-    if lanes > 1:
-        what += f', {lanes} lanes'
-    with running(lanes, count, one_process=one_process) as (here, arrivals, grouped, stamps):
-        patience = _PATIENCE + count / _ITEMS_PER_SECOND
+    count, what = trial.items, trial.name
+    with running(trial) as (here, arrivals, grouped, stamps):
         usages = []
         for wanted in (_SETTLED, count):
             with suppress(TimeoutError):  # a machine that is too slow for so many lanes
-                here.spin_until(lambda: all(len(a.verdicts) >= wanted for a in arrivals), patience)  # noqa: B023
+                here.spin_until(
+                    lambda: all(len(a.verdicts) >= wanted for a in arrivals),  # noqa: B023
+                    _PATIENCE + trial.duration,
+                )
             usages.append([[each.usage() for each in processes] for processes in grouped])
         for process in (each for processes in grouped for each in processes):
             process.end()
@@ -160,7 +197,7 @@ def measure_line(count: int, hop: Figure, *, lanes: int = 1, one_process: bool) 
         for each in zip(begin, end, strict=True)
     ]
     return [
-        *_latencies(what, delays, hop, one_process=one_process),
+        *_latencies(what, delays, hop, one_process=trial.one_process),
         figure(f'processor, {what}', '% of a core', shares, target=4.0),
         figure(f'memory, {what}', 'MB', resident),
         figure(f'its growth, {what}', 'MB', growth),
@@ -281,18 +318,19 @@ def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[
         hops[:] = [measure_hop(1000)]
         return list(hops)
 
-    def latency(*, one_process: bool, lane_count: int = 1) -> list[Figure]:
-        reference = (hops or hop())[0]
-        return measure_line(items, reference, lanes=lane_count, one_process=one_process)
+    def line(**how: Any) -> list[Figure]:
+        return measure_line(Trial(items, **how), (hops or hop())[0])
 
     return {
         'hop': hop,
-        'line': lambda: latency(one_process=True),
-        'processes': lambda: latency(one_process=False),
+        'line': line,
+        'processes': lambda: line(one_process=False),
+        # What a product costs, and what an empty belt.
         **{
-            f'lanes{count}': lambda count=count: latency(one_process=True, lane_count=count)
-            for count in lanes
+            f'items{times}': lambda times=times: line(spacing=times * _SPACING)
+            for times in ((2, 4) if lanes else ())
         },
+        **{f'lanes{count}': lambda count=count: line(lanes=count) for count in lanes},
         'replay': lambda: measure_replay(600, repetitions),
         'start': lambda: measure_start(repetitions),
     }  # type: ignore[dict-item]
