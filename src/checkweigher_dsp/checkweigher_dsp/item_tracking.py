@@ -41,7 +41,7 @@ class ItemTracker(BeltItems):
         super().__init__(debounce, max_transit, count, belt_lengths)
         self.origin: int | None = None  # when the stream began: an eye tells its state then
         self._last_edge: dict[Eye, EyeEdge] = {}
-        self._edges: deque[EyeEdge] = deque(maxlen=_REMEMBERED)
+        self._edges: dict[EyeEdge, None] = {}  # the latest, an ordered set
         self._newest: int | None = None  # stamp of an edge
         self._came_last: dict[Eye, EyeEdge] = {}
         self._other_clock = False  # that of the last edge of the infeed eye
@@ -75,7 +75,9 @@ class ItemTracker(BeltItems):
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)
         if edge not in self._edges:
-            self._edges.append(edge)
+            self._edges[edge] = None
+            if len(self._edges) > _REMEMBERED:
+                del self._edges[next(iter(self._edges))]
             if self._newest is not None and edge.stamp < self._newest:
                 self._add_late(edge)
             else:

@@ -93,6 +93,7 @@ class RejectItems:
     def __init__(self) -> None:
         self.pending: list[RejectItem] = []
         self._judged: deque[RejectItem] = deque()
+        self._unseen: dict[int, RejectItem] = {}  # of these the ones without a count, by number
         self._numbers: set[int] = set()
         self._largest = 0
         self._forgotten = 0
@@ -149,8 +150,9 @@ class RejectItems:
 
     def has_seen(self, seen: Item) -> bool:
         """Tell whether an item that the eyes show has its verdict already, and count it as that."""
-        for item in reversed(self._judged):
-            if item.count is None and same(item, seen):
+        for item in reversed(self._unseen.values()):
+            if same(item, seen):
+                del self._unseen[item.number]
                 item.count = seen.item_id
                 item.reasons = tuple(reason.value for reason in seen.faults)
                 self._ahead = max(self._ahead, item.number - item.count)
@@ -202,6 +204,7 @@ class RejectItems:
                 )
         for item in self._judged:
             item.count = None  # the eyes may show it once more
+        self._unseen = {item.number: item for item in self._judged}
         first = min((verdict.item_id for verdict in known), default=1)
         self._forgotten = max(self._forgotten, first - 1)
         self._ahead = 0
@@ -209,9 +212,12 @@ class RejectItems:
     def _remember(self, item: RejectItem) -> None:
         self._numbers.add(item.number)
         self._judged.append(item)
+        if item.count is None:
+            self._unseen[item.number] = item
         if len(self._judged) > _MAX_JUDGED:
             forgotten = self._judged.popleft().number
             self._numbers.remove(forgotten)
+            self._unseen.pop(forgotten, None)
             self._forgotten = max(self._forgotten, forgotten)
 
     def _wanted_number(self, item: RejectItem, estimate_id: int) -> int:
