@@ -1,6 +1,7 @@
 """Passes of known mass from bags, and bars for what takes minutes."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -10,6 +11,7 @@ from tqdm import tqdm
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import warn_unfinished
 from checkweigher_driver.bag_reading import read_bag
+from checkweigher_driver.block_cutting import JoinedSignal
 from checkweigher_dsp.segmentation import SegmenterParameters
 from checkweigher_validation.passes import KnownPass, known_passes
 
@@ -39,7 +41,8 @@ def read_passes(
                 'bags of one machine belong together'
             )
         rate = cell.sample_rate
-        found = known_passes(cell, recording, segmenter)
+        events = chain(recording.references, JoinedSignal(recording))
+        found = known_passes(cell, events, segmenter)
         if not found:
             raise UserError(
                 f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'

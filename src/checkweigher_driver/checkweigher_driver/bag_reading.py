@@ -1,45 +1,36 @@
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-import math
 from pathlib import Path
-from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
-from checkweigher_driver.bag_messages import (
-    INPUT_TOPICS,
-    LOAD_CELL_INFO,
-    PHOTO_EYES,
-    REFERENCE_MASS,
-    SAMPLES,
-    BagError,
-    Topic,
-    lane_prefix,
-    typestore,
-)
+from checkweigher_driver.bag_messages import LOAD_CELL_INFO, SAMPLES, BagError
+from checkweigher_driver.bag_parts import Messages, read_side_by_side
 from checkweigher_driver.bag_types import check_type
 from checkweigher_driver.bag_unfinished import UnfinishedBag, unfinished_parts
+from checkweigher_driver.lane_messages import Lane, LaneMessages, choose_lane, decode
 from checkweigher_driver.mcap_integrity import check_mcap
 from checkweigher_driver.progress import with_progress
-from checkweigher_driver.recording import Event, Recording
-from checkweigher_driver.sample_decoding import sample_block_from
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    Eye,
-    EyeEdge,
-    LoadCell,
-    Reference,
-    SampleBlock,
-)
+from checkweigher_driver.recording import Recording, canonical_order
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.side_processes import SideProcesses
+
+_NO_PROCESSES = SideProcesses(0)
 
 
-def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False) -> Recording:
+def read_bag(
+    path: Path,
+    namespace: str | None = None,
+    *,
+    progress: bool = False,
+    processes: SideProcesses = _NO_PROCESSES,
+) -> Recording:
     """Read one lane of a bag.
 
     Parameters
@@ -51,6 +42,8 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
         Of the lane; None if the bag has only one.
     progress : bool
         Whether to show a bar on a terminal if it takes more than two seconds.
+    processes : SideProcesses
+        What reads a part of a long bag meanwhile; the recording is the same.
 
     Returns
     -------
@@ -74,7 +67,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
             return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
         _check_files(path)
         with Reader(path) as reader:
-            return _read_lane(path, reader, namespace, progress)
+            return _read_lane(path, reader, namespace, progress, processes)
 
 
 @contextmanager
@@ -109,33 +102,6 @@ def _check_files(path: Path) -> None:
             check_mcap(file)
 
 
-_Lane = list[tuple[Connection, Topic]]
-
-
-def _choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> _Lane:
-    """Return the connections of one lane, each with the topic that it has the name of."""
-    lanes: dict[str, _Lane] = {}
-    for connection in connections:
-        for topic in INPUT_TOPICS:
-            prefix, found, rest = f'/{connection.topic.lstrip("/")}'.rpartition(f'/{topic.name}')
-            if found and not rest:
-                lanes.setdefault(prefix, []).append((connection, topic))
-    if not lanes:
-        names = ', '.join(sorted({connection.topic for connection in connections})) or 'none'
-        raise BagError(
-            f'{path}: not of a checkweigher: no topic {SAMPLES.name}; its topics are: {names}'
-        )
-    if namespace is None and len(lanes) == 1:
-        return next(iter(lanes.values()))
-    listed = ', '.join(prefix or '/' for prefix in sorted(lanes))
-    if namespace is None:
-        raise BagError(f'{path}: holds several lanes: {listed}; choose one by its namespace')
-    prefix = lane_prefix(namespace)
-    if prefix not in lanes:
-        raise BagError(f'{path}: has no lane {prefix or "/"}; it has {listed}')
-    return lanes[prefix]
-
-
 def _read_unfinished(
     path: Path, bag: UnfinishedBag, namespace: str | None, progress: bool
 ) -> Recording:
@@ -147,7 +113,7 @@ def _read_unfinished(
         )
     if not bag.message_count:
         raise BagError(f'{path}: the recording broke off before anything of it was written')
-    recording = _read_lane(path, bag, namespace, progress)
+    recording = _read_lane(path, bag, namespace, progress, _NO_PROCESSES)
     last = max(recording.blocks, key=lambda block: block.stamp)
     length = len(last.counts) / recording.load_cell.sample_rate
     length += (last.stamp - recording.blocks[0].stamp) / NANOSECONDS
@@ -159,50 +125,48 @@ def _read_unfinished(
 
 
 def _read_lane(
-    path: Path, reader: Reader | UnfinishedBag, namespace: str | None, progress: bool
+    path: Path,
+    reader: Reader | UnfinishedBag,
+    namespace: str | None,
+    progress: bool,
+    processes: SideProcesses,
 ) -> Recording:
-    lane = _choose_lane(path, reader.connections, namespace)
+    lane = choose_lane(path, reader.connections, namespace)
     for connection, topic in lane:
         check_type(path, connection, topic)
-    # Looked up by name, message for message: the hash of a Topic is that of all its fields.
-    makers = {connection.topic: _EVENTS.get(topic) for connection, topic in lane}
-    read = dict.fromkeys(makers, 0)
-    cells: list[LoadCell] = []
-    events: list[Event] = []
-    deserialize = typestore().deserialize_cdr
     connections = [connection for connection, _ in lane]
     total = sum(connection.msgcount for connection in connections)
-    messages = with_progress(reader.messages(connections), 'reading', total, shown=progress)
-    for connection, _, data in messages:
-        name = connection.topic
-        read[name] += 1
-        make = makers[name]
-        if make is _block and (block := sample_block_from(data)):
-            events.append(block)
-            continue
-        message: Any = deserialize(data, connection.msgtype)
-        if make is None:
-            cells.append(_load_cell(path, message))
-        else:
-            events.append(make(message))
+
+    def watched(messages: Messages, share: float) -> Messages:
+        return with_progress(messages, 'reading', round(share * total), shown=progress)
+
+    found: LaneMessages | None = None
+    if isinstance(reader, Reader) and processes.count:
+        found = read_side_by_side(path, reader, namespace, processes, watched)
+    if found is None:
+        found = decode(path, lane, watched(reader.messages(connections), 1.0))
     if isinstance(reader, Reader):
-        _check_numbers(path, reader, read, lane)
-    if not cells:
+        _check_numbers(path, reader, found.numbers, lane)
+    if not found.cells:
         raise BagError(
             f'{path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that topic, too'
         )
-    if any(cell != cells[0] for cell in cells):
+    if any(cell != found.cells[0] for cell in found.cells):
         raise BagError(
             f'{path}: {LOAD_CELL_INFO.name} changes within the bag; record one bag for each '
             'calibration'
         )
-    recording = Recording.from_events(cells[0], events)
-    if not recording.blocks:
+    if not found.blocks:
         raise BagError(f'{path}: no samples on {SAMPLES.name}; the driver was not running')
-    return recording
+    return Recording(
+        found.cells[0],
+        found.blocks.in_canonical_order(),
+        tuple(sorted(found.edges, key=canonical_order)),
+        tuple(sorted(found.references, key=canonical_order)),
+    )
 
 
-def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int], lane: _Lane) -> None:
+def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int], lane: Lane) -> None:
     """Check that all messages have been read that the bag says it holds.
 
     A folder says so twice, in ``metadata.yaml`` and in its files. Where the two disagree, or where
@@ -231,50 +195,3 @@ def _stated_numbers(connections: Iterable[Connection]) -> Counter[str]:
     for connection in connections:
         numbers[connection.topic] += connection.msgcount
     return numbers
-
-
-def _load_cell(path: Path, message: Any) -> LoadCell:
-    try:
-        return LoadCell(
-            sample_rate=message.sample_rate,
-            counts_per_kg=message.counts_per_kg,
-            zero_counts=message.zero_counts,
-            min_counts=message.min_counts,
-            max_counts=message.max_counts,
-            capacity=message.capacity,
-            weigh_length=message.weigh_length,
-            model=message.model,
-            serial_number=message.serial_number,
-        )
-    except ValueError as error:
-        raise BagError(f'{path}: {LOAD_CELL_INFO.name}: {error}') from None
-
-
-def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    sec: int = stamp.sec
-    nanosec: int = stamp.nanosec
-    if sec < 0 or nanosec >= NANOSECONDS:
-        raise ValueError(f'a stamp of {sec} s and {nanosec} ns')
-    return sec * NANOSECONDS + nanosec
-
-
-def _block(message: Any) -> SampleBlock:
-    return SampleBlock(_stamp(message), message.first_index, message.counts)
-
-
-def _edge(message: Any) -> EyeEdge:
-    return EyeEdge(_stamp(message), Eye(message.eye), bool(message.blocked))
-
-
-def _reference(message: Any) -> Reference:
-    if not (math.isfinite(message.mass) and message.mass >= 0):
-        raise ValueError(f'a {REFERENCE_MASS.name} of {message.mass:g} kg')
-    return Reference(_stamp(message), float(message.mass))
-
-
-_EVENTS: dict[Topic, Callable[[Any], Event]] = {
-    SAMPLES: _block,
-    PHOTO_EYES: _edge,
-    REFERENCE_MASS: _reference,
-}

@@ -1,6 +1,6 @@
 """What a machine sends, as one stream in the order of the stamps."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import heapq
 
@@ -33,7 +33,7 @@ class Recording:
     ----------
     load_cell : LoadCell
         The cell that took the samples.
-    blocks : tuple of SampleBlock
+    blocks : sequence of SampleBlock
         In order of their stamps.
     edges : tuple of EyeEdge
         In order of their stamps.
@@ -45,7 +45,7 @@ class Recording:
     """
 
     load_cell: LoadCell
-    blocks: tuple[SampleBlock, ...]
+    blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()
     unfinished: str = ''

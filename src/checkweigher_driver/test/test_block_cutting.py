@@ -1,16 +1,20 @@
 from dataclasses import astuple
 from functools import partial
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_driver.block_cutting import cut_for_pace, join, join_past_edges
+from checkweigher_driver.block_cutting import JoinedSignal, cut_for_pace, join
 from checkweigher_driver.pacing import Pacer
+from checkweigher_driver.recording import Recording
 from checkweigher_driver.simulation import Simulation, SimulationParameters
 from checkweigher_dsp.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Reference, SampleBlock
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 
 RATE = 1000.0  # Hz
+CELL = LoadCell(RATE, 5e5, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 MILLISECOND = NANOSECONDS // 1000
 
 
@@ -38,7 +42,7 @@ def shown(events):
 
 
 def prompt(events, longest):
-    return list(join_past_edges(events, RATE, longest, prompt=True))
+    return list(join(events, RATE, longest, prompt=True))
 
 
 @pytest.mark.parametrize(
@@ -103,19 +107,19 @@ def test_all_come_in_the_order_in_which_they_are_due():
 
 
 def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
-    _, _, last = join_past_edges([block(0, 10), edge(2.5)], 960.0, prompt=True)
+    _, _, last = join([block(0, 10), edge(2.5)], 960.0, prompt=True)
 
     assert last.first_index == 3
     assert last.stamp == round(3 * NANOSECONDS / 960)
 
 
-def test_blocks_that_follow_each_other_are_joined_between_edges():
+def test_blocks_that_follow_each_other_are_joined():
     events = [block(0, 10), block(10, 10), edge(15), block(20, 10), block(30, 5), edge(36)]
 
-    joined = list(join(events, RATE))
+    joined = list(join(events, RATE, prompt=False))
 
-    assert shown(joined) == [(0, 20), 15, (20, 15), 36]
-    np.testing.assert_array_equal(joined[2].counts, np.arange(20, 35))
+    assert shown(joined) == [15, (0, 35), 36]
+    np.testing.assert_array_equal(joined[1].counts, np.arange(35))
 
 
 @pytest.mark.parametrize(
@@ -124,19 +128,19 @@ def test_blocks_that_follow_each_other_are_joined_between_edges():
     ids=['lost', 'overlapping', 'off the clock', 'again'],
 )
 def test_blocks_that_do_not_follow_each_other_stay_what_they_are(second):
-    assert shown(join([block(0, 10), second], RATE)) == shown([block(0, 10), second])
+    assert shown(join([block(0, 10), second], RATE, prompt=False)) == shown([block(0, 10), second])
 
 
 def test_a_joined_block_is_no_longer_than_the_segmenter_reports():
     events = [block(first, 10) for first in range(0, 1000, 10)]
 
-    assert shown(join(events, RATE)) == [(first, 250) for first in range(0, 1000, 250)]
+    assert shown(join(events, RATE, prompt=False)) == [
+        (first, 250) for first in range(0, 1000, 250)
+    ]
 
 
 @pytest.mark.parametrize(
-    'cut',
-    [join, partial(join_past_edges, prompt=True), partial(join_past_edges, prompt=False)],
-    ids=['joined', 'prompt', 'past edges'],
+    'cut', [partial(join, prompt=True), partial(join, prompt=False)], ids=['prompt', 'fewest']
 )
 def test_the_masses_are_the_same_to_the_last_bit(cut):
     simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
@@ -159,3 +163,49 @@ def test_the_masses_are_the_same_to_the_last_bit(cut):
     assert all(result.estimate.weighed for result in expected)
     # Not a number is not equal to itself, its text is.
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
+
+
+STREAMS = st.lists(
+    st.tuples(
+        st.integers(0, 4),  # samples in the block
+        # What is lost before it, in samples and ms; ns by which its stamp is off the clock.
+        st.sampled_from([0, 0, 0, 1, -1, 2**62]),
+        st.sampled_from([0, 0, 0, 1, 300]),
+        st.sampled_from([0, 0, 0, 1, -1, 2]),
+    ),
+    max_size=40,
+)
+
+
+@settings(deadline=None)
+@given(STREAMS, st.lists(st.integers(-2, 100)), st.sampled_from([0.004, 0.01, 0.25]))
+def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
+    events, first, stamp = [], 0, 0
+    for count, lost, waited, off in blocks:
+        first, stamp = max(first + lost, 0) % 2**64, stamp + waited * MILLISECOND
+        counts = np.arange(count, dtype=np.int32)
+        events.append(SampleBlock(max(stamp + off, 0), first, counts))
+        first, stamp = first + count, stamp + count * MILLISECOND
+    events += [EyeEdge(at * MILLISECOND, Eye(at % 2), at % 3 == 0) for at in edges]
+    recording = Recording.from_events(CELL, [*events, Reference(MILLISECOND, 0.1)])
+
+    joined = JoinedSignal(recording, longest)
+
+    signal = (event for event in recording if not isinstance(event, Reference))
+    expected = [_plain(event) for event in join(signal, RATE, longest, prompt=False)]
+    assert [_plain(event) for event in joined] == expected
+    assert len(joined) == len(expected)
+
+
+def test_the_edges_of_a_long_block_of_a_recording_come_after_it():
+    events = [block(0, 100), entry(2.5), edge(6.5), block(100, 10), entry(105)]
+
+    joined = JoinedSignal(Recording.from_events(CELL, events), 0.05)
+
+    assert shown(joined) == [(0, 100), 2.5, 6.5, 105, (100, 10)]
+
+
+def _plain(event):
+    if isinstance(event, SampleBlock):
+        return event.stamp, event.first_index, event.counts.tolist()
+    return event

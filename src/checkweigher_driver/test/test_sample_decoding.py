@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from checkweigher_driver.bag_messages import HEADER, SAMPLES, TIME, typestore
-from checkweigher_driver.sample_decoding import sample_block_from
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_driver.sample_decoding import SampleDecoder, sample_block_from
+from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 
 
 def _message(sec=5, nanosec=7, frame_id='load_cell', first_index=3, counts=(1, -2, 3)):
@@ -19,6 +19,15 @@ def _message(sec=5, nanosec=7, frame_id='load_cell', first_index=3, counts=(1, -
 
 def _encoded(message):
     return bytes(typestore().serialize_cdr(message, SAMPLES.message_type))
+
+
+def _decoded(data):
+    """Return what rosbags makes of a message."""
+    message = typestore().deserialize_cdr(data, SAMPLES.message_type)
+    stamp = message.header.stamp
+    if stamp.nanosec >= NANOSECONDS:
+        raise ValueError(f'a stamp of {stamp.nanosec} ns')
+    return SampleBlock(stamp.sec * NANOSECONDS + stamp.nanosec, message.first_index, message.counts)
 
 
 @given(
@@ -66,3 +75,65 @@ def test_damaged_bytes_are_decoded_as_rosbags_does_or_left_to_it(data):
 )
 def test_everything_else_is_left_to_the_general_decoder(data):
     assert sample_block_from(data) is None
+
+
+@given(st.data())
+def test_many_are_decoded_as_one_by_one(data):
+    plain = st.builds(
+        _message, st.integers(0, 9), st.integers(0, NANOSECONDS - 1),
+        st.sampled_from(['cell', 'load_cell', 'Zelle']), st.integers(0, 2**64 - 1),
+        st.lists(st.integers(-(2**31), 2**31 - 1), max_size=3),
+    )  # fmt: skip
+    messages = [_encoded(message) for message in data.draw(st.lists(plain, max_size=30))]
+    store = typestore()
+    for number in data.draw(st.lists(st.integers(0, 29), max_size=5)):
+        if number < len(messages):
+            decoded = store.deserialize_cdr(messages[number], SAMPLES.message_type)
+            messages[number] = bytes(
+                store.serialize_cdr(decoded, SAMPLES.message_type, little_endian=False)
+            )
+
+    decoder = SampleDecoder(_decoded)
+    for number, message in enumerate(messages):
+        decoder.add(message)
+        if number % 7 == 6:
+            decoder.flush()
+
+    found = [(b.stamp, b.first_index, b.counts.tolist()) for b in decoder.blocks()]
+    expected = [_decoded(message) for message in messages]
+    assert found == [(b.stamp, b.first_index, b.counts.tolist()) for b in expected]
+
+
+def test_of_several_messages_that_say_nothing_the_first_one_is_reported():
+    wrong = [_message(nanosec=NANOSECONDS + 1), _message(counts=()), _message(nanosec=NANOSECONDS)]
+    decoder = SampleDecoder(_decoded)
+    for message in (_message(), *wrong):
+        decoder.add(_encoded(message))
+
+    with pytest.raises(ValueError, match='1000000001 ns'):
+        decoder.flush()
+
+
+@given(st.data())
+def test_damaged_among_whole_ones_are_decoded_as_alone(data):
+    messages = [bytearray(_encoded(_message(first_index=n))) for n in range(5)]
+    for _ in range(data.draw(st.integers(1, 3))):
+        message = messages[data.draw(st.integers(0, 4))]
+        message[data.draw(st.integers(0, len(message) - 1))] = data.draw(st.integers(0, 255))
+    left: list[bytes] = []
+
+    def leave(message):
+        left.append(message)
+        return SampleBlock(0, 0, np.zeros(0, np.int32))
+
+    decoder = SampleDecoder(leave)
+    for message in messages:
+        decoder.add(bytes(message))
+    blocks = decoder.blocks()
+
+    alone = [sample_block_from(bytes(message)) for message in messages]
+    assert left == [m for m, block in zip(messages, alone, strict=True) if block is None]
+    for block, expected in zip(blocks, alone, strict=True):
+        if expected is not None:
+            assert (block.stamp, block.first_index) == (expected.stamp, expected.first_index)
+            assert block.counts.tolist() == expected.counts.tolist()

@@ -1,12 +1,9 @@
 """Weighing recordings without the graph."""
 
-from collections.abc import Iterator
-
-from checkweigher_driver.block_cutting import join
+from checkweigher_driver.block_cutting import JoinedSignal
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording
 from checkweigher_dsp.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock
 from checkweigher_validation.results import ItemResult, join_all
 
 
@@ -30,11 +27,7 @@ def weigh(
         In order of entry.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    total = len(recording.blocks) + len(recording.edges) + len(recording.references)
-    events = with_progress(recording, 'weighing', total, shown=progress)
-    signal: Iterator[SampleBlock | EyeEdge] = (
-        event for event in events if not isinstance(event, Reference)
-    )
     # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
-    weighings = line.weigh_all(join(signal, recording.load_cell.sample_rate))
-    return join_all(weighings, recording.edges, recording.references)
+    signal = JoinedSignal(recording)
+    events = with_progress(signal, 'weighing', len(signal), shown=progress)
+    return join_all(line.weigh_all(events), recording.edges, recording.references)

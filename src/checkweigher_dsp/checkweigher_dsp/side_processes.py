@@ -1,0 +1,98 @@
+"""Processes beside this one, so that offline work has all cores."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ProcessPoolExecutor
+from importlib import import_module
+import multiprocessing
+from multiprocessing import resource_tracker
+import os
+import signal
+import threading
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+R = TypeVar('R')
+
+# What a matrix library takes for the number of its own threads: with a process for each core
+# already at work, more of them only stand in each other's way.
+_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+_INTERRUPT = {signal.SIGINT}
+
+
+class SideProcesses:
+    """Processes that take calls until the end of a ``with`` block.
+
+    Parameters
+    ----------
+    count : int
+        Processes; 0 for none, and nothing may be submitted then.
+    modules : iterable of str
+        What each of them imports at once, while this process goes on.
+
+    Attributes
+    ----------
+    count : int
+        Processes.
+    """
+
+    def __init__(self, count: int, modules: Iterable[str] = ()) -> None:
+        self.count = count
+        self._modules = tuple(modules)
+        self._pool: ProcessPoolExecutor | None = None
+        self._kept: dict[str, str | None] = {}
+
+    def __enter__(self) -> Self:
+        """Start the processes."""
+        self._kept = {name: os.environ.get(name) for name in _THREADS}
+        if self.count:
+            os.environ.update(dict.fromkeys(_THREADS, '1'))
+            # Fresh processes: the fork of one with threads may hang.
+            context = multiprocessing.get_context('spawn')
+            self._pool = ProcessPoolExecutor(self.count, context, _begin)
+            # Each call is one for a process that is yet to be started.
+            for _ in range(self.count if self._modules else 0):
+                self.submit(_load, self._modules)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        """Wait for calls that have begun, and end the processes."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        for name, value in self._kept.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+    def submit(self, call: Callable[..., R], *arguments: Any) -> Future[R]:
+        """Have a function of a module called; all that goes there and back is pickled."""
+        assert self._pool is not None
+        # A process that has only just begun would report Ctrl-C with a traceback.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPT)
+        try:
+            return self._pool.submit(call, *arguments)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin() -> None:
+    """End without a word by Ctrl-C, which goes to all processes, and with the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _INTERRUPT)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _load(modules: Iterable[str]) -> None:
+    for name in modules:
+        import_module(name)
