@@ -7,6 +7,8 @@ the weigh window, the load changes by more than vibration and ring-down explain.
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.averaging import median
+
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
 _SHARE = 0.08
 _VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
@@ -56,7 +58,7 @@ class LoadCheck:
         if not whole:  # while something leaves that no eye has seen, the load falls evenly
             time = np.linspace(-1.0, 1.0, size)
             counts = counts - time * (time @ counts) / (time @ time)
-        seen = float(np.median(np.abs(_changes(counts, size))))
+        seen = median(np.abs(_changes(counts, size)))
         comparable = whole == self._is_of_window
         self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
         self._is_of_window = whole
@@ -65,10 +67,10 @@ class LoadCheck:
 def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return last quarter less first half of each stretch of `size` samples, (n - size + 1,)."""
     half, quarter = size // 2, size // 4
-    sums = np.concatenate(([0.0], np.cumsum(counts - counts[0])))
-    begin = np.arange(len(counts) - size + 1)
-    end = begin + size
-    last = (sums[end] - sums[end - quarter]) / quarter
-    first = (sums[begin + half] - sums[begin]) / half
+    number = len(counts) - size + 1
+    sums = np.zeros(len(counts) + 1)
+    np.cumsum(counts - counts[0], out=sums[1:])
+    last = (sums[size:] - sums[size - quarter :][:number]) / quarter
+    first = (sums[half:][:number] - sums[:number]) / half
     changes: NDArray[np.float64] = last - first
     return changes

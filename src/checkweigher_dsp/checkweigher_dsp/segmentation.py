@@ -128,9 +128,9 @@ class Segmenter:
 
     def _zero_idle_belt(self) -> None:
         """Zero, if that was asked for and no edge can come any more of the time that is read."""
-        left = self._tracker.empty_since
         if self._zero_setting is None or self._buffer.empty:
             return
+        left = self._tracker.empty_since
         late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
         empty = None
         if self._tracker.is_empty:
@@ -363,7 +363,7 @@ class Segmenter:
             return Reason.SAMPLES_LOST
         counts = self._buffer.read(begin, end)
         limits = self.load_cell
-        if np.any((counts <= limits.min_counts) | (counts >= limits.max_counts)):
+        if len(counts) and (counts.min() <= limits.min_counts or counts.max() >= limits.max_counts):
             return Reason.SATURATION
         return None
 

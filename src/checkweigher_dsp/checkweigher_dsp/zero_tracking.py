@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.averaging import hann_mean
+from checkweigher_dsp.averaging import hann_mean, median
 
 # An average over less than this is not free of the vibration of the belt.
 _SHORTEST_AVERAGE = 0.1  # s
@@ -163,8 +163,8 @@ class ZeroTracker:
         if np.ptp(self._parts(counts, _SHORTEST_AVERAGE)) > self._limits.stability:
             return False
         parts = self._parts(counts, _PART)
-        off = np.abs(parts - np.median(parts))
-        most = _OUTLYING * np.median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
+        off = np.abs(parts - median(parts))
+        most = _OUTLYING * median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
         return len(parts) < _FEWEST_PARTS or bool(np.max(off) <= most)
 
     def _parts(self, counts: NDArray[np.int32], duration: float) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.averaging import hann_mean, window_mean
+from checkweigher_dsp.averaging import hann_mean, median, window_mean
 
 ROUNDING = 1e-14
 
@@ -49,3 +49,9 @@ def test_the_plain_mean_leaves_nothing_of_whole_periods_and_hann_little_of_any()
     assert window_mean(whole) == pytest.approx(0, abs=ROUNDING)
     assert abs(hann_mean(uneven)) < 0.027
     assert abs(window_mean(uneven)) > 0.027
+
+
+@given(st.lists(st.floats(width=64), min_size=1, max_size=9))
+def test_the_median_is_that_of_numpy(values):
+    with np.errstate(all='ignore'):
+        assert repr(median(np.array(values))) == repr(float(np.median(np.array(values))))
