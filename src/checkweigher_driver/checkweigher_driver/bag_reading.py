@@ -19,9 +19,7 @@ from checkweigher_driver.mcap_integrity import check_mcap
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording, canonical_order
 from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.side_processes import SideProcesses
-
-_NO_PROCESSES = SideProcesses(0)
+from checkweigher_dsp.side_processes import ALONE, SideProcesses
 
 
 def read_bag(
@@ -29,7 +27,7 @@ def read_bag(
     namespace: str | None = None,
     *,
     progress: bool = False,
-    processes: SideProcesses = _NO_PROCESSES,
+    processes: SideProcesses = ALONE,
 ) -> Recording:
     """Read one lane of a bag.
 
@@ -113,7 +111,7 @@ def _read_unfinished(
         )
     if not bag.message_count:
         raise BagError(f'{path}: the recording broke off before anything of it was written')
-    recording = _read_lane(path, bag, namespace, progress, _NO_PROCESSES)
+    recording = _read_lane(path, bag, namespace, progress, ALONE)
     last = max(recording.blocks, key=lambda block: block.stamp)
     length = len(last.counts) / recording.load_cell.sample_rate
     length += (last.stamp - recording.blocks[0].stamp) / NANOSECONDS

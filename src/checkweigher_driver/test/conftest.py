@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mcap.writer import Writer as McapWriter
 from modbus_machine import Plc
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -79,6 +80,42 @@ def write_foreign(tmp_path: Path) -> Callable[..., Path]:
                 data = store.serialize_cdr(made, message.message_type)
                 writer.write(channels[key], message.stamp, data)
         return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def write_mcap() -> Callable[..., None]:
+    """Return a function that writes messages with their log times, as the mcap package does."""
+
+    def write(
+        path: Path,
+        messages: list[tuple[Message, int]],
+        *,
+        definitions: bool = True,
+        little_endian: bool = True,
+        **options: Any,
+    ) -> None:
+        store = typestore()
+        with path.open('xb') as file:
+            writer = McapWriter(file, **options)
+            writer.start(profile='ros2')
+            channels = {}
+            for message, log_time in messages:
+                if message.topic not in channels:
+                    text, _ = store.generate_msgdef(message.message_type, ros_version=2)
+                    schema = writer.register_schema(
+                        message.message_type,
+                        'ros2msg' if definitions else '',
+                        text.encode() if definitions else b'',
+                    )
+                    channels[message.topic] = writer.register_channel(message.topic, 'cdr', schema)
+                time = store.types[TIME](*divmod(message.stamp, 10**9))
+                header = store.types[HEADER](time, 'a frame')
+                made = store.types[message.message_type](header=header, **message.content)
+                data = store.serialize_cdr(made, message.message_type, little_endian=little_endian)
+                writer.add_message(channels[message.topic], log_time, bytes(data), log_time)
+            writer.finish()
 
     return write
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 import random
 
 from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
@@ -69,11 +68,11 @@ def test_the_order_of_the_messages_does_not_matter(messages, recording, write_fo
     assert same(read_bag(write_foreign(messages)), recording)
 
 
-def test_log_times_do_not_matter(messages, recording, tmp_path, same):
+def test_log_times_do_not_matter(messages, recording, tmp_path, write_mcap, same):
     # As a recorder writes them that was late, by another amount for each message.
     path = tmp_path / 'late.mcap'
     delays = random.Random(4)
-    _write_mcap(path, [(message, message.stamp + delays.randrange(10**9)) for message in messages])
+    write_mcap(path, [(message, message.stamp + delays.randrange(10**9)) for message in messages])
 
     assert same(read_bag(path), recording)
 
@@ -114,16 +113,18 @@ def test_a_latched_message_may_come_twice(messages, recording, write_foreign, sa
     assert same(read_bag(write_foreign([*messages, again])), recording)
 
 
-def test_a_bag_without_definitions_is_matched_by_name(messages, recording, tmp_path, same):
+def test_a_bag_without_definitions_is_matched_by_name(
+    messages, recording, tmp_path, write_mcap, same
+):
     path = tmp_path / 'bare.mcap'
-    _write_mcap(path, [(message, message.stamp) for message in messages], definitions=False)
+    write_mcap(path, [(message, message.stamp) for message in messages], definitions=False)
 
     assert same(read_bag(path), recording)
 
 
-def test_big_endian_messages_are_read(messages, recording, tmp_path, same):
+def test_big_endian_messages_are_read(messages, recording, tmp_path, write_mcap, same):
     path = tmp_path / 'big.mcap'
-    _write_mcap(path, [(message, message.stamp) for message in messages], little_endian=False)
+    write_mcap(path, [(message, message.stamp) for message in messages], little_endian=False)
 
     assert same(read_bag(path), recording)
     assert read_bag(path).edges[0].eye is Eye.INFEED
@@ -245,10 +246,12 @@ def test_no_damaged_byte_passes_unnoticed(tmp_path, recording, same, name):
         assert read is None or same(read, recording)
 
 
-def test_a_damaged_chunk_of_another_recorder(tmp_path, messages):
+def test_a_damaged_chunk_of_another_recorder(tmp_path, messages, write_mcap):
     # With a check sum of the chunk only, as the recorder of ROS 2 writes it.
     path = tmp_path / 'recorded.mcap'
-    _write_mcap(path, [(message, message.stamp) for message in messages], CompressionType.NONE)
+    write_mcap(
+        path, [(message, message.stamp) for message in messages], compression=CompressionType.NONE
+    )
     whole = bytearray(path.read_bytes())
     position = whole.index(messages[20].content['counts'].tobytes())
     whole[position] ^= 1
@@ -268,29 +271,3 @@ def test_damage_without_check_sums_ends_in_one_line_at_worst(messages, write_for
         damaged[position : position + len(noise)] = noise
         path.write_bytes(damaged[: len(whole)])
         _read_or_refused(path.parent)
-
-
-def _write_mcap(
-    path, messages, compression=CompressionType.ZSTD, *, definitions=True, little_endian=True
-):
-    """Write messages with their log times, as the mcap package does by default."""
-    store = typestore()
-    with path.open('xb') as file:
-        writer = McapWriter(file, compression=compression)
-        writer.start(profile='ros2')
-        channels = {}
-        for message, log_time in messages:
-            if message.topic not in channels:
-                text, _ = store.generate_msgdef(message.message_type, ros_version=2)
-                schema = writer.register_schema(
-                    message.message_type,
-                    'ros2msg' if definitions else '',
-                    text.encode() if definitions else b'',
-                )
-                channels[message.topic] = writer.register_channel(message.topic, 'cdr', schema)
-            time = store.types[TIME](*divmod(message.stamp, 10**9))
-            header = store.types[HEADER](time, 'a frame')
-            made = store.types[message.message_type](header=header, **message.content)
-            data = store.serialize_cdr(made, message.message_type, little_endian=little_endian)
-            writer.add_message(channels[message.topic], log_time, bytes(data), log_time)
-        writer.finish()

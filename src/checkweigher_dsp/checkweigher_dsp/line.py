@@ -1,7 +1,10 @@
 """The stages in one loop: what the graph does, without the graph."""
 
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -19,6 +22,7 @@ from checkweigher_dsp.records import (
 from checkweigher_dsp.reject_parameters import SHARED_WITH_SEGMENTER, RejectParameters
 from checkweigher_dsp.rejection import RejectStage
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
+from checkweigher_dsp.side_processes import ALONE, SideProcesses
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting')
@@ -122,8 +126,7 @@ class WeighingLine:
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
         self._segmenter = Segmenter(load_cell, parameters.segmenter)
-        self._denoiser = Denoiser(parameters.denoise)
-        self._identifier = Identifier(parameters.identifier)
+        self._stages = _MassStages(parameters.denoise, parameters.identifier)
         self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
@@ -137,12 +140,16 @@ class WeighingLine:
         """Return what is still on the belt, as faults: the stream has ended."""
         return self._weigh(self._segmenter.finish())
 
-    def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> list[Weighing]:
+    def weigh_all(
+        self, events: Iterable[SampleBlock | EyeEdge], processes: SideProcesses = ALONE
+    ) -> list[Weighing]:
         """Return what `add` makes of events one after the other and `finish` of their end.
 
-        To the last bit, but in less time: the windows are denoised and identified many at once.
+        To the last bit, but in less time: the windows are denoised and identified many at once,
+        and by the processes beside this one, if there are any, while it goes on to cut windows.
         For a line on which nothing has been added yet.
         """
+        batches: deque[_Batch] = deque()
         # What the reject stage is to meet, in this order: edges, and windows as they are complete.
         steps: list[EyeEdge | WeighWindow] = []
         weighings: list[Weighing] = []
@@ -153,18 +160,36 @@ class WeighingLine:
                 steps.append(event)
                 steps += self._segmenter.add_edge(event)
             if len(steps) >= _STEPS_AT_ONCE:
-                weighings += self._weigh_steps(steps)
+                free = sum(not batch.done for batch in batches) < _AHEAD * processes.count
+                batches.append(self._begin(steps, processes if free else ALONE))
                 steps = []
+                while batches and batches[0].done:
+                    weighings += self._judge_batch(batches.popleft())
         steps += self._segmenter.finish()
-        return weighings + self._weigh_steps(steps)
+        for batch in (*batches, self._begin(steps, ALONE)):
+            weighings += self._judge_batch(batch)
+        return weighings
 
-    def _weigh_steps(self, steps: Sequence[EyeEdge | WeighWindow]) -> list[Weighing]:
+    def _begin(self, steps: list[EyeEdge | WeighWindow], processes: SideProcesses) -> '_Batch':
+        """Have the windows among some steps weighed: at once, or beside this process."""
         windows = [step for step in steps if isinstance(step, WeighWindow)]
-        if self._identifier.needs_denoised:
-            windows = self._denoiser.denoise_all(windows)
-        estimates = iter(self._identifier.estimate_all(windows))
+        if not processes.count:
+            return _Batch(steps, self._stages.estimate_all(windows))
+        return _Batch(steps, [], processes.submit(_estimate_all, *self._stages.parameters, windows))
+
+    def _judge_batch(self, batch: '_Batch') -> list[Weighing]:
+        found = batch.estimates
+        if batch.call is not None:
+            try:
+                found = batch.call.result()
+            # What went wrong with a window does so here as well, what went wrong with the process
+            # does not.
+            except Exception:
+                windows = [step for step in batch.steps if isinstance(step, WeighWindow)]
+                found = self._stages.estimate_all(windows)
+        estimates = iter(found)
         weighings = []
-        for step in steps:
+        for step in batch.steps:
             if isinstance(step, EyeEdge):
                 self._reject_stage.add_edge(step)  # gives no verdict: no time runs here
             else:
@@ -172,12 +197,11 @@ class WeighingLine:
         return weighings
 
     def _weigh(self, windows: list[WeighWindow]) -> list[Weighing]:
-        weighings = []
-        for window in windows:
-            if self._identifier.needs_denoised:
-                window = self._denoiser.denoise(window)
-            weighings += self._judge(self._identifier.estimate(window))
-        return weighings
+        return [
+            weighing
+            for window in windows
+            for weighing in self._judge(self._stages.estimate(window))
+        ]
 
     def _judge(self, estimate: MassEstimate) -> list[Weighing]:
         verdicts = self._reject_stage.add_estimate(estimate)
@@ -186,3 +210,47 @@ class WeighingLine:
 
 # Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
 _STEPS_AT_ONCE = 2500
+# Batches that each process beside this one has before it; what is more is done in this one.
+_AHEAD = 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """Steps of the reject stage, and the estimates of the windows among them or their call."""
+
+    steps: Sequence[EyeEdge | WeighWindow]
+    estimates: list[MassEstimate]
+    call: Future[list[MassEstimate]] | None = None
+
+    @property
+    def done(self) -> bool:
+        return self.call is None or self.call.done()
+
+
+class _MassStages:
+    """Denoise and identifier: what they make of a window depends on no other one."""
+
+    def __init__(self, denoise: DenoiseParameters, identifier: IdentifierParameters) -> None:
+        self.parameters = denoise, identifier
+        self._denoiser = Denoiser(denoise)
+        self._identifier = Identifier(identifier)
+
+    def estimate(self, window: WeighWindow) -> MassEstimate:
+        if self._identifier.needs_denoised:
+            window = self._denoiser.denoise(window)
+        return self._identifier.estimate(window)
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
+        if self._identifier.needs_denoised:
+            windows = self._denoiser.denoise_all(windows)
+        return self._identifier.estimate_all(windows)
+
+
+def _estimate_all(
+    denoise: DenoiseParameters, identifier: IdentifierParameters, windows: Sequence[WeighWindow]
+) -> list[MassEstimate]:
+    """Return the estimates of windows, in a process beside that of the line."""
+    return _kept_stages(denoise, identifier).estimate_all(windows)
+
+
+_kept_stages = lru_cache(maxsize=1)(_MassStages)

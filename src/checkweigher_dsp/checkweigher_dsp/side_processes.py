@@ -17,6 +17,7 @@ R = TypeVar('R')
 # already at work, more of them only stand in each other's way.
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 _INTERRUPT = {signal.SIGINT}
+_MOST = 3  # beside this one: what cannot be shared out is soon all that is left
 
 
 class SideProcesses:
@@ -77,6 +78,14 @@ class SideProcesses:
             return self._pool.submit(call, *arguments)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+ALONE = SideProcesses(0)
+
+
+def spare_cores() -> int:
+    """Return how many processes a long piece of work should have beside this one."""
+    return min(len(os.sched_getaffinity(0)) - 1, _MOST)
 
 
 def _begin() -> None:

@@ -4,11 +4,16 @@ from checkweigher_driver.block_cutting import JoinedSignal
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording
 from checkweigher_dsp.line import LineParameters, WeighingLine
+from checkweigher_dsp.side_processes import ALONE, SideProcesses
 from checkweigher_validation.results import ItemResult, join_all
 
 
 def weigh(
-    recording: Recording, parameters: LineParameters, *, progress: bool = False
+    recording: Recording,
+    parameters: LineParameters,
+    *,
+    progress: bool = False,
+    processes: SideProcesses = ALONE,
 ) -> list[ItemResult]:
     """Weigh everything in a recording.
 
@@ -20,6 +25,8 @@ def weigh(
         Of all stages.
     progress : bool
         Whether to show a bar on a terminal if it takes more than two seconds.
+    processes : SideProcesses
+        What makes a part of the masses meanwhile; they are the same to the last bit.
 
     Returns
     -------
@@ -30,4 +37,4 @@ def weigh(
     # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
     signal = JoinedSignal(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
-    return join_all(line.weigh_all(events), recording.edges, recording.references)
+    return join_all(line.weigh_all(events, processes), recording.edges, recording.references)

@@ -1,18 +1,14 @@
 """Independent pieces of work on all cores."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-import multiprocessing
 import os
-import signal
 from typing import Generic, Protocol, TypeVar
 
-R_co = TypeVar('R_co', covariant=True)
+from checkweigher_dsp.side_processes import SideProcesses
 
-# What a matrix library takes for the number of its own threads: with a process for each core
-# already at work, more of them only stand in each other's way.
-_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+R_co = TypeVar('R_co', covariant=True)
 
 
 class WorkerLostError(ValueError):
@@ -65,28 +61,12 @@ def _results(tasks: 'Sequence[Task[R_co]]', workers: int) -> Iterator[tuple[int,
     if count <= 1:
         yield from ((number, task.run()) for number, task in enumerate(tasks))
         return
-    kept = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, '1'))
-    # Fresh processes: the fork of one with threads may hang.
-    context = multiprocessing.get_context('spawn')
-    pool = ProcessPoolExecutor(count, context, initializer=_die_of_interrupt)
-    try:
-        futures = {pool.submit(task.run): number for number, task in enumerate(tasks)}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BrokenProcessPool:
-        raise WorkerLostError(
-            'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
-        ) from None
-    finally:
-        pool.shutdown(cancel_futures=True)
-        for name, value in kept.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _die_of_interrupt() -> None:
-    """Let Ctrl-C, which goes to all processes, end a worker without a word."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    with SideProcesses(count) as processes:
+        try:
+            futures = {processes.submit(task.run): number for number, task in enumerate(tasks)}
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise WorkerLostError(
+                'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
+            ) from None

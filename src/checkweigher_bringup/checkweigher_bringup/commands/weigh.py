@@ -20,19 +20,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Weigh the bag and show each item."""
-    from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
-    from checkweigher_bringup.settings import line_parameters
-    from checkweigher_driver.bag_reading import read_bag
-    from checkweigher_validation.offline import weigh
+    from checkweigher_dsp.side_processes import SideProcesses, spare_cores
 
-    parameters = line_parameters(arguments.params, arguments.estimator)
-    output = CsvOutput(arguments.csv, arguments.overwrite)
-    recording = read_bag(arguments.bag, arguments.lane, progress=True)
-    warn_unfinished(recording)
-    results = weigh(recording, parameters, progress=True)
+    # They start while this process is still at its own imports.
+    count = spare_cores() if _size(arguments.bag) >= _LONG else 0
+    with SideProcesses(count, _MODULES) as processes:
+        from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
+        from checkweigher_bringup.settings import line_parameters
+        from checkweigher_driver.bag_reading import read_bag
+        from checkweigher_validation.offline import weigh
+
+        parameters = line_parameters(arguments.params, arguments.estimator)
+        output = CsvOutput(arguments.csv, arguments.overwrite)
+        recording = read_bag(arguments.bag, arguments.lane, progress=True, processes=processes)
+        warn_unfinished(recording)
+        results = weigh(recording, parameters, progress=True, processes=processes)
     output.write(results)
     table = Table(recording.blocks[0].stamp)
     for result in results:
         table.show(result)
     table.close()
     return 0
+
+
+# Bytes; of less than a few minutes of signal one process is done before another one has begun.
+_LONG = 2 << 20
+_MODULES = ('checkweigher_driver.bag_reading', 'checkweigher_dsp.line')
+
+
+def _size(bag: Path) -> int:
+    """Return the size of the files of a bag, 0 if there is none: reading it says so."""
+    try:
+        files = list(bag.iterdir()) if bag.is_dir() else [bag]
+        return sum(file.stat().st_size for file in files)
+    except OSError:
+        return 0
