@@ -1,6 +1,8 @@
 """Whole windows against the plain path, and windows at once against windows one by one."""
 
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import astuple, replace
+import os
 from pathlib import Path
 
 from lines import simulated
@@ -9,6 +11,8 @@ import plain_path
 import pytest
 
 from checkweigher_driver.bag_reading import read_bag
+from checkweigher_driver.block_cutting import JoinedSignal
+from checkweigher_dsp import line
 from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.identification import WindowNoise
@@ -16,6 +20,7 @@ from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 from checkweigher_dsp.shrinkage_table import TABLE_1
+from checkweigher_dsp.side_processes import SideProcesses
 
 BAGS = Path(__file__).parent.parent / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
@@ -66,6 +71,38 @@ def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
 
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
     assert len(found) == 25
+
+
+def test_processes_beside_this_one_make_the_same_bits(monkeypatch):
+    # Batches of a few items: some for the other process, some for this one.
+    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
+    recording = simulated(speed=1.0, count=30, seed=6)
+    expected = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
+        JoinedSignal(recording)
+    )
+    with SideProcesses(1) as processes:
+        found = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
+            JoinedSignal(recording), processes
+        )
+
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
+    assert len(found) == 30
+
+
+def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
+    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
+    recording = simulated(speed=1.0, count=30, seed=6)
+    expected = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
+        JoinedSignal(recording)
+    )
+    with SideProcesses(1) as processes:
+        lost = processes.submit(os._exit, 9)
+        found = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
+            JoinedSignal(recording), processes
+        )
+
+    assert isinstance(lost.exception(), BrokenProcessPool)
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
 
 
 @pytest.mark.parametrize('table', TABLES)

@@ -1,7 +1,9 @@
 """A bag that is read in several processes against the same bag read in one."""
 
 from collections import Counter
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+import os
 import random
 
 from mcap.writer import CompressionType
@@ -160,3 +162,12 @@ def _refused(path, processes=None):
     with pytest.raises(BagError) as caught:
         read_bag(path) if processes is None else read_bag(path, processes=processes)
     return str(caught.value)
+
+
+def test_what_a_process_that_dies_does_not_read_is_read_here(messages, recording, write, same):
+    with SideProcesses(1) as processes:
+        lost = processes.submit(os._exit, 9)
+        read = read_bag(write(messages), processes=processes)
+
+    assert isinstance(lost.exception(), BrokenProcessPool)
+    assert same(read, recording)

@@ -51,6 +51,8 @@ class EdgeQueue:
         count = 0
         while count < len(self._edges) and condition(self._edges[count]):
             count += 1
+        if not count:
+            return []
         popped = self._edges[:count]
         del self._edges[:count]
         return popped

@@ -86,7 +86,9 @@ class SampleBuffer:
 
     def stamp_at(self, index: int) -> int:
         """Return the time of a sample in ns."""
-        position = bisect_right(self._anchors, index, key=lambda anchor: anchor.first_index) - 1
+        position = 0
+        if len(self._anchors) > 1:  # where all blocks are of one clock there is but one
+            position = bisect_right(self._anchors, index, key=lambda anchor: anchor.first_index) - 1
         anchor = self._anchors[max(position, 0)]
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 

@@ -176,6 +176,9 @@ class Segmenter:
         """Cut a block so that no part of it leaves the buffer before it was looked at."""
         rate = self.load_cell.sample_rate
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
+        if 0 < len(block.counts) <= size:
+            yield block
+            return
         for begin in range(0, len(block.counts), size):
             yield SampleBlock(
                 block.stamp + round(begin * NANOSECONDS / rate),
@@ -255,6 +258,8 @@ class Segmenter:
         return windows + self._cut_waiting(wait=False)
 
     def _cut_waiting(self, *, wait: bool = True) -> list[WeighWindow]:
+        if not self._waiting:
+            return []
         windows, still_waiting = [], []
         for item in self._waiting:
             window = self._cut(item, wait=wait)

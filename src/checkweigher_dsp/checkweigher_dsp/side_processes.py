@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 import multiprocessing
 from multiprocessing import resource_tracker
@@ -59,9 +60,9 @@ class SideProcesses:
         self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:  # fmt: skip
-        """Wait for calls that have begun, and end the processes."""
+        """End the processes, of which nobody has to wait for one that has done its work."""
         if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+            self._pool.shutdown(wait=error is not None, cancel_futures=True)
         for name, value in self._kept.items():
             if value is None:
                 os.environ.pop(name, None)
@@ -69,13 +70,20 @@ class SideProcesses:
                 os.environ[name] = value
 
     def submit(self, call: Callable[..., R], *arguments: Any) -> Future[R]:
-        """Have a function of a module called; all that goes there and back is pickled."""
+        """Have a function of a module called; all that goes there and back is pickled.
+
+        Whatever goes wrong the result says: BrokenProcessPool if a process was killed.
+        """
         assert self._pool is not None
         # A process that has only just begun would report Ctrl-C with a traceback.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPT)
         try:
             return self._pool.submit(call, *arguments)
+        except BrokenProcessPool as error:
+            lost: Future[R] = Future()
+            lost.set_exception(error)
+            return lost
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
