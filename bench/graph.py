@@ -3,7 +3,8 @@
     source setup/environment && python bench/graph.py [--quick] [--only latency] [--json FILE]
 
 The reference of a latency is one raw hop over DDS between two processes, measured in the same run;
-that of a replay is reading the bag. The simulated line has 4.3 products a second at 90 m/min.
+that of a replay and of `weigh` is reading the bag, that of windows on all cores is one core. The
+simulated line has 4.3 products a second at 90 m/min.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import tempfile
 import time
 from typing import Any
 
+from batch import batch_speeds
 from builtin_interfaces.msg import Time
 from figures import Figure, figure, table
 from processes import HERE, Listener, Process, Usage, line_commands, listener, started
@@ -253,6 +255,17 @@ def measure_replay(count: int, repetitions: int) -> list[Figure]:
     ]  # fmt: skip
 
 
+def measure_batch(repetitions: int) -> list[Figure]:
+    """Return how fast offline work is."""
+    return [
+        figure(
+            speeds.name, speeds.unit, speeds.values, target=speeds.target, more_is_better=True,
+            reference=statistics.median(speeds.references),
+        )
+        for speeds in batch_speeds(repetitions)
+    ]  # fmt: skip
+
+
 def _replay_speed(bag: Path) -> float:
     child = subprocess.Popen(
         [*_COMMAND, 'replay', str(bag), '--rate', '0'], stdout=subprocess.PIPE,
@@ -332,6 +345,7 @@ def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[
         },
         **{f'lanes{count}': lambda count=count: line(lanes=count) for count in lanes},
         'replay': lambda: measure_replay(600, repetitions),
+        'batch': lambda: measure_batch(repetitions),
         'start': lambda: measure_start(repetitions),
     }  # type: ignore[dict-item]
 

@@ -86,15 +86,19 @@ def kernel_cases(speed: int) -> list[Case]:
     return cases
 
 
+def varied(windows: list[WeighWindow], count: int, seed: int = 1) -> list[WeighWindow]:
+    """Return as many windows, no two of them alike, but of as many shapes as in a recording."""
+    random = np.random.default_rng(seed)
+    return [
+        replace(window, counts=window.counts + random.integers(-99, 99, len(window.counts)))
+        for window in (windows * (count // len(windows) + 1))[:count]
+    ]
+
+
 def window_cases(speed: int) -> list[Case]:
     """Return a whole window, from counts to mass: one, and each of many at once."""
     windows = windows_of(speed)
-    # No two windows of a batch alike, but of as many shapes as in a recording.
-    random = np.random.default_rng(1)
-    many = [
-        replace(window, counts=window.counts + random.integers(-99, 99, len(window.counts)))
-        for window in (windows * (_BATCH // len(windows) + 1))[:_BATCH]
-    ]
+    many = varied(windows, _BATCH)
     cases = []
     for name, parameters in (('', DenoiseParameters()), (', thresholds', THRESHOLDS)):
         denoiser, identifier = Denoiser(parameters), Identifier(IdentifierParameters())
