@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-import numpy as np
-
+from checkweigher_dsp.averaging import mean, variance
 from checkweigher_dsp.denoising import is_consistent
 from checkweigher_dsp.estimators import ESTIMATORS
 from checkweigher_dsp.estimators.adaptive import AeksiParameters, AidParameters
@@ -16,8 +15,8 @@ from checkweigher_dsp.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimators.gauss_markov import GaussMarkovParameters
 from checkweigher_dsp.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimators.tvlpf import TvlpfParameters
-from checkweigher_dsp.identification import is_stable, platform_poles
 from checkweigher_dsp.parameters import Parameters, parameter
+from checkweigher_dsp.platform_poles import is_stable, platform_poles
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, WeighWindow
 
@@ -159,5 +158,5 @@ def _is_in_window(plateau: Plateau, window: WeighWindow) -> bool:
     the belt stopped, or something else left meanwhile that no eye had seen.
     """
     samples = raw_plateau(window)
-    mean = float(np.mean(samples))
-    return abs(plateau.mass - mean) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(mean)
+    level = mean(samples)
+    return abs(plateau.mass - level) <= _SPREAD * math.sqrt(variance(samples)) + _BIAS * abs(level)

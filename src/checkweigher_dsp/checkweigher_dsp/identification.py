@@ -5,7 +5,7 @@ that the load is its steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter esti
 coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 import math
@@ -120,14 +120,35 @@ def identify(
     Long et al., A novel dynamic weighing method integrating improved stationary wavelet denoising
     and extended Kalman system identification, eq. 5-16, with the errata in docs/method.md.
     """
-    x, y, a1, a2, b = start.x, start.x_before, start.a1, start.a2, start.b1
-    q = noise.process
-    p55 = noise.initial
-    p11 = p22 = noise.initial if noise.states is None else noise.states
-    p33 = p44 = noise.initial if noise.coefficients is None else noise.coefficients
-    p12 = p13 = p14 = p15 = p23 = p24 = p25 = p34 = p35 = p45 = 0.0
     inputs = repeat(1.0) if inputs is None else inputs
     measurement = repeat(noise.measurement) if measurement is None else measurement
+    state = _before(noise, start)
+    return _identified(_after(state, samples, inputs, measurement, noise.process))
+
+
+# x(k), x(k-1), a1, a2, b1, and the upper triangle of the covariance.
+_State = tuple[Any, ...]
+
+
+def _before(noise: Noise, start: Start) -> _State:
+    states = noise.initial if noise.states is None else noise.states
+    coefficients = noise.initial if noise.coefficients is None else noise.coefficients
+    return (
+        start.x, start.x_before, start.a1, start.a2, start.b1,
+        states, 0.0, 0.0, 0.0, 0.0,
+        states, 0.0, 0.0, 0.0,
+        coefficients, 0.0, 0.0,
+        coefficients, 0.0,
+        noise.initial,
+    )  # fmt: skip
+
+
+def _after(
+    state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
+) -> _State:
+    """Return the state after some samples."""
+    x, y, a1, a2, b = state[:5]
+    p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # No assignment is in place: arrays would change under their other names.
     for z, u, r in zip(samples, inputs, measurement, strict=False):
         # Row 1 of F P, then with it the first element of F P F' + Q; row 2 of that is row 1 of P.
@@ -159,6 +180,14 @@ def identify(
         p55 = p55 - k5 * g5
         h = r * f  # 1 less the gain of x, without the cancellation
         p11, p12, p13, p14, p15 = h * g0, h * g1, h * g3, h * g4, h * g5
+    return (
+        x, y, a1, a2, b,
+        p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55,
+    )  # fmt: skip
+
+
+def _identified(state: _State) -> Identification:
+    _, _, a1, a2, b, *_, p33, p34, p35, p44, p45, p55 = state
     # d gain / d (a1, a2, b) = (-gain, -gain, 1) / total, once divided by total
     total = _usable(1.0 + a1 + a2)
     gain = b / total
@@ -226,11 +255,14 @@ def identify_window(
     """
     work = _identify_one if denoised.ndim == 1 else _identify_several
     with np.errstate(all='ignore'):
-        found, scale = work(denoised, removed_variance, inputs, noise)
-        return Identification(
-            found.a1, found.a2, scale * found.b1, scale * found.gain,
-            scale * scale * found.variance,
-        )  # fmt: skip
+        return _in_unit(*work(denoised, removed_variance, inputs, noise))
+
+
+def _in_unit(found: Identification, scale: Any) -> Identification:
+    """Return what was found in signals that had been divided by `scale`."""
+    return Identification(
+        found.a1, found.a2, scale * found.b1, scale * found.gain, scale * scale * found.variance
+    )
 
 
 def _identify_one(
@@ -269,56 +301,99 @@ def _identify_several(
     noise: WindowNoise,
 ) -> tuple[Identification, Any]:
     """Return what is identified in windows at once and by what each was divided, (passes,)."""
-    full = np.ones(denoised.shape, bool) if inputs is None else inputs >= 1.0
-    scale = np.add.reduce(denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
+    loads = np.ones(denoised.shape) if inputs is None else inputs
+    group = WindowGroup(denoised, removed_variance, loads, noise.rise)
+    (found,) = _identify_groups([group], noise)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class WindowGroup:
+    """Windows of equal length, see `identify_window`.
+
+    Attributes
+    ----------
+    denoised, inputs : ndarray, (passes, n) float64
+        Signals, and share of the load at each sample.
+    removed_variance, rise : float or ndarray, (passes,)
+        What denoising took out, and `WindowNoise.rise`.
+    """
+
+    denoised: NDArray[np.float64]
+    removed_variance: Any
+    inputs: NDArray[np.float64]
+    rise: Any
+
+
+def identify_groups(groups: Sequence[WindowGroup], noise: WindowNoise) -> list[Identification]:
+    """Return what `identify_window` makes of each group of windows, to the last bit.
+
+    All of them at once: each step of the filter costs by the call rather than by the window.
+
+    Parameters
+    ----------
+    groups : sequence of WindowGroup
+        The windows, by length.
+    noise : WindowNoise
+        Its shares; `rise` is that of the groups.
+    """
+    with np.errstate(all='ignore'):
+        return [_in_unit(found, scale) for found, scale in _identify_groups(groups, noise)]
+
+
+def _identify_groups(
+    groups: Sequence[WindowGroup], noise: WindowNoise
+) -> list[tuple[Identification, Any]]:
+    """Return what is identified in each group and by what each of its windows was divided."""
+    order = sorted(range(len(groups)), key=lambda number: -groups[number].denoised.shape[-1])
+    signals = [_normalised(groups[number], noise.measurement) for number in order]
+    process = noise.process * np.concatenate([each.relative for each in signals])
+    state = _before(Noise(None, None, noise.initial, noise.coefficients), _AT_REST)
+    result: list[tuple[Identification, Any]] = [(_NOTHING, math.nan)] * len(groups)
+    begin = 0
+    while signals:  # the longest first: the filter goes on without those that have ended
+        end = len(signals[-1].samples)
+        samples, inputs, measurement = (
+            np.concatenate([getattr(each, name)[begin:end] for each in signals], axis=1)
+            for name in ('samples', 'inputs', 'measurement')
+        )
+        state, begin = _after(state, samples, inputs, measurement, process), end
+        last = signals.pop()
+        count = len(process) - len(last.scale)
+        result[order[len(signals)]] = _identified(_part(state, slice(count, None))), last.scale
+        state, process = _part(state, slice(count)), process[:count]
+    return result
+
+
+def _part(state: _State, passes: slice) -> _State:
+    return tuple(each[passes] for each in state)
+
+
+@dataclass(frozen=True, slots=True)
+class _Signals:
+    """Windows divided by their scale: samples, loads and R, (n, passes), and R at rest."""
+
+    samples: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    measurement: NDArray[np.float64]
+    relative: NDArray[np.float64]
+    scale: NDArray[np.float64]
+
+
+def _normalised(group: WindowGroup, measurement: float) -> _Signals:
+    full = group.inputs >= 1.0
+    scale = np.add.reduce(group.denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
     scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
-    relative = np.maximum(noise.measurement * removed_variance / scale / scale, _LEAST)
-    rising = None if inputs is None else np.ascontiguousarray(inputs.T)
-    measurement = None
-    if rising is not None and not np.all(noise.rise == 1.0):
-        measurement = np.where(rising < 1.0, noise.rise * relative, relative)
-    found = identify(
-        np.ascontiguousarray((denoised / scale[:, None]).T),
-        Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
-        rising,
-        measurement=measurement,
+    relative = np.maximum(measurement * group.removed_variance / scale / scale, _LEAST)
+    inputs = np.ascontiguousarray(group.inputs.T)
+    return _Signals(
+        np.ascontiguousarray((group.denoised / scale[:, None]).T),
+        inputs,
+        np.where(inputs < 1.0, group.rise * relative, relative),
+        relative,
+        scale,
     )
-    return found, scale
 
 
 # Relative variance that even a noise-free signal is credited with: the filter stays regular.
 _LEAST = 1e-12
-
-
-def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:
-    r"""Return natural frequency and damping ratio of the identified platform.
-
-    From the poles :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2}) \omega_n T}` of
-    :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)`,
-    :math:`a_2 = e^{-2 \xi \omega_n T}`.
-
-    Parameters
-    ----------
-    a1, a2 : float
-        Coefficients.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    natural_frequency : float
-        Hz, NaN unless the poles are a stable complex pair.
-    damping_ratio : float
-        1, NaN likewise.
-    """
-    if not (0 < a2 < 1 and a1 * a1 < 4 * a2):
-        return math.nan, math.nan
-    decay = -0.5 * math.log(a2)
-    angle = math.acos(-a1 / (2 * math.sqrt(a2)))
-    modulus = math.hypot(decay, angle)
-    return modulus * sample_rate / (2 * math.pi), decay / modulus
-
-
-def is_stable(a1: float, a2: float) -> bool:
-    """Tell whether both poles lie inside the unit circle (the stability triangle)."""
-    return abs(a2) < 1 and abs(a1) < 1 + a2

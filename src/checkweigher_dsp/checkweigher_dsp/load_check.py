@@ -7,7 +7,7 @@ the weigh window, the load changes by more than vibration and ring-down explain.
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.averaging import median
+from checkweigher_dsp.averaging import mean, median
 
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
 _SHARE = 0.08
@@ -45,7 +45,7 @@ class LoadCheck:
         self._watch(empty, len(window))
         if len(window) < _FEWEST:
             return True
-        load = abs(float(np.mean(window)) - zero)
+        load = abs(mean(window) - zero)
         change = abs(float(_changes(window.astype(np.float64), len(window))[0]))
         return change <= _SHARE * load + _VIBRATION * self._shaking
 

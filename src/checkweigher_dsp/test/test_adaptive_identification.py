@@ -18,7 +18,8 @@ from checkweigher_dsp.adaptive_identification import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.averaging import hann_mean
-from checkweigher_dsp.identification import Noise, identify, platform_poles
+from checkweigher_dsp.identification import Noise, identify
+from checkweigher_dsp.platform_poles import platform_poles
 
 RATE = 960.0
 ROUNDING = 1e-9

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.averaging import hann_mean, median, window_mean
+from checkweigher_dsp.averaging import hann_mean, mean, median, variance, window_mean
 
 ROUNDING = 1e-14
 
@@ -51,7 +51,16 @@ def test_the_plain_mean_leaves_nothing_of_whole_periods_and_hann_little_of_any()
     assert abs(window_mean(uneven)) > 0.027
 
 
-@given(st.lists(st.floats(width=64), min_size=1, max_size=9))
-def test_the_median_is_that_of_numpy(values):
+@pytest.mark.parametrize(
+    ('own', 'of_numpy'), [(mean, np.mean), (median, np.median), (variance, np.var)]
+)
+@given(values=st.lists(st.floats(width=64), min_size=1, max_size=40))
+def test_what_is_faster_than_numpy_has_the_same_bits(own, of_numpy, values):
     with np.errstate(all='ignore'):
-        assert repr(median(np.array(values))) == repr(float(np.median(np.array(values))))
+        assert repr(own(np.array(values))) == repr(float(of_numpy(np.array(values))))
+
+
+@given(st.lists(st.integers(-(2**31), 2**31 - 1), min_size=1, max_size=300))
+def test_the_mean_of_counts_is_that_of_numpy(values):
+    counts = np.array(values, np.int32)
+    assert mean(counts) == np.mean(counts)

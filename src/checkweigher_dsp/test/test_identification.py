@@ -12,12 +12,13 @@ import pytest
 from checkweigher_dsp.identification import (
     Noise,
     Start,
+    WindowGroup,
     WindowNoise,
     identify,
+    identify_groups,
     identify_window,
-    is_stable,
-    platform_poles,
 )
+from checkweigher_dsp.platform_poles import is_stable, platform_poles
 
 RATE = 960.0
 ROUNDING = 1e-10
@@ -190,6 +191,26 @@ def test_windows_at_once_have_the_same_bits_as_each_alone():
         )
         for name in ('a1', 'a2', 'b1', 'gain', 'variance'):
             assert getattr(together, name)[k] == getattr(alone, name)
+
+
+def test_windows_of_several_lengths_at_once_have_the_same_bits_as_each_alone():
+    random = np.random.default_rng(10)
+    groups = []
+    for count, length in ((3, 100), (1, 128), (4, 99), (2, 1)):
+        loads = np.minimum(np.arange(1, length + 1) / random.uniform(30, 64, (count, 1)), 1.0)
+        loads[:, -1] = 1.0
+        samples = 0.2 * loads + 0.01 * random.standard_normal((count, length))
+        removed, rises = random.uniform(0, 1e-4, count), random.uniform(1.0, 20.0, count)
+        groups.append(WindowGroup(samples, removed, loads, rises))
+    groups[0].denoised[1] = math.nan
+
+    for group, together in zip(groups, identify_groups(groups, WindowNoise()), strict=True):
+        for k, samples in enumerate(group.denoised):
+            noise = WindowNoise(rise=float(group.rise[k]))
+            removed = float(group.removed_variance[k])
+            alone = identify_window(samples, removed, group.inputs[k], noise)
+            for name in ('a1', 'a2', 'b1', 'gain', 'variance'):
+                assert repr(float(getattr(together, name)[k])) == repr(getattr(alone, name))
 
 
 @pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])

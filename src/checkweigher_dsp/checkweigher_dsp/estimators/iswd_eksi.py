@@ -1,15 +1,21 @@
 """ISWD-EKSI: extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import ClassVar
 
 import numpy as np
 
+from checkweigher_dsp.averaging import variance
 from checkweigher_dsp.denoising import denoised_pass
 from checkweigher_dsp.estimators.base import Estimator, EstimatorParameters, Plateau, raw_plateau
-from checkweigher_dsp.identification import WindowNoise, identify_window
+from checkweigher_dsp.identification import (
+    WindowGroup,
+    WindowNoise,
+    identify_groups,
+    identify_window,
+)
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 
@@ -56,24 +62,25 @@ class IswdEksi(Estimator):
         return Plateau(found.gain, found.variance, found.a1, found.a2, found.b1)
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
-        """Return what `estimate` makes of each window; those of equal length are done at once."""
+        """Return what `estimate` makes of each window, all at once if they are not too few."""
+        if len(windows) < _FEW:
+            return [self.estimate(window) for window in windows]
         passes = [denoised_pass(window) for window in windows]
         lengths: dict[int, list[int]] = {}
         for number, (denoised, _) in enumerate(passes):
             lengths.setdefault(len(denoised), []).append(number)
-        result: list[Plateau] = [Plateau(math.nan)] * len(windows)
-        for numbers in lengths.values():
-            if len(numbers) < _FEW:
-                for number in numbers:
-                    result[number] = self.estimate(windows[number])
-                continue
-            rises = [self._noise(windows[number].belt_speed).rise for number in numbers]
-            found = identify_window(
+        groups = [
+            WindowGroup(
                 np.array([passes[number][0] for number in numbers]),
                 np.array([_removed_variance(windows[number]) for number in numbers]),
                 np.array([passes[number][1] for number in numbers]),
-                replace(self._noise(windows[numbers[0]].belt_speed), rise=np.array(rises)),
+                np.array([self._noise(windows[number].belt_speed).rise for number in numbers]),
             )
+            for numbers in lengths.values()
+        ]
+        result: list[Plateau] = [Plateau(math.nan)] * len(windows)
+        all_found = identify_groups(groups, self._noise(windows[0].belt_speed))
+        for numbers, found in zip(lengths.values(), all_found, strict=True):
             columns = (found.gain, found.variance, found.a1, found.a2, found.b1)
             rows = zip(*(column.tolist() for column in columns), strict=True)
             for number, row in zip(numbers, rows, strict=True):
@@ -95,4 +102,4 @@ _FEW = 32
 def _removed_variance(window: WeighWindow) -> float:
     """Return the variance that denoising took out between t2 and t3, kg^2."""
     plateau = window.denoised[window.window_begin : window.window_end]
-    return float(np.var(raw_plateau(window) - plateau))
+    return variance(raw_plateau(window) - plateau)
