@@ -338,14 +338,11 @@ class RejectStage:
         late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
         number = self._items.judge(item, estimate, verdict.estimate_id)
-        verdict = replace(verdict, item_id=number, late=late)
+        t1, t3, reject_at = verdict.t1, verdict.t3, verdict.reject_at
         # A segmenter that was started again has not seen all edges of its first item. Of an item
         # that is a fault by its edges nobody knows which of them are its own.
         if item.count is not None and not item.reasons:
-            verdict = replace(
-                verdict,
-                t1=item.t1 if verdict.t1 is None else verdict.t1,
-                t3=item.t3 if verdict.t3 is None else verdict.t3,
-                reject_at=item.reject_at if verdict.reject_at is None else verdict.reject_at,
-            )
-        return verdict
+            t1 = item.t1 if t1 is None else t1
+            t3 = item.t3 if t3 is None else t3
+            reject_at = item.reject_at if reject_at is None else reject_at
+        return replace(verdict, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at)
