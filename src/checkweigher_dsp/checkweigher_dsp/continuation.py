@@ -17,7 +17,7 @@ from checkweigher_dsp.autoregression import burg_model
 PREDICTION_RATE = 240.0  # Hz
 # Samples that a model of a given order is made from, at least, as a multiple of the order.
 _LEAST_RATIO = 3
-_MOST_AT_ONCE = 8  # samples, see `predict`
+_MOST_AT_ONCE = 4  # samples, see `predict`
 
 
 def extend(
