@@ -105,8 +105,8 @@ def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
 
 
-@pytest.mark.parametrize('table', TABLES)
-def test_many_windows_at_once_have_the_same_bits_as_each_alone(table):
+@pytest.mark.parametrize(('table', 'uncertain'), [*((t, 0.0) for t in TABLES), ('default', 1.3e-3)])
+def test_many_windows_at_once_have_the_same_bits_as_each_alone(table, uncertain):
     # Three speeds, shapes of their own; enough of each to be identified at once.
     random = np.random.default_rng(7)
     windows = [
@@ -116,7 +116,8 @@ def test_many_windows_at_once_have_the_same_bits_as_each_alone(table):
     ]
     windows[5] = replace(windows[5], zero=float('nan'))
     windows[6] = replace(windows[6], reasons=('DistanceFault',))
-    denoiser, identifier = Denoiser(TABLES[table]), Identifier(IdentifierParameters())
+    denoiser = Denoiser(replace(TABLES[table], edge_uncertainty=uncertain))
+    identifier = Identifier(IdentifierParameters())
 
     together = identifier.estimate_all(denoiser.denoise_all(windows))
 

@@ -22,7 +22,7 @@ _MOST_AT_ONCE = 4  # samples, see `predict`
 
 def extend(
     disturbance: NDArray[np.float64], before: int, after: int, order: int, block: int
-) -> NDArray[np.float64]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Continue a disturbance to both sides.
 
     The model is fitted by Burg's method, so it is stable and the continuation dies out or goes on,
@@ -41,14 +41,17 @@ def extend(
 
     Returns
     -------
-    ndarray, (..., before + n + after) float64
+    extended : ndarray, (..., before + n + after) float64
+    taps : ndarray, (..., p + 1) float64
+        Prediction-error filter of the block means, from the leading 1 on; that alone if the
+        continuation is 0.
     """
     shape, count = disturbance.shape[:-1], disturbance.shape[-1]
     result = np.zeros((*shape, before + count + after))
     result[..., before : before + count] = disturbance
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
-        return result
+        return result, np.ones((*shape, 1))
     # The blocks are aligned to the end; backward they are those of the reversed signal.
     blocks = np.empty((*shape, 2, count // block))
     blocks[..., 0, :] = block_means(disturbance, block)
@@ -58,7 +61,7 @@ def extend(
     means = np.concatenate([blocks[..., -1:], predict(blocks, taps, steps)], axis=-1)
     result[..., :before] = _interpolate(means[..., 1, :], block, before)[..., ::-1]
     result[..., before + count :] = _interpolate(means[..., 0, :], block, after)
-    return result
+    return result, taps
 
 
 def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.averaging import hann_mean
 from checkweigher_dsp.continuation import extend
+from checkweigher_dsp.entry_fit import EntryFit
 from checkweigher_dsp.load_rise import load_response, load_share
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.pass_stack import (
@@ -98,6 +99,10 @@ class DenoiseParameters(Parameters):
     iterations: int = parameter(
         1, 'how often the level that is taken out for continuation is found anew', minimum=0,
         maximum=100,
+    )  # fmt: skip
+    edge_uncertainty: float = parameter(
+        0.0, 'by which t1 and t2 may be off, for continuation; 0: they are exact', unit='s',
+        minimum=0, maximum=0.1,
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -232,7 +237,8 @@ def _denoise_continued(stack: PassStack, parameters: DenoiseParameters) -> NDArr
     measured = slice(before, before + force.shape[-1])
     remove_noise = _noise_remover(length, measured, stack, parameters)
     natural_frequency, damping_ratio = parameters.platform(stack.belt_speed)
-    time, rise_time = stack.time[:, stack.entry :], stack.rise_time
+    first, time, rise_time = stack.entry, stack.time[:, stack.entry :], stack.rise_time
+    entry, model = None, None
     response = np.zeros(force.shape)
     level = _mean(force[:, begin:])
     iteration = 0
@@ -240,10 +246,12 @@ def _denoise_continued(stack: PassStack, parameters: DenoiseParameters) -> NDArr
         # Both fall with the square root of the moving mass.
         moving = parameters.moving_mass
         ease = np.sqrt(moving / (moving + np.maximum(level, 0.0)))
-        response[:, stack.entry :] = load_response(
-            time, rise_time, natural_frequency * ease, damping_ratio * ease
-        )
-        stretch = extend(
+        platform = natural_frequency * ease, damping_ratio * ease
+        if parameters.edge_uncertainty:
+            entry = entry or EntryFit(stack, parameters.edge_uncertainty, level, *platform)
+            first, time, rise_time = entry.times(model)
+        response[:, first:] = load_response(time, rise_time, *platform)
+        stretch, model = extend(
             force - level * response, before, length - measured.stop, parameters.prediction_order,
             stack.block,
         )  # fmt: skip

@@ -85,3 +85,64 @@ def load_response(
     response: NDArray[np.float64] = climb[0] - climb[1]
     response /= rise_time
     return response
+
+
+def block_responses(
+    time: NDArray[np.float64], rise_time: Any, natural_frequency: Any, damping_ratio: Any
+) -> NDArray[np.float64]:
+    r"""Return the means of a response between successive times, and how they go with t1 and t2.
+
+    With the pole :math:`p = -\xi \omega + i \omega_d` and
+    :math:`q = 1 - i \xi \omega / \omega_d` what `load_response` is made of and its integral are
+
+    .. math:: r(t) = t - \Re \frac{q}{p} (e^{p t} - 1),\quad
+       \int_0^t r = \frac{t^2}{2} + t\, \Re \frac{q}{p} - \Re \frac{q}{p^2} (e^{p t} - 1)
+
+    Parameters
+    ----------
+    time : ndarray, (..., n + 1) float64
+        Since t1, s, at equal intervals: where one block ends and the next one begins.
+    rise_time : float or ndarray, (..., 1)
+        t2 - t1, s.
+    natural_frequency : float or ndarray, (..., 1)
+        Hz.
+    damping_ratio : float or ndarray, (..., 1)
+        xi, below 1.
+
+    Returns
+    -------
+    ndarray, (3, ..., n) float64
+        Mean of `load_response` in each block; its derivative to t1 with t2 as it is, 1/s; its
+        derivative to t2 with t1 as it is, 1/s.
+    """
+    rise_time = np.maximum(rise_time, _SHORTEST)
+    turn = np.sqrt(1 - np.square(damping_ratio))
+    pole = 2 * np.pi * natural_frequency * (1j * turn - damping_ratio)
+    first = (1 - 1j * (damping_ratio / turn)) / pole
+
+    # As in load_response: what the rise begins, and what its end takes off again.
+    since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
+    since[0] = time
+    np.subtract(time, rise_time, out=since[1])
+    np.maximum(since, 0.0, out=since)
+    ringing = pole * since
+    np.exp(ringing, out=ringing)
+    ringing -= 1
+    ringing *= first
+    integrals = np.empty((2, *since.shape))
+    np.subtract(since, ringing.real, out=integrals[0])
+    ringing /= pole
+    np.multiply(since, since / 2 + first.real, out=integrals[1])
+    integrals[1] -= ringing.real
+    climb, area = (integrals[..., 1:] - integrals[..., :-1]) / (time[..., 1:2] - time[..., :1])
+    result = np.empty((3, *climb.shape[1:]))
+    response, *slopes = result
+    np.subtract(area[0], area[1], out=response)
+    response /= rise_time
+    np.subtract(response, climb[0], out=slopes[0])
+    np.subtract(climb[1], response, out=slopes[1])
+    result[1:] /= rise_time
+    return result
+
+
+_SHORTEST = 1e-4  # s, of a rise whose ends are told apart: rounding leaves nothing of less

@@ -94,9 +94,10 @@ def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
     assert replace(denoised, denoised=np.zeros(0)) == window
 
 
+@pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
 @pytest.mark.parametrize('way', SURROUNDS)
 @pytest.mark.parametrize('gain', [-3, 7, 1000])
-def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way):
+def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way, uncertain):
     window = make_window(_noisy(96), lead=10)
     scaled = replace(
         window,
@@ -105,7 +106,8 @@ def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way):
         zero_counts=gain * window.zero_counts,
         counts_per_kg=gain * window.counts_per_kg,
     )
-    denoiser = Denoiser(_table_1(threshold_unit=1e-6, surround=way))
+    parameters = _table_1(threshold_unit=1e-6, surround=way, edge_uncertainty=uncertain)
+    denoiser = Denoiser(parameters)
 
     np.testing.assert_allclose(
         denoiser.denoise(scaled).denoised, denoiser.denoise(window).denoised, rtol=1e-9
@@ -200,9 +202,10 @@ def test_what_follows_t3_does_not_matter(make_window):
     assert np.isnan(result[-3:]).all()
 
 
+@pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
 @pytest.mark.parametrize('way', SURROUNDS)
 @pytest.mark.parametrize('method', ['shrinkage', 'soft', 'hard'])
-def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method):
+def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method, uncertain):
     random = np.random.default_rng(3)
     windows = [
         _make_pass(
@@ -210,7 +213,7 @@ def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method):
         )
         for mass, at, stay in ((0.1, 0.3, 0.1), (0.2, 0.3003, 0.1), (0.3, 0.32, 0.12))
     ]
-    parameters = DenoiseParameters(surround=way, method=method)
+    parameters = DenoiseParameters(surround=way, method=method, edge_uncertainty=uncertain)
 
     stacks = stack_passes(windows, parameters.stretch)
 
@@ -285,10 +288,24 @@ _NUMBERS = st.floats() | st.sampled_from([0.0, math.nan, math.inf, 1e-300, 1.0, 
     _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS,
     st.integers(-5, 300), st.integers(-5, 300), st.integers(0, 300),
     st.integers(-5, 300), *(st.none() | st.integers(-(2**62), 2**62),) * 3,
+    st.sampled_from([0.0, 1e-300, 1.3e-3, 0.1]),
 )  # fmt: skip
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
 def test_no_garbage_raises(
-    rate, per_kg, zero_counts, zero, std_dev, speed, begin, end, count, empty, t1, t2, stamp
+    rate,
+    per_kg,
+    zero_counts,
+    zero,
+    std_dev,
+    speed,
+    begin,
+    end,
+    count,
+    empty,
+    t1,
+    t2,
+    stamp,
+    uncertain,
 ):
     counts = np.random.default_rng(count).integers(-(2**31), 2**31, count).astype(np.int32)
     window = WeighWindow(
@@ -296,7 +313,7 @@ def test_no_garbage_raises(
         stamp or 0, empty, begin, end, counts,
     )  # fmt: skip
 
-    result = Denoiser(DenoiseParameters(stretch=128)).denoise(window)
+    result = Denoiser(DenoiseParameters(stretch=128, edge_uncertainty=uncertain)).denoise(window)
 
     if is_consistent(window):
         assert len(result.denoised) == count

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from checkweigher_dsp.load_rise import load_response, load_share
+from checkweigher_dsp.load_rise import block_responses, load_response, load_share
 
 INTEGRATION = 1e-8  # relative tolerance of the integrated response
 TIME = np.arange(-0.05, 0.3, 1 / 960)
@@ -70,3 +70,32 @@ def test_each_pass_may_have_a_rise_and_a_platform_of_its_own():
 
     np.testing.assert_array_equal(both[0], load_response(TIME, 0.1, 38.0, 0.06))
     np.testing.assert_array_equal(both[1], load_response(TIME, 0.2, 22.0, 0.06))
+
+
+@pytest.mark.parametrize(
+    ('rise', 'frequency', 'damping'), [(0.1, 38.0, 0.06), (0.031, 22.0, 0.5), (0.2, 60.0, 0.0)]
+)
+def test_block_responses_are_means_of_the_response_and_differences_of_such(
+    rise, frequency, damping
+):
+    bounds = np.arange(-0.05, 0.3, 1 / 240)
+    points = 200
+    time = bounds[:-1, None] + (np.arange(points) + 0.5) / points / 240
+
+    def mean(late1=0.0, late2=0.0):
+        return load_response(time - late1, rise + late2 - late1, frequency, damping).mean(axis=1)
+
+    response, of_t1, of_t2 = block_responses(bounds, rise, frequency, damping)
+
+    step = 1e-6
+    np.testing.assert_allclose(response, mean(), atol=1e-7)
+    slopes = [
+        (mean(step) - mean(-step)) / (2 * step), (mean(0, step) - mean(0, -step)) / (2 * step)
+    ]  # fmt: skip
+    np.testing.assert_allclose([of_t1, of_t2], slopes, atol=1e-5 * np.abs(slopes).max())
+
+
+def test_a_rise_of_no_length_has_responses_as_well():
+    blocks = block_responses(np.arange(-0.05, 0.3, 1 / 240), 0.0, 38.0, 0.06)
+
+    assert np.isfinite(blocks).all()
