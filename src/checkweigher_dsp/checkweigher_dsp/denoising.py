@@ -155,7 +155,8 @@ class Denoiser:
     on is taken out of the signal, so that the disturbance alone is left: before t1, while the load
     rises, and in the window. It is continued to both sides by linear prediction, put on the level
     and denoised. A level that is wrong leaves a step, so the level is then found anew in what has
-    been denoised. In the end the rise is put back as the bare share of the product on the belt.
+    been denoised; so are t1 and t2 in the signal if they are uncertain. In the end the rise is put
+    back as the bare share of the product on the belt, by t1 and t2 as the photo-eyes say.
     """
 
     def __init__(self, parameters: DenoiseParameters) -> None:

@@ -109,8 +109,9 @@ class EntryFit:
         filters = self._of_platforms if taps is None or taps.shape[-1] == 1 else taps
         for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
             if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
-                white = np.array([np.convolve(row, own, 'valid') for row in rows])
-                shift[number] = _fit(white, self._uncertainty)
+                # All rows in one go, but for what runs over from each into the next one.
+                white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
+                shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
         return shift
 
 

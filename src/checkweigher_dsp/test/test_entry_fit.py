@@ -111,6 +111,12 @@ def test_white_forces_on_a_platform_are_white_again_behind_its_filter():
     np.testing.assert_allclose(np.convolve(covariance, taps, 'valid'), 0.0, atol=1e-12)
 
 
+def test_a_model_of_order_0_is_none():
+    stack = _stack(LEVEL * _response(_time(), LATE) + _noise(3))
+
+    np.testing.assert_array_equal(_shift(stack, np.ones(1)), _shift(stack))
+
+
 def test_where_nothing_disturbs_both_times_are_found():
     # To first order: what is left goes with the square of the shift.
     (shift,) = _shift(_stack(LEVEL * _response(_time(), LATE)))
