@@ -163,7 +163,8 @@ class WeighingLine:
                 free = sum(not batch.done for batch in batches) < _AHEAD * processes.count
                 batches.append(self._begin(steps, processes if free else ALONE))
                 steps = []
-                while batches and batches[0].done:
+                most = 2 * _AHEAD * processes.count  # else a process that is slow would fill memory
+                while batches and (batches[0].done or len(batches) > most):
                     weighings += self._judge_batch(batches.popleft())
         steps += self._segmenter.finish()
         for batch in (*batches, self._begin(steps, ALONE)):
@@ -182,8 +183,7 @@ class WeighingLine:
         if batch.call is not None:
             try:
                 found = batch.call.result()
-            # What went wrong with a window does so here as well, what went wrong with the process
-            # does not.
+            # A window that is the reason fails here as well, a process that was killed does not.
             except Exception:
                 windows = [step for step in batch.steps if isinstance(step, WeighWindow)]
                 found = self._stages.estimate_all(windows)
