@@ -20,7 +20,7 @@ from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.side_processes import SideProcesses
 
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
-_LONG = 2.0  # s, of a measurement of windows
+_LONG = 1.0  # s, of a measurement of windows
 _MANY = 512  # windows
 
 
