@@ -36,6 +36,7 @@ _MOST_MISSED = 20  # samples at the start of the port
 _PASS = 0.1  # s, less than any pass takes
 _SETTLED = 10.0  # s
 _OF_CLOCK = 0.1  # of a mass, by which it is off where the clock is off by 1 during the pass
+UNCERTAINTY = {'modbus': 1.3e-3, 'replayed': 0.0}  # s, of a poll each 2 ms
 LIMITS = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 0.6}
 # However busy the machine is on which the test runs.
 PATIENT = {
@@ -88,8 +89,9 @@ def machine(folder: Path, bag: Path, recording: Recording, eyes: str) -> Iterato
             ):
                 node.create_subscription(topic.type, topic.name, take, topic.stage_qos)
             spinner.add(node)
+            own = {'reject': LIMITS, 'denoise': {'edge_uncertainty': UNCERTAINTY[eyes]}}
             for name, make in STAGE_NODES.items():
-                spinner.add(make(LIMITS if name == 'reject' else None))
+                spinner.add(make(own.get(name)))
             driver = DriverNode(
                 {
                     'source': 'aed', 'eyes': eyes, 'outputs': 'modbus',
@@ -160,9 +162,10 @@ def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float
     return edges, errors, max(drifts), max(settled, default=math.nan)
 
 
-def weighed(recording: Recording, edges: Sequence[EyeEdge]) -> list[float]:
+def weighed(recording: Recording, edges: Sequence[EyeEdge], uncertainty: float) -> list[float]:
     """Return the masses of `weigh` on a bag with these edges."""
-    line = WeighingLine(recording.load_cell, LineParameters())
+    parameters = LineParameters().with_values({'denoise.edge_uncertainty': uncertainty})
+    line = WeighingLine(recording.load_cell, parameters)
     events = sorted([*recording.blocks, *edges], key=lambda event: event.stamp)
     return [done.estimate.mass for event in events for done in line.add(event)]
 
@@ -205,8 +208,10 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
     edges, off, drift, late_drift = seen_by(line, recording)
     # What remains when the edges are where the PLC was read is the clock of the samples.
     count_mass = 1 / cell.counts_per_kg
-    masses, expected = [each.mass for each in verdicts], weighed(recording, edges)[:count]
-    plain = weighed(recording, recording.edges)[:count]
+    masses = [each.mass for each in verdicts]
+    expected, plain = (
+        weighed(recording, each, UNCERTAINTY[eyes])[:count] for each in (edges, recording.edges)
+    )
     # An edge that was read so late that the item is a fault makes it one for both.
     assert [math.isnan(mass) for mass in masses] == [math.isnan(mass) for mass in expected]
     sound = [number for number, mass in enumerate(masses) if not math.isnan(mass)]
