@@ -331,8 +331,8 @@ def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[
         hops[:] = [measure_hop(1000)]
         return list(hops)
 
-    def line(**how: Any) -> list[Figure]:
-        return measure_line(Trial(items, **how), (hops or hop())[0])
+    def line(fewer: int = 1, **how: Any) -> list[Figure]:
+        return measure_line(Trial(items // fewer, **how), (hops or hop())[0])
 
     return {
         'hop': hop,
@@ -340,7 +340,7 @@ def cases(items: int, lanes: list[int], repetitions: int) -> dict[str, Callable[
         'processes': lambda: line(one_process=False),
         # What a product costs, and what an empty belt.
         **{
-            f'items{times}': lambda times=times: line(spacing=times * _SPACING)
+            f'items{times}': lambda times=times: line(times, spacing=times * _SPACING)
             for times in ((2, 4) if lanes else ())
         },
         **{f'lanes{count}': lambda count=count: line(lanes=count) for count in lanes},
