@@ -9,6 +9,7 @@ from typing import ClassVar
 from checkweigher_driver.line_io.answer_watch import AnswerWatch
 from checkweigher_driver.line_io.clock_watch import ClockWatch
 from checkweigher_driver.line_io.reject_pulses import RejectPulses
+from checkweigher_driver.prompt_threads import be_prompt
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
@@ -133,6 +134,7 @@ class MachineOutputs:
         self._written: tuple[bool, bool] | None = None
         self._due: int | None = None  # when the rejector switches next
         self._figures = _Figures()
+        be_prompt()
         self._thread = threading.Thread(target=self._run, name='outputs', daemon=True)
         self._thread.start()
 

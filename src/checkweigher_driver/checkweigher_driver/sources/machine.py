@@ -5,6 +5,7 @@ import queue
 import threading
 from typing import Any, ClassVar
 
+from checkweigher_driver.prompt_threads import be_prompt
 from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
 from checkweigher_dsp.parameters import Parameters
@@ -48,6 +49,7 @@ class Machine(Source):
         Exception
             What ended one of the devices.
         """
+        be_prompt()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
             for name, device in (('samples', self._samples.__iter__), ('eyes', self._eyes.events))

@@ -35,7 +35,7 @@ from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
 _LARGEST_INTEGER = 2**63 - 1
-_SWITCH_INTERVAL = 0.0005  # s, after which Python lets another thread go on
+_SWITCH_INTERVAL = 0.002  # s, after which Python lets another thread go on
 _STOP_PERIOD = 0.2  # s, in which a signal ends the node
 _FAREWELL = 0.1  # s, for what the end of one node is to the others of its process
 
@@ -260,7 +260,8 @@ def run_all(
     Signals stay with Python and only end the loop. Those of rclpy take the context away from
     whatever is under way, and KeyboardInterrupt comes up in the middle of a message.
     """
-    # A source that has an edge to tell of must not wait while another thread makes diagnostics.
+    # A source that has an edge to tell of must not wait for long while another thread makes
+    # diagnostics, but of two threads that take turns too often both are late.
     sys.setswitchinterval(_SWITCH_INTERVAL)
     with delivering() as delivery:
         _run_all(make_nodes, arguments, delivery)
