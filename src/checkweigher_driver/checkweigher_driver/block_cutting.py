@@ -4,7 +4,7 @@ How a stream is cut into blocks, and where between them its edges come, does not
 weighed. The stamp of a sample stays what it was, but for rounding to a nanosecond.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 import math
 from typing import Any
 
@@ -21,11 +21,13 @@ _NEARLY = 1e-3  # samples, more than the rounding of stamps
 
 
 def join(
-    events: Iterable[Event], sample_rate: float, longest: float = LONGEST, *, prompt: bool
+    events: Iterable[Event],
+    sample_rate: float,
+    longest: float = LONGEST,
+    *,
+    ends_block: Callable[[EyeEdge], bool],
 ) -> Iterator[Event]:
     """Yield a stream with fewer, longer blocks: an edge comes before that in which it falls.
-
-    Nobody waits for the samples at an edge but at t3, where the outfeed eye is blocked.
 
     Parameters
     ----------
@@ -35,8 +37,8 @@ def join(
         Hz.
     longest : float
         s of signal, of a joined block; one that is longer is cut at each edge.
-    prompt : bool
-        Whether a block ends at t3, so that the window does not wait for its end.
+    ends_block : callable
+        Tells of an edge whether a block is to end there, and to come before it.
 
     Yields
     ------
@@ -57,8 +59,7 @@ def join(
         if blocks and isinstance(event, EyeEdge):
             place = _place(event.stamp - blocks[0].stamp, sample_rate)
             before = math.ceil(place)
-            is_exit = event.eye == Eye.OUTFEED and event.blocked
-            wanted = (prompt and is_exit) or count > longest * sample_rate
+            wanted = ends_block(event) or count > longest * sample_rate
             if place > count + _NEARLY or (wanted and before >= count):
                 yield _joined(blocks)
                 blocks, count = [], 0
@@ -72,7 +73,7 @@ def join(
 
 
 class JoinedSignal:
-    """Samples and edges of a recording as `join` yields them, in a tenth of the time.
+    """Samples and edges of a recording as `join` yields them if no edge ends a block, but faster.
 
     Only blocks that were longer before stay whole, with the edges that fall into them behind.
 
@@ -149,6 +150,11 @@ def _runs(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[n
     return np.array(runs, np.intp)
 
 
+def is_exit(edge: EyeEdge) -> bool:
+    """Tell whether an edge is t3: a window ends there, other edges wait for no samples."""
+    return edge.eye == Eye.OUTFEED and edge.blocked
+
+
 def cut_for_pace(
     events: Iterable[Event], sample_rate: float, pace: float, block_time: float
 ) -> Iterator[Event]:
@@ -165,8 +171,10 @@ def cut_for_pace(
     block_time : float
         s of signal in a block at any other pace; no window waits for the end of one.
     """
-    longest = block_time if pace else LONGEST
-    return join(events, sample_rate, longest, prompt=pace > 0)
+    if pace == 0:
+        # The segmenter takes samples and edges in turns, and nothing but the samples is paced.
+        return join(events, sample_rate, ends_block=lambda edge: True)
+    return join(events, sample_rate, block_time, ends_block=is_exit)
 
 
 def _place(time: Any, sample_rate: float) -> Any:

@@ -1,12 +1,11 @@
 from dataclasses import astuple
-from functools import partial
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_driver.block_cutting import JoinedSignal, cut_for_pace, join
+from checkweigher_driver.block_cutting import JoinedSignal, cut_for_pace, is_exit, join
 from checkweigher_driver.pacing import Pacer
 from checkweigher_driver.recording import Recording
 from checkweigher_driver.simulation import Simulation, SimulationParameters
@@ -21,6 +20,10 @@ MILLISECOND = NANOSECONDS // 1000
 def block(first, count, stamp=None):
     stamp = first * MILLISECOND if stamp is None else stamp
     return SampleBlock(stamp, first, np.arange(first, first + count, dtype=np.int32))
+
+
+def never(edge):
+    return False
 
 
 def edge(milliseconds):
@@ -42,7 +45,7 @@ def shown(events):
 
 
 def prompt(events, longest):
-    return list(join(events, RATE, longest, prompt=True))
+    return list(join(events, RATE, longest, ends_block=is_exit))
 
 
 @pytest.mark.parametrize(
@@ -67,12 +70,15 @@ def test_other_edges_come_at_once_and_cut_nothing():
     assert shown(prompt(events, 0.03)) == [13.5, 15, (0, 30), (30, 10)]
 
 
-def test_at_full_speed_no_edge_cuts():
-    events = [block(0, 10), edge(3.5), block(10, 10), edge(13.5), block(20, 10)]
+def test_at_full_speed_there_are_no_fewer_blocks_than_edges():
+    # Who takes one of each in turns would else have the samples long before their edges.
+    events = [block(0, 10), entry(3.5), block(10, 10), edge(13.5), block(20, 10), block(30, 10)]
 
-    assert shown(cut_for_pace(events, RATE, 0.0, 0.02)) == [3.5, 13.5, (0, 30)]
+    assert shown(cut_for_pace(events, RATE, 0.0, 0.02)) == [
+        (0, 4), 3.5, (4, 10), 13.5, (14, 26)
+    ]  # fmt: skip
     assert shown(cut_for_pace(events, RATE, 1.0, 0.02)) == [
-        (0, 4), 3.5, (4, 10), 13.5, (14, 16)
+        3.5, (0, 14), 13.5, (14, 16), (30, 10)
     ]  # fmt: skip
 
 
@@ -107,7 +113,7 @@ def test_all_come_in_the_order_in_which_they_are_due():
 
 
 def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
-    _, _, last = join([block(0, 10), edge(2.5)], 960.0, prompt=True)
+    _, _, last = join([block(0, 10), edge(2.5)], 960.0, ends_block=is_exit)
 
     assert last.first_index == 3
     assert last.stamp == round(3 * NANOSECONDS / 960)
@@ -116,7 +122,7 @@ def test_the_parts_of_a_block_have_the_stamps_of_their_first_samples():
 def test_blocks_that_follow_each_other_are_joined():
     events = [block(0, 10), block(10, 10), edge(15), block(20, 10), block(30, 5), edge(36)]
 
-    joined = list(join(events, RATE, prompt=False))
+    joined = list(join(events, RATE, ends_block=never))
 
     assert shown(joined) == [15, (0, 35), 36]
     np.testing.assert_array_equal(joined[1].counts, np.arange(35))
@@ -128,21 +134,23 @@ def test_blocks_that_follow_each_other_are_joined():
     ids=['lost', 'overlapping', 'off the clock', 'again'],
 )
 def test_blocks_that_do_not_follow_each_other_stay_what_they_are(second):
-    assert shown(join([block(0, 10), second], RATE, prompt=False)) == shown([block(0, 10), second])
+    assert shown(join([block(0, 10), second], RATE, ends_block=never)) == shown(
+        [block(0, 10), second]
+    )
 
 
 def test_a_joined_block_is_no_longer_than_the_segmenter_reports():
     events = [block(first, 10) for first in range(0, 1000, 10)]
 
-    assert shown(join(events, RATE, prompt=False)) == [
+    assert shown(join(events, RATE, ends_block=never)) == [
         (first, 250) for first in range(0, 1000, 250)
     ]
 
 
 @pytest.mark.parametrize(
-    'cut', [partial(join, prompt=True), partial(join, prompt=False)], ids=['prompt', 'fewest']
+    'ends_block', [is_exit, never, lambda edge: True], ids=['at t3', 'nowhere', 'at each edge']
 )
-def test_the_masses_are_the_same_to_the_last_bit(cut):
+def test_the_masses_are_the_same_to_the_last_bit(ends_block):
     simulation = Simulation(SimulationParameters(count=12, samples_per_block=7, seed=4))
 
     def weighed(events):
@@ -157,7 +165,7 @@ def test_the_masses_are_the_same_to_the_last_bit(cut):
 
     events = list(simulation)
     expected = weighed(events)
-    found = weighed(cut(events, simulation.load_cell.sample_rate))
+    found = weighed(join(events, simulation.load_cell.sample_rate, ends_block=ends_block))
 
     assert len(expected) == 12
     assert all(result.estimate.weighed for result in expected)
@@ -192,7 +200,7 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
     joined = JoinedSignal(recording, longest)
 
     signal = (event for event in recording if not isinstance(event, Reference))
-    expected = [_plain(event) for event in join(signal, RATE, longest, prompt=False)]
+    expected = [_plain(event) for event in join(signal, RATE, longest, ends_block=never)]
     assert [_plain(event) for event in joined] == expected
     assert len(joined) == len(expected)
 

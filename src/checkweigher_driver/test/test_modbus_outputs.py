@@ -196,8 +196,10 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
     )
     with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:
         try:
-            wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
-            assert plc.state(REJECTOR) is False
+            wait_for(
+                lambda: plc.state(RELEASE) is True and plc.state(REJECTOR) is False,
+                'the release of the belt',
+            )
         finally:
             master.kill()
         killed = time.time_ns()
