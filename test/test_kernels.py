@@ -20,7 +20,7 @@ from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 from checkweigher_dsp.shrinkage_table import TABLE_1
-from checkweigher_dsp.side_processes import SideProcesses
+from checkweigher_dsp.side_processes import ALONE, SideProcesses
 
 BAGS = Path(__file__).parent.parent / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
@@ -73,17 +73,18 @@ def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
     assert len(found) == 25
 
 
+def _weighed(recording, processes=ALONE):
+    line = WeighingLine(recording.load_cell, LineParameters())
+    return line.weigh_all(JoinedSignal(recording), processes)
+
+
 def test_processes_beside_this_one_make_the_same_bits(monkeypatch):
     # Batches of a few items: some for the other process, some for this one.
     monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
     recording = simulated(speed=1.0, count=30, seed=6)
-    expected = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
-        JoinedSignal(recording)
-    )
+    expected = _weighed(recording)
     with SideProcesses(1) as processes:
-        found = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
-            JoinedSignal(recording), processes
-        )
+        found = _weighed(recording, processes)
 
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
     assert len(found) == 30
@@ -92,14 +93,10 @@ def test_processes_beside_this_one_make_the_same_bits(monkeypatch):
 def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
     monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
     recording = simulated(speed=1.0, count=30, seed=6)
-    expected = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
-        JoinedSignal(recording)
-    )
+    expected = _weighed(recording)
     with SideProcesses(1) as processes:
         lost = processes.submit(os._exit, 9)
-        found = WeighingLine(recording.load_cell, LineParameters()).weigh_all(
-            JoinedSignal(recording), processes
-        )
+        found = _weighed(recording, processes)
 
     assert isinstance(lost.exception(), BrokenProcessPool)
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]

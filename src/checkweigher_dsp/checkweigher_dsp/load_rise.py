@@ -68,11 +68,7 @@ def load_response(
     lag = 2 * np.asarray(damping_ratio) / omega
     sine = (2 * np.square(damping_ratio) - 1) / damped
 
-    # What the rise begins and, after it, what its end takes off again: both in one go.
-    since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
-    since[0] = time
-    np.subtract(time, rise_time, out=since[1])
-    np.maximum(since, 0.0, out=since)
+    since = _since_both_ends(time, rise_time)
     angle = damped * since
     climb = np.cos(angle)
     climb *= lag
@@ -120,11 +116,7 @@ def block_responses(
     pole = 2 * np.pi * natural_frequency * (1j * turn - damping_ratio)
     first = (1 - 1j * (damping_ratio / turn)) / pole
 
-    # As in load_response: what the rise begins, and what its end takes off again.
-    since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
-    since[0] = time
-    np.subtract(time, rise_time, out=since[1])
-    np.maximum(since, 0.0, out=since)
+    since = _since_both_ends(time, rise_time)
     ringing = pole * since
     np.exp(ringing, out=ringing)
     ringing -= 1
@@ -143,6 +135,18 @@ def block_responses(
     np.subtract(climb[1], response, out=slopes[1])
     result[1:] /= rise_time
     return result
+
+
+def _since_both_ends(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
+    """Return the times (2, ...) since a rise began and since it ended, not below 0.
+
+    What its begin begins its end takes off again: both in one go.
+    """
+    since = np.empty((2, *np.broadcast_shapes(time.shape, np.shape(rise_time))))
+    since[0] = time
+    np.subtract(time, rise_time, out=since[1])
+    np.maximum(since, 0.0, out=since)
+    return since
 
 
 _SHORTEST = 1e-4  # s, of a rise whose ends are told apart: rounding leaves nothing of less
