@@ -1,6 +1,6 @@
 """The driver node: publishes what a source of samples and photo-eye edges delivers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 import threading
 import time
@@ -21,6 +21,7 @@ from checkweigher_driver.line_outputs import LineOutputs
 from checkweigher_driver.pacing import FlowControl, Pacer
 from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import Source, source_maker
+from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_driver.stream_memory import StreamMemory
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
@@ -69,7 +70,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         self._watch = DriverWatch(self.parameters.source)
         self._outputs = LineOutputs(open_outputs)
-        self._changed = threading.Condition()
+        self._waits = StoppableWaits()
         self._status_order = threading.Lock()
         self._thread: threading.Thread | None = None
         self._begin_stream(0)
@@ -97,7 +98,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.create_publisher(topic.type, topic.name, topic.qos)
 
     def _begin_stream(self, number: int) -> None:
-        self._stopping = False
+        self._waits.stopping = False
         self._flow = FlowControl()
         self._memory = StreamMemory(number)
         self._answered = False
@@ -121,7 +122,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._source is None:  # deactivated, which closes what blocks
             self.configure()
         assert self._source is not None
-        with self._changed:
+        with self._waits.change():
             self._begin_stream(time.time_ns())  # no other driver's number
         load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
         self._calibration.begin(load_cell)
@@ -169,9 +170,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         thread, self._thread = self._thread, None
         if thread is None:
             return False
-        with self._changed:
-            self._stopping = True
-            self._changed.notify_all()
+        with self._waits.change():
+            self._waits.stopping = True
         going_on = thread.is_alive()
         if self._source is not None and not self._source.paced:
             self._close_source()  # only that ends a read that blocks
@@ -181,29 +181,26 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return going_on
 
     def _on_segmenter_status(self, message: Any) -> None:
-        with self._changed:
+        with self._waits.change():
             if message.stream != self._memory.stream:
                 return
             if not self._answered:
                 self._answered = True
                 self._flow.items_judged = int(message.items)
-            self._flow.taken(int(message.samples), int(message.items))
-            self._changed.notify_all()
+            self._flow.taken(int(message.samples), int(message.edges), int(message.items))
 
     def _on_verdict(self, message: Any) -> None:
         verdict = verdict_from(message)
         self._outputs.verdict(verdict)  # before all else: the rejector waits
         self._memory.add_verdict(verdict)
         number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
-        with self._changed:
+        with self._waits.change():
             self._flow.items_judged = max(self._flow.items_judged, number)
-            self._changed.notify_all()
 
     def _on_stop_request(self, message: Any) -> None:
         self._outputs.take_request(message)
-        with self._changed:
+        with self._waits.change():
             self._reject_ready = message.reason != StopReason.NOT_READY
-            self._changed.notify_all()
 
     def _look_after_machine(self) -> None:
         """Stop the line while it cannot weigh, and tell it what is wrong when that changes."""
@@ -245,7 +242,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         try:
             self._stream(source)
         except Exception as error:
-            if self._stopping:
+            if self._waits.stopping:
                 return
             # Whatever breaks the source, the line must hear of it: items on the belt are faults.
             self._failure = str(error)
@@ -253,7 +250,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self.get_logger().error(f'source {self.parameters.source}: {error}')
             self._publish_status(StreamStatus.FAILED, str(error))
         else:
-            if not self._stopping:
+            if not self._waits.stopping:
                 self._watch.end()
                 self._publish_status(StreamStatus.FINISHED)
 
@@ -269,16 +266,25 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         events = cut_for_pace(source, rate, pace, self.parameters.block_time)
         for event in events if source.paced else source:
             pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
-            if self._stopping or (source.paced and not self._wait_until(pacer.due(event))):
+            if self._waits.stopping or (source.paced and not self._waits.until(pacer.due(event))):
                 return
-            if held_back and isinstance(event, SampleBlock):
-                block = event
-                if not self._wait_for(
-                    lambda: self._flow.may_send(block, rate),  # noqa: B023
-                    'segmenter and verdicts to catch up',
-                ):
-                    return
+            if held_back and not self._line_has_come_so_far(event, rate):
+                return
             self._publish(event)
+
+    def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
+        """Wait until the line is ready for an event; return whether to go on."""
+
+        def ask(waited: float) -> None:
+            # The segmenter tells of edges with the samples. If none come, it has to be asked.
+            if self._flow.awaits_edges(event, rate):
+                self._publish_status(StreamStatus.RUNNING, self._trouble)
+                if waited > _PATIENCE and (lost := self._flow.give_up_edges()):
+                    self.warn(f'{lost} photo-eye edges have not come to the segmenter')
+
+        return self._flow.may_send(event, rate) or self._wait_for(
+            lambda: self._flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
+        )
 
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.
@@ -306,9 +312,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return ready
 
     def _has_line(self) -> bool:
-        if not (self._has_listeners() and self._has_reject() and self._outputs.ready):
-            return False
-        return has_matched_all(self, self._info, *self._streams)  # a recorder gets all, too
+        ready = self._has_listeners() and self._has_reject() and self._outputs.ready
+        return ready and has_matched_all(
+            self, self._info, *self._streams
+        )  # a recorder gets all, too
 
     def _has_reject(self) -> bool:
         """Tell whether a reject node says that it is active, and takes the edges."""
@@ -327,27 +334,20 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             and self._status.get_subscription_count() > 0
         )
 
-    def _wait_for(self, condition: Any, what: str, patience: float = math.inf) -> bool:
+    def _wait_for(
+        self,
+        condition: Callable[[], bool],
+        what: str,
+        patience: float = math.inf,
+        ask: Callable[[float], None] | None = None,
+    ) -> bool:
         """Wait until a condition holds or `patience` s are over; return whether to go on."""
-        with self._changed:
-            began = asked = time.monotonic()
-            while not self._stopping and not condition():
-                self._changed.wait(timeout=0.02)
-                now = time.monotonic()
-                if now - began > patience:
-                    break
-                if now - asked > _PATIENCE and what:
-                    asked = now
-                    self._watch.waits_for(what)
-                    self.warn(f'the source is held back: waiting for {what}')
-            return not self._stopping
 
-    def _wait_until(self, due: float) -> bool:
-        """Wait until a time of the monotonic clock; return whether to go on."""
-        with self._changed:
-            while not self._stopping and (remaining := due - time.monotonic()) > 0:
-                self._changed.wait(timeout=remaining)
-            return not self._stopping
+        def remind() -> None:
+            self._watch.waits_for(what)
+            self.warn(f'the source is held back: waiting for {what}')
+
+        return self._waits.for_condition(condition, patience, ask, remind if what else None)
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return how the source, its samples, clock, eyes and the outputs are."""
@@ -359,10 +359,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _publish(self, event: Event) -> None:
         self._watch.add(time.monotonic(), event)
+        self._flow.sent(event)
         if not isinstance(event, Reference):
             self._calibration.add(event)
         if isinstance(event, SampleBlock):
-            self._flow.samples_sent += len(event.counts)
             self._memory.stamp = event.stamp
             self._samples.publish(samples_to(event))
             self.count('blocks')

@@ -1,9 +1,9 @@
 """When the next event of a recording or a simulation is due."""
 
-from dataclasses import dataclass
+from collections import deque
 
 from checkweigher_driver.recording import Event
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 
 
 class Pacer:
@@ -37,42 +37,96 @@ class Pacer:
         return self._start + signal / self._rate
 
 
-@dataclass
 class FlowControl:
     """How far the line may lag behind the driver before the driver waits.
 
     Counted in what the subscribers have said they have taken, so that it holds however deep or
-    shallow the queues in between are.
+    shallow the queues in between are. Samples and edges are counted apart: they are topics of their
+    own, and one may be held up while the other is not.
 
-    Attributes
+    Parameters
     ----------
     max_duration : float
         s of signal; below the lateness of edges that the segmenter allows for.
-    max_blocks : int
-        Blocks, below the depth of the queue.
+    max_blocks, max_edges : int
+        Below the depth of the queues.
     max_items : int
         Items between segmenter and verdict.
+
+    Attributes
+    ----------
+    samples_sent : int
+    items_judged : int
     """
 
-    max_duration: float = 1.0
-    max_blocks: int = 500
-    max_items: int = 100
-    samples_sent: int = 0
-    samples_taken: int = 0
-    samples_missed: int = 0
-    items_cut: int = 0
-    items_judged: int = 0
+    def __init__(
+        self,
+        max_duration: float = 1.0,
+        max_blocks: int = 500,
+        max_edges: int = 500,
+        max_items: int = 100,
+    ) -> None:
+        self._max_duration = max_duration
+        self._max_blocks = max_blocks
+        self._max_edges = max_edges
+        self._max_items = max_items
+        self.samples_sent = 0
+        self.items_judged = 0
+        self._edges: deque[int] = deque()  # stamps of those that have not been taken
+        self._edges_sent = 0
+        self._samples_taken = self._edges_taken = self._items_cut = 0
+        # Of those sent before there was this segmenter, which it never saw.
+        self._samples_missed = self._edges_missed = 0
 
-    def taken(self, samples: int, items: int) -> None:
+    def sent(self, event: Event) -> None:
+        """Note what is about to be sent."""
+        if isinstance(event, SampleBlock):
+            self.samples_sent += len(event.counts)
+        elif isinstance(event, EyeEdge):
+            self._edges_sent += 1
+            self._edges.append(event.stamp)
+
+    def taken(self, samples: int, edges: int, items: int) -> None:
         """Note what the segmenter says it has taken and cut in all."""
-        if samples < self.samples_taken:
+        if samples < self._samples_taken or edges < self._edges_taken:
             # A new segmenter has taken the place of one that was ended: it never saw the rest.
-            self.samples_missed = self.samples_sent - samples
+            self._samples_missed = self.samples_sent - samples
+            self._edges_missed = self._edges_sent - edges
             self.items_judged = items
-        self.samples_taken, self.items_cut = samples, items
+        self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
+        on_their_way = self._edges_sent - self._edges_missed - edges
+        while len(self._edges) > max(on_their_way, 0):
+            self._edges.popleft()
 
-    def may_send(self, block: SampleBlock, sample_rate: float) -> bool:
-        """Tell whether a block may follow now."""
-        ahead = self.samples_sent - self.samples_missed - self.samples_taken
-        limit = min(self.max_duration * sample_rate, self.max_blocks * len(block.counts))
-        return ahead <= limit and self.items_cut - self.items_judged <= self.max_items
+    def may_send(self, event: Event, sample_rate: float) -> bool:
+        """Tell whether an event may follow now."""
+        if isinstance(event, SampleBlock):
+            limit = min(self._max_duration * sample_rate, self._max_blocks * len(event.counts))
+            many = self._samples_on_their_way > limit
+            judged = self._items_cut - self.items_judged <= self._max_items
+            return judged and not many and not self.awaits_edges(event, sample_rate)
+        return not self.awaits_edges(event, sample_rate)
+
+    def awaits_edges(self, event: Event, sample_rate: float) -> bool:
+        """Tell whether an event must wait for edges that were sent before it.
+
+        With a block the segmenter would have samples so much later than an edge that it gives the
+        edge up. An edge may find the queue full.
+        """
+        if isinstance(event, SampleBlock):
+            end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
+            return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self._max_duration
+        return isinstance(event, EyeEdge) and len(self._edges) >= self._max_edges
+
+    def give_up_edges(self) -> int:
+        """Wait no longer for edges if they alone are missing; return how many those are."""
+        if self._samples_on_their_way > 0:
+            return 0
+        lost = len(self._edges)
+        self._edges.clear()
+        self._edges_missed += lost
+        return lost
+
+    @property
+    def _samples_on_their_way(self) -> int:
+        return self.samples_sent - self._samples_missed - self._samples_taken

@@ -51,84 +51,156 @@ def test_at_rate_0_everything_is_due_at_once():
 # --- FlowControl -------------------------------------------------------------------------------
 
 
+def _flow(samples=0, **limits):
+    """Return what follows when so many samples have been sent."""
+    flow = FlowControl(**limits)
+    _send(flow, samples)
+    return flow
+
+
+def _send(flow, samples):
+    flow.sent(_block(0, samples))
+
+
+def _edge(seconds):
+    return EyeEdge(round(seconds * SECOND), Eye.INFEED, True)
+
+
 def test_the_lead_is_limited_in_time():
     # 1 s is 100 samples, 500 blocks of 10 are more.
-    flow = FlowControl(samples_sent=100)
+    flow = _flow(100)
     assert _may_send(flow)
 
-    flow.samples_sent = 110
+    _send(flow, 10)
     assert not _may_send(flow)
 
-    flow.taken(10, 0)
+    flow.taken(10, 0, 0)
     assert _may_send(flow)
 
 
 def test_the_lead_is_limited_in_blocks():
     # 3 blocks of 10 are less than 100 samples.
-    flow = FlowControl(max_blocks=3, samples_sent=30)
+    flow = _flow(30, max_blocks=3)
     assert _may_send(flow)
 
-    flow.samples_sent = 40
+    _send(flow, 10)
     assert not _may_send(flow)
     # Larger blocks take no more room in the queue: 3 of 20 are 60 samples.
     assert flow.may_send(_block(0, 20), RATE)
 
 
 def test_the_lead_is_limited_in_items_without_a_verdict():
-    flow = FlowControl(max_items=2, samples_sent=50)
-    flow.taken(50, 2)
+    flow = _flow(50, max_items=2)
+    flow.taken(50, 0, 2)
     assert _may_send(flow)
 
-    flow.taken(50, 3)
+    flow.taken(50, 0, 3)
     assert not _may_send(flow)
 
     flow.items_judged = 1
     assert _may_send(flow)
 
 
+def test_samples_wait_for_an_edge_that_they_would_leave_behind():
+    flow = _flow()
+    flow.sent(_edge(7.0))
+    flow.sent(_edge(7.5))
+    block = _block(8 * SECOND, 10)  # ends at 8.1 s, 1.1 s after the first edge
+    assert flow.awaits_edges(block, RATE)
+    assert not flow.may_send(block, RATE)
+    assert flow.may_send(_block(7 * SECOND, 90), RATE)
+    assert flow.may_send(_edge(9.0), RATE)
+
+    flow.taken(0, 1, 0)
+    assert flow.may_send(block, RATE)
+    later = _block(8 * SECOND, 55)
+    assert not flow.may_send(later, RATE)
+    # Somebody else may send edges, too.
+    flow.taken(0, 5, 0)
+    assert flow.may_send(later, RATE)
+
+
+def test_edges_wait_for_room_in_the_queue():
+    flow = _flow(max_edges=3)
+    for _ in range(3):
+        assert flow.may_send(_edge(7.0), RATE)
+        flow.sent(_edge(7.0))
+    assert flow.awaits_edges(_edge(7.0), RATE)
+    assert not flow.may_send(_edge(7.0), RATE)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
+
+    flow.taken(0, 1, 0)
+    assert flow.may_send(_edge(7.0), RATE)
+
+
+def test_edges_are_given_up_only_when_they_alone_are_missing():
+    flow = _flow(50)
+    flow.sent(_edge(1.0))
+    flow.sent(_edge(1.5))
+    assert flow.give_up_edges() == 0
+
+    flow.taken(50, 0, 0)
+    block = _block(7 * SECOND, 10)
+    assert not flow.may_send(block, RATE)
+    assert flow.give_up_edges() == 2
+    assert flow.may_send(block, RATE)
+
+    # Those that follow are counted as before.
+    flow.sent(_edge(4.0))
+    assert not flow.may_send(block, RATE)
+    flow.taken(50, 1, 0)
+    assert flow.may_send(block, RATE)
+
+
 def test_a_new_segmenter_begins_with_what_comes_then():
-    flow = FlowControl(max_items=2, samples_sent=500)
-    flow.taken(450, 7)
+    flow = _flow(500, max_items=2)
+    flow.sent(_edge(3.0))
+    flow.sent(_edge(3.5))
+    flow.taken(450, 1, 7)
     flow.items_judged = 4
     assert not _may_send(flow)
 
-    # The 500 samples went to the old one, and nobody will judge its items 5 to 7.
-    flow.taken(0, 0)
-    assert (flow.samples_missed, flow.items_judged) == (500, 0)
+    # The 500 samples and 2 edges went to the old one, and nobody will judge its items 5 to 7.
+    flow.taken(0, 0, 0)
+    assert flow.items_judged == 0
+    assert _may_send(flow)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
+
+    _send(flow, 100)
+    assert _may_send(flow)
+    _send(flow, 10)
+    assert not _may_send(flow)
+    flow.taken(10, 0, 1)
     assert _may_send(flow)
 
-    flow.samples_sent = 600
-    assert _may_send(flow)
-    flow.samples_sent = 610
-    assert not _may_send(flow)
-    flow.taken(10, 1)
-    assert _may_send(flow)
+    flow.sent(_edge(5.0))
+    assert not flow.may_send(_block(7 * SECOND, 10), RATE)
+    flow.taken(10, 1, 1)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
 
 
 def test_a_new_segmenter_may_be_heard_late():
     # Its first message to arrive says 40 samples: of 500 it can have missed all others.
-    flow = FlowControl(samples_sent=500)
-    flow.taken(450, 7)
-    flow.taken(40, 2)
+    flow = _flow(500)
+    flow.taken(450, 0, 7)
+    flow.taken(40, 0, 2)
 
-    assert (flow.samples_missed, flow.items_judged) == (460, 2)
-    flow.samples_sent = 600
+    assert flow.items_judged == 2
+    _send(flow, 100)
     assert _may_send(flow)
-    flow.samples_sent = 610
+    _send(flow, 10)
     assert not _may_send(flow)
 
 
 def test_the_segmenter_may_be_replaced_again():
-    flow = FlowControl(samples_sent=500)
-    flow.taken(450, 7)
-    flow.taken(0, 0)
-    flow.samples_sent = 600
-    flow.taken(100, 1)
-    assert flow.samples_missed == 500
+    flow = _flow(500)
+    flow.taken(450, 0, 7)
+    flow.taken(0, 0, 0)
+    _send(flow, 100)
+    flow.taken(100, 0, 1)
 
-    flow.taken(0, 0)
-    assert flow.samples_missed == 600
-    flow.samples_sent = 700
+    flow.taken(0, 0, 0)
+    _send(flow, 100)
     assert _may_send(flow)
-    flow.samples_sent = 710
+    _send(flow, 10)
     assert not _may_send(flow)

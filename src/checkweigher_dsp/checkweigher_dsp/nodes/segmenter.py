@@ -153,6 +153,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_driver_status(self, message: Any) -> None:
         if message.state == StreamStatus.RUNNING:
             if message.stream == self._stream:
+                if not self._announced:
+                    self._publish_status(StreamStatus.RUNNING)  # the driver asks
                 return
             self._stream = int(message.stream)
             self._end = None

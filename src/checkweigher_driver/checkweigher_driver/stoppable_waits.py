@@ -1,0 +1,77 @@
+"""Waits of one thread, for a time or for what others change, until it is told to stop."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import math
+import threading
+import time
+
+_PERIOD = 0.02  # s: of some changes nobody tells
+_REMINDER = 5.0  # s
+
+
+class StoppableWaits:
+    """Waits that end as soon as they need not go on.
+
+    Attributes
+    ----------
+    stopping : bool
+        Whether the thread was told to stop.
+    """
+
+    def __init__(self) -> None:
+        self.stopping = False
+        self._changed = threading.Condition()
+
+    @contextmanager
+    def change(self) -> Iterator[None]:
+        """Change what may be waited for, while no condition is looked at."""
+        with self._changed:
+            yield
+            self._changed.notify_all()
+
+    def until(self, due: float) -> bool:
+        """Wait until a time of the monotonic clock, s; return whether to go on."""
+        with self._changed:
+            while not self.stopping and (remaining := due - time.monotonic()) > 0:
+                self._changed.wait(timeout=remaining)
+            return not self.stopping
+
+    def for_condition(
+        self,
+        condition: Callable[[], bool],
+        patience: float = math.inf,
+        meanwhile: Callable[[float], None] | None = None,
+        remind: Callable[[], None] | None = None,
+    ) -> bool:
+        """Wait until a condition holds or `patience` s are over; return whether to go on.
+
+        Parameters
+        ----------
+        condition : callable
+            Looked at after each change, and every 20 ms.
+        patience : float
+            s.
+        meanwhile : callable, optional
+            Called before each wait with the s waited so far; nothing is locked then.
+        remind : callable, optional
+            Called each 5 s.
+        """
+        began = reminded = time.monotonic()
+        while True:
+            with self._changed:
+                if self.stopping or condition():
+                    break
+            now = time.monotonic()
+            if now - began > patience:
+                break
+            if meanwhile is not None:
+                meanwhile(now - began)
+            if remind is not None and now - reminded > _REMINDER:
+                reminded = now
+                remind()
+            with self._changed:
+                if self.stopping or condition():
+                    break
+                self._changed.wait(timeout=_PERIOD)
+        return not self.stopping
