@@ -172,8 +172,7 @@ def cut_for_pace(
         s of signal in a block at any other pace; no window waits for the end of one.
     """
     if pace == 0:
-        # The segmenter takes samples and edges in turns, and nothing but the samples is paced.
-        return join(events, sample_rate, ends_block=lambda edge: True)
+        return join(events, sample_rate, ends_block=lambda edge: False)
     return join(events, sample_rate, block_time, ends_block=is_exit)
 
 
