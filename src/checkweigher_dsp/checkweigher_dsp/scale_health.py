@@ -75,8 +75,7 @@ class ZeroWatch:
     @property
     def drift(self) -> float:
         """Drift of the zero, kg/h; NaN before it can be told from its noise."""
-        times = self._drift.times
-        if len(times) < 2 or times[-1] - times[0] < _SHORTEST_DRIFT:
+        if self._drift.span < _SHORTEST_DRIFT:
             return math.nan
         return _HOUR * self._drift.slope
 

@@ -127,11 +127,11 @@ class SampleWatch:
 
     def _received(self) -> tuple[float, float]:
         """Return samples and blocks a second, lately."""
-        times = self._arrivals.times
-        if len(times) < 2 or times[-1] - times[0] < _SHORTEST_SPAN:
+        span = self._arrivals.span
+        if span < _SHORTEST_SPAN:
             return math.nan, math.nan
-        span = float(times[-1] - times[0])
-        return float(self._arrivals.values[1:].sum() / span), (len(times) - 1) / span
+        later = self._arrivals.total - self._arrivals.oldest
+        return later / span, (len(self._arrivals) - 1) / span
 
     def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern]:
         found = []

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from checkweigher_dsp.health import Concern, Level, RecentItems, RecentValues, conclude
@@ -32,6 +33,38 @@ def test_the_slope_is_that_of_most_values():
     for time in range(20):
         recent.add(time, 5.0 - 0.25 * time + (100.0 if time % 5 == 2 else 0.0))  # a fifth is wild
     assert recent.slope == pytest.approx(-0.25, abs=1e-12)
+
+
+def test_the_slope_is_that_of_the_values_that_are_there():
+    recent = RecentValues(duration=10.0)
+    recent.add(0.0, 7.0)
+    recent.add(8.0, 3.0)
+    assert recent.slope == -0.5
+    recent.add(9.0, 4.0)
+    assert recent.slope == pytest.approx(-1 / 3)  # the median of -1/2, -1/3 and 1
+    recent.forget(10.0)
+    assert recent.slope == 1.0
+    recent.clear()
+    assert math.isnan(recent.slope)
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 20, 101])
+def test_quantiles_are_those_of_numpy(count: int):
+    recent = RecentValues()
+    values = np.random.default_rng(count).normal(size=count)
+    for value in values:
+        recent.add(1.0, float(value))
+    for share in (0.0, 0.3, 0.5, 0.95, 1.0):
+        assert recent.quantile(share) == pytest.approx(np.quantile(values, share), rel=1e-12)
+
+
+def test_values_span_a_time():
+    recent = RecentValues()
+    assert recent.span == 0.0
+    assert math.isnan(recent.oldest)
+    for time, value in ((2.0, 5.0), (3.5, 6.0)):
+        recent.add(time, value)
+    assert (recent.span, recent.oldest) == (1.5, 5.0)
 
 
 def test_there_is_no_slope_of_one_moment():

@@ -73,7 +73,8 @@ class CachedExecutor(DeliveringExecutor):
         self._frequent_set: Any = None
         self._whole_set: Any = None
         self._event_set: Any = None
-        self._looked = self._called = self._cleared = -math.inf  # s of the monotonic clock
+        # When, s of the monotonic clock.
+        self._looked = self._called = self._swept = self._cleared = -math.inf
         super().__init__(delivery, **options)
         for name in _INTERNALS:
             getattr(self, name)  # AttributeError with an rclpy that has become another one
@@ -158,7 +159,10 @@ class CachedExecutor(DeliveringExecutor):
                 return self._clear_away()
             end = min(end, self._cleared + _CLEAR_PERIOD)
         look = self._looked + _LOOK_PERIOD
-        whole = now >= look or now < self._called + _LIVELY
+        quiet = (
+            now > self._swept + _LOOK_PERIOD
+        )  # where one wait for everything costs less than two
+        whole = quiet or now >= look or now < self._called + _LIVELY
         wait_set = self._wait_set(whole=whole)
         until = end if whole else min(end, look)
         with self._delivery.away():
@@ -322,7 +326,8 @@ class CachedExecutor(DeliveringExecutor):
         A round is of the subscriptions that had one in the round before, and of all of them now
         and then.
         """
-        end = time.monotonic() + _LONGEST_SWEEP
+        self._swept = time.monotonic()
+        end = self._swept + _LONGEST_SWEEP
         asked = [each for each in self._subscriptions if each.handle.pointer in ready]
         rounds = 0
         while asked and time.monotonic() < end:
