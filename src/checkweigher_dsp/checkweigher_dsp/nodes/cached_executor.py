@@ -32,6 +32,7 @@ from checkweigher_dsp.nodes.executor import DeliveringExecutor
 
 _LOOK_PERIOD = 0.05  # s, in which services and clients are looked at under traffic
 _CLEAR_PERIOD = 1.0  # s, for events, and subscriptions of which all is handed over
+_CLEAR_EARLY = 0.6  # s, from which on that is done when the process is awake for a timer anyway
 _LIVELY = 0.5  # s after a call in which the next one is expected
 _LONGEST_SWEEP = 0.02  # s of messages after which timers get their turn
 _ROUNDS = 4  # after which subscriptions without messages are asked again
@@ -154,14 +155,14 @@ class CachedExecutor(DeliveringExecutor):
     def _serve(self, end: float) -> bool:
         """Wait until `end`, s of the monotonic clock; return whether anything was done."""
         now = time.monotonic()
-        if self._seldom or self._events:
+        clears = bool(self._seldom or self._events)
+        if clears:
             if now >= self._cleared + _CLEAR_PERIOD:
                 return self._clear_away()
             end = min(end, self._cleared + _CLEAR_PERIOD)
         look = self._looked + _LOOK_PERIOD
-        quiet = (
-            now > self._swept + _LOOK_PERIOD
-        )  # where one wait for everything costs less than two
+        # Without messages one wait for everything costs less than one for them and one for all.
+        quiet = now > self._swept + _LOOK_PERIOD
         whole = quiet or now >= look or now < self._called + _LIVELY
         wait_set = self._wait_set(whole=whole)
         until = end if whole else min(end, look)
@@ -181,6 +182,9 @@ class CachedExecutor(DeliveringExecutor):
         if called:
             self._called = time.monotonic()
             done |= self._do_the_rare()
+        early = clears and bool(timers) and not self._stale
+        if early and time.monotonic() >= self._cleared + _CLEAR_EARLY:
+            done |= self._clear_away()
         return done
 
     def _clear_away(self) -> bool:

@@ -1,6 +1,7 @@
 """The diagnostics of a node: once a second, a status for each aspect of it."""
 
 from collections.abc import Callable, Iterable
+import os
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -9,9 +10,10 @@ from rclpy.node import Node
 from checkweigher_dsp.health import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes.connections import Connections
 from checkweigher_dsp.nodes.topics import DIAGNOSTICS
-from checkweigher_dsp.records import LoadCell
+from checkweigher_dsp.records import NANOSECONDS, LoadCell
 
 _PERIOD = 1.0  # s
+_GOLDEN = 0.618  # of numbers that follow each other it makes times that lie far apart
 _LOG_PERIOD = 1.0  # s
 
 
@@ -43,7 +45,8 @@ class Diagnostics:
         self._publisher = self._node.create_publisher(
             DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
         )
-        self._node.create_timer(_PERIOD, self._publish)
+        timer = self._node.create_timer(_until_round(time.monotonic()), self._publish)
+        timer.timer_period_ns = round(_PERIOD * NANOSECONDS)  # from then on
 
     def set_hardware(self, load_cell: LoadCell) -> None:
         """Name the load cell that the findings are about."""
@@ -109,6 +112,15 @@ class Diagnostics:
             hardware_id=self._hardware_id,
             values=[KeyValue(key=key, value=_text(v)) for key, v in finding.values.items()],
         )
+
+
+def _until_round(now: float) -> float:
+    """Return how long it is until the nodes of this process tell of themselves, s.
+
+    All at once, so that the process wakes up once for it; other processes at another time.
+    """
+    phase = os.getpid() * _GOLDEN % 1.0
+    return _PERIOD * (1.0 - (now / _PERIOD - phase) % 1.0)
 
 
 def _text(value: float | str) -> str:
