@@ -70,10 +70,7 @@ def check_lines(estimator: str, count: int) -> Tally:
     """Weigh `count` random lines; return what came of them, and of the reject stage on a clock."""
     tally = Tally()
 
-    @settings(
-        max_examples=count, deadline=None, database=None, derandomize=True,
-        suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    @settings(max_examples=count, suppress_health_check=list(HealthCheck))
     @given(plans(), st.booleans(), DELAYS)
     def check(plan: Plan, length_known: bool, delays: list[int | None]) -> None:
         tally.add(*check_line(plan, estimator, delays, length_known=length_known))

@@ -1,6 +1,6 @@
 from dataclasses import astuple
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -182,7 +182,6 @@ STREAMS = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(STREAMS, st.lists(st.integers(-2, 100)), st.sampled_from([0.004, 0.01, 0.25]))
 def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
     events, first, stamp = [], 0, 0

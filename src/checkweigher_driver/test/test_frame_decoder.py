@@ -113,7 +113,7 @@ def test_every_value_of_an_undisturbed_stream_is_found(trailer, mode):
     assert decoder.frame_bytes == 4 + len(ENDS[trailer])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(disturbed({'crlf': 6, 'none': 4}), st.booleans())
 def test_however_the_bytes_are_cut_the_same_comes_out(case, auto):
     trailer, _, _, stream, pieces = case
@@ -128,7 +128,7 @@ def test_however_the_bytes_are_cut_the_same_comes_out(case, auto):
     assert (cut.skipped_bytes, cut.bad_frames) == (each.skipped_bytes, each.bad_frames)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(disturbed({'crlf': 6}))
 def test_with_cr_lf_no_wrong_value_passes_and_five_good_frames_are_enough(case):
     trailer, signal, touched, _, pieces = case
@@ -141,7 +141,7 @@ def test_with_cr_lf_no_wrong_value_passes_and_five_good_frames_are_enough(case):
         assert indices[-1] + 1 > len(counts)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([1.0, 25.0, 3000.0]),

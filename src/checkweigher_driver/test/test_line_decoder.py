@@ -61,7 +61,7 @@ def test_a_value_beyond_32_bits_is_none():
     assert decode(LineDecoder(r'(\d+)', 9), [b'\n1\n3\n'])[0] == [1_000_000_000]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.one_of(

@@ -164,7 +164,7 @@ def test_without_a_read_there_is_no_stamp():
         SampleClock(RATE).stamp(0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     lateness=st.lists(st.floats(0, 5e6), min_size=150, max_size=300),
     sizes=st.lists(st.integers(1, 40), min_size=1, max_size=10),

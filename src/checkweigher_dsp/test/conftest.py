@@ -3,22 +3,11 @@
 from dataclasses import dataclass
 from itertools import pairwise
 
-from hypothesis import HealthCheck, settings
 import numpy as np
 import pytest
 
 from checkweigher_dsp.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
-
-settings.register_profile(
-    'checkweigher_dsp',
-    derandomize=True,
-    deadline=None,
-    database=None,
-    max_examples=50,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile('checkweigher_dsp')
 
 START = 1_700_000_000 * NANOSECONDS
 CELL = LoadCell(

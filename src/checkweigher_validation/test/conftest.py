@@ -4,21 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 
-from hypothesis import HealthCheck, settings
 import numpy as np
 import pytest
 
 from checkweigher_validation.accuracy import ConditionResult, Evaluation, Example
-
-settings.register_profile(
-    'checkweigher_validation',
-    derandomize=True,
-    deadline=None,
-    database=None,
-    max_examples=50,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile('checkweigher_validation')
 
 
 def make_condition(
