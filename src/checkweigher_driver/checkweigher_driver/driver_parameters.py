@@ -34,7 +34,7 @@ class DriverParameters(Parameters):
         'a recorded or simulated source begins', minimum=0, maximum=1000,
     )  # fmt: skip
     block_time: float = parameter(
-        0.05, 'duration to which the blocks of a recorded or simulated source are joined, the '
+        0.1, 'duration to which the blocks of a recorded or simulated source are joined, the '
         'fewer the less work; an edge waits for none; 0 leaves them as they are',
         unit='s', minimum=0, maximum=1,
     )  # fmt: skip
