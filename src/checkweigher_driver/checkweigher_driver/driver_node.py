@@ -195,7 +195,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._memory.add_verdict(verdict)
         number = verdict.estimate_id or verdict.item_id  # as the segmenter counts
         with self._waits.change():
-            self._flow.items_judged = max(self._flow.items_judged, number)
+            self._flow.judged(number)
 
     def _on_stop_request(self, message: Any) -> None:
         self._outputs.take_request(message)

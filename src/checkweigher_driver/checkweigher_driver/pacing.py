@@ -1,6 +1,7 @@
 """When the next event of a recording or a simulation is due."""
 
 from collections import deque
+import threading
 
 from checkweigher_driver.recording import Event
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
@@ -42,7 +43,7 @@ class FlowControl:
 
     Counted in what the subscribers have said they have taken, so that it holds however deep or
     shallow the queues in between are. Samples and edges are counted apart: they are topics of their
-    own, and one may be held up while the other is not.
+    own, and one may be held up while the other is not. For any thread.
 
     Parameters
     ----------
@@ -70,6 +71,7 @@ class FlowControl:
         self._max_blocks = max_blocks
         self._max_edges = max_edges
         self._max_items = max_items
+        self._lock = threading.RLock()
         self.samples_sent = 0
         self.items_judged = 0
         self._edges: deque[int] = deque()  # stamps of those that have not been taken
@@ -80,32 +82,41 @@ class FlowControl:
 
     def sent(self, event: Event) -> None:
         """Note what is about to be sent."""
-        if isinstance(event, SampleBlock):
-            self.samples_sent += len(event.counts)
-        elif isinstance(event, EyeEdge):
-            self._edges_sent += 1
-            self._edges.append(event.stamp)
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                self.samples_sent += len(event.counts)
+            elif isinstance(event, EyeEdge):
+                self._edges_sent += 1
+                self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Note what the segmenter says it has taken and cut in all."""
-        if samples < self._samples_taken or edges < self._edges_taken:
-            # A new segmenter has taken the place of one that was ended: it never saw the rest.
-            self._samples_missed = self.samples_sent - samples
-            self._edges_missed = self._edges_sent - edges
-            self.items_judged = items
-        self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
-        on_their_way = self._edges_sent - self._edges_missed - edges
-        while len(self._edges) > max(on_their_way, 0):
-            self._edges.popleft()
+        with self._lock:
+            if samples < self._samples_taken or edges < self._edges_taken:
+                # A new segmenter has taken the place of one that was ended: it never saw the rest.
+                self._samples_missed = self.samples_sent - samples
+                self._edges_missed = self._edges_sent - edges
+                self.items_judged = items
+            self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
+            on_their_way = self._edges_sent - self._edges_missed - edges
+            while len(self._edges) > max(on_their_way, 0):
+                self._edges.popleft()
+
+    def judged(self, item: int) -> None:
+        """Note that an item has its verdict."""
+        with self._lock:
+            self.items_judged = max(self.items_judged, item)
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
         """Tell whether an event may follow now."""
-        if isinstance(event, SampleBlock):
-            limit = min(self._max_duration * sample_rate, self._max_blocks * len(event.counts))
-            many = self._samples_on_their_way > limit
-            judged = self._items_cut - self.items_judged <= self._max_items
-            return judged and not many and not self.awaits_edges(event, sample_rate)
-        return not self.awaits_edges(event, sample_rate)
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                limit = min(self._max_duration * sample_rate, self._max_blocks * len(event.counts))
+                if self._samples_on_their_way > limit:
+                    return False
+                if self._items_cut - self.items_judged > self._max_items:
+                    return False
+            return not self.awaits_edges(event, sample_rate)
 
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
         """Tell whether an event must wait for edges that were sent before it.
@@ -113,19 +124,21 @@ class FlowControl:
         With a block the segmenter would have samples so much later than an edge that it gives the
         edge up. An edge may find the queue full.
         """
-        if isinstance(event, SampleBlock):
-            end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
-            return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self._max_duration
-        return isinstance(event, EyeEdge) and len(self._edges) >= self._max_edges
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
+                return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self._max_duration
+            return isinstance(event, EyeEdge) and len(self._edges) >= self._max_edges
 
     def give_up_edges(self) -> int:
         """Wait no longer for edges if they alone are missing; return how many those are."""
-        if self._samples_on_their_way > 0:
-            return 0
-        lost = len(self._edges)
-        self._edges.clear()
-        self._edges_missed += lost
-        return lost
+        with self._lock:
+            if self._samples_on_their_way > 0:
+                return 0
+            lost = len(self._edges)
+            self._edges.clear()
+            self._edges_missed += lost
+            return lost
 
     @property
     def _samples_on_their_way(self) -> int:

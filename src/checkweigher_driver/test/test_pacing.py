@@ -1,5 +1,8 @@
 """Due times and the lead of the driver, against numbers by hand."""
 
+import sys
+import threading
+
 import numpy as np
 import pytest
 
@@ -97,7 +100,8 @@ def test_the_lead_is_limited_in_items_without_a_verdict():
     flow.taken(50, 0, 3)
     assert not _may_send(flow)
 
-    flow.items_judged = 1
+    flow.judged(1)
+    flow.judged(0)  # not in the order of their items
     assert _may_send(flow)
 
 
@@ -157,7 +161,7 @@ def test_a_new_segmenter_begins_with_what_comes_then():
     flow.sent(_edge(3.0))
     flow.sent(_edge(3.5))
     flow.taken(450, 1, 7)
-    flow.items_judged = 4
+    flow.judged(4)
     assert not _may_send(flow)
 
     # The 500 samples and 2 edges went to the old one, and nobody will judge its items 5 to 7.
@@ -204,3 +208,33 @@ def test_the_segmenter_may_be_replaced_again():
     assert _may_send(flow)
     _send(flow, 10)
     assert not _may_send(flow)
+
+
+def test_one_thread_may_send_while_another_takes():
+    # Each turn the sender asks for as often as it can, so that an answer falls in between.
+    flow = FlowControl()
+    count, failures = 3000, []
+
+    def send():
+        try:
+            for number in range(count):
+                while not flow.may_send(_block(number * SECOND, 100), RATE):
+                    pass
+                flow.sent(_edge(number))
+                flow.sent(_block(number * SECOND, 100))
+        except Exception as error:
+            failures.append(error)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        sender = threading.Thread(target=send)
+        sender.start()
+        while sender.is_alive():
+            samples = flow.samples_sent
+            flow.taken(samples, samples // 100, 0)
+        sender.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert failures == []
+    assert flow.samples_sent == 100 * count
