@@ -40,16 +40,15 @@ def load_response(
     The platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`; to a load that rises
     by 1 each second from time 0 on it answers with
 
-    .. math:: r(t) = t - \frac{2 \xi}{\omega} + e^{-\xi \omega t} \left(\frac{2 \xi}{\omega}
-       \cos \omega_d t + \frac{2 \xi^2 - 1}{\omega_d} \sin \omega_d t\right),\quad
-       \omega_d = \omega \sqrt{1 - \xi^2}
+    .. math:: r(t) = t - \frac{2 \xi}{\omega} - \frac{1}{\omega_d} e^{-\xi \omega t}
+       \sin(\omega_d t - 2 \arcsin \xi),\quad \omega_d = \omega \sqrt{1 - \xi^2}
 
     and to a rise that ends after D with (r(t) - r(t - D)) / D.
 
     Parameters
     ----------
     time : ndarray, (..., n) float64
-        Since t1, s.
+        Since t1, s, ascending.
     rise_time : float or ndarray, (..., 1)
         D = t2 - t1, s.
     natural_frequency : float or ndarray, (..., 1)
@@ -63,24 +62,33 @@ def load_response(
         0 up to t1, about 1 from t2 on.
     """
     rise_time = np.maximum(rise_time, _AT_ONCE)
-    omega = 2 * np.pi * np.asarray(natural_frequency)
-    damped = omega * np.sqrt(1 - np.square(damping_ratio))
-    lag = 2 * np.asarray(damping_ratio) / omega
-    sine = (2 * np.square(damping_ratio) - 1) / damped
-
-    since = _since_both_ends(time, rise_time)
-    angle = damped * since
-    climb = np.cos(angle)
-    climb *= lag
-    np.sin(angle, out=angle)
-    angle *= sine
-    climb += angle
-    climb *= np.exp(-damping_ratio * omega * since)
-    since -= lag
-    climb += since
-    response: NDArray[np.float64] = climb[0] - climb[1]
+    omega = 2 * np.pi * natural_frequency
+    damped = omega * np.sqrt(1 - damping_ratio * damping_ratio)
+    angle = 2 * np.arcsin(damping_ratio)
+    count = time.shape[-1]
+    first, full = _first_column(time, 0.0), _first_column(time, rise_time)
+    # What its begin begins the end of a rise takes off again: both in one go.
+    since = np.concatenate([time[..., first:], time[..., full:] - rise_time], axis=-1)
+    np.maximum(since, 0.0, out=since)
+    swing = damped * since
+    swing -= angle
+    np.sin(swing, out=swing)
+    swing *= np.exp(-damping_ratio * omega * since)
+    swing /= damped
+    since -= np.sin(angle) / damped  # 2 xi / omega, and exactly what the swing is at 0
+    since -= swing
+    response = np.zeros(time.shape)
+    response[..., first:] = since[..., : count - first]
+    response[..., full:] -= since[..., count - first :]
     response /= rise_time
     return response
+
+
+def _first_column(time: NDArray[np.float64], start: Any) -> int:
+    """Return the first column in which any pass has come to `start`; `time` (..., n) ascends."""
+    if time.ndim == 1:
+        return int(time.searchsorted(start))
+    return int(np.count_nonzero((time < start).reshape(-1, time.shape[-1]).all(axis=0)))
 
 
 def block_responses(
