@@ -7,7 +7,6 @@ how. Only the lowest bands of the signal are of interest, so the model is made o
 """
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,14 +52,16 @@ def extend(
     if order < 1:
         return result, np.ones((*shape, 1))
     # The blocks are aligned to the end; backward they are those of the reversed signal.
-    blocks = np.empty((*shape, 2, count // block))
-    blocks[..., 0, :] = block_means(disturbance, block)
-    blocks[..., 1, :] = block_means(disturbance[..., ::-1], block)
-    taps, _ = burg_model(blocks[..., 0, :], order)
+    means = block_means(disturbance, block)[..., None, :]
+    taps, _ = burg_model(means[..., 0, :], order)
+    if before:
+        backward = block_means(disturbance[..., ::-1], block)[..., None, :]
+        means = np.concatenate([means, backward], axis=-2)
     steps = max(before, after) // block + 2
-    means = np.concatenate([blocks[..., -1:], predict(blocks, taps, steps)], axis=-1)
-    result[..., :before] = _interpolate(means[..., 1, :], block, before)[..., ::-1]
+    means = np.concatenate([means[..., -1:], predict(means, taps, steps)], axis=-1)
     result[..., before + count :] = _interpolate(means[..., 0, :], block, after)
+    if before:
+        result[..., :before] = _interpolate(means[..., 1, :], block, before)[..., ::-1]
     return result, taps
 
 
@@ -69,8 +70,16 @@ def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     count = signal.shape[-1] // block
     used = signal[..., signal.shape[-1] - count * block :]
     blocks = used.reshape(*signal.shape[:-1], count, block)
-    means: NDArray[np.float64] = np.add.reduce(blocks, axis=-1) / block
+    means: NDArray[np.float64] = blocks @ _share(block)
     return means
+
+
+@lru_cache(maxsize=256)
+def _share(block: int) -> NDArray[np.float64]:
+    """Return the share of each sample of a block in its mean; the product is the fastest sum."""
+    share = np.full(block, 1 / block)
+    share.flags.writeable = False
+    return share
 
 
 def predict(
@@ -106,15 +115,20 @@ def predict(
     known = signals.reshape(-1, number, signals.shape[-1])[..., signals.shape[-1] - order :]
     result = np.empty((len(known), order + -(-count // width) * width, number))
     result[:, :order] = known.swapaxes(-1, -2)
-    # The same products, but for one pass the two-dimensional call is the faster one.
-    multiply: Any = np.matmul
-    whole = result
     if len(result) == 1:
-        multiply, result, weights = np.dot, result[0], weights[0]
-    for k in range(order, whole.shape[1], width):
-        multiply(weights, result[..., k - order : k, :], out=result[..., k : k + width, :])
-    predicted = whole[:, order : order + count].swapaxes(-1, -2)
+        _predict_lone(weights[0], result[0, :, 0] if number == 1 else result[0])
+    else:
+        for k in range(order, result.shape[1], width):
+            np.matmul(weights, result[:, k - order : k], out=result[:, k : k + width])
+    predicted = result[:, order : order + count].swapaxes(-1, -2)
     return predicted.reshape(*signals.shape[:-1], count)
+
+
+def _predict_lone(weights: NDArray[np.float64], signal: NDArray[np.float64]) -> None:
+    """Fill in what follows the first samples: the same products by calls that take less time."""
+    width, order = weights.shape
+    for k in range(order, len(signal), width):
+        weights.dot(signal[k - order : k], signal[k : k + width])
 
 
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -128,19 +142,27 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-@lru_cache(maxsize=256)
-def _places(block: int, count: int) -> tuple[NDArray[Any], ...]:
-    """Return the blocks on the left and right of each sample, and the shares of both."""
-    position = (np.arange(count) + 1 + (block - 1) / 2) / block
-    left = position.astype(np.intp)
-    share = position - left
-    places = (left, left + 1, 1 - share, share)
-    for values in places:
-        values.flags.writeable = False
-    return places
-
-
 def _interpolate(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
     """Return the samples after the end of the first block, linear between block centres."""
-    left, right, share_left, share_right = _places(block, count)
-    return means.take(left, -1) * share_left + means.take(right, -1) * share_right
+    skipped, left, right = _shares(block)
+    samples = means[..., :-1, None] * left
+    samples += means[..., 1:, None] * right
+    return samples.reshape(*means.shape[:-1], -1)[..., skipped : skipped + count]
+
+
+@lru_cache(maxsize=256)
+def _shares(block: int) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+    """Return how samples lie between block centres.
+
+    Returns
+    -------
+    skipped : int
+        Number of samples from the centre of a block up to its end.
+    left, right : ndarray, (block,) float64
+        Share of the block on either side in each sample from a centre up to the next one.
+    """
+    right = (np.arange(block) + (block - 1) / 2 % 1) / block
+    left = 1 - right
+    for values in (left, right):
+        values.flags.writeable = False
+    return 1 + (block - 1) // 2, left, right
