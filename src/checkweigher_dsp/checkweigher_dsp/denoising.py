@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from checkweigher_dsp.load_rise import load_response, load_share
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.pass_stack import (
     PassStack,
+    lone_pass,
     rise_time,
     stack_passes,
     stretch_length,
@@ -23,7 +24,7 @@ from checkweigher_dsp.pass_stack import (
 )
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.shrinkage_table import UNTRAINED, ShrinkageTable
+from checkweigher_dsp.shrinkage_table import UNTRAINED, ShrinkageTable, column
 from checkweigher_dsp.wavelet_shrinkage import LEVELS, ShrinkageFilter, threshold_universally
 
 _PERIOD = 2**LEVELS
@@ -130,20 +131,18 @@ class DenoiseParameters(Parameters):
             (self.lambda5, self.lambda6, self.lambda7),
         )
 
-    def platform(self, speed: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Return natural frequency and damping ratio of the empty platform: (passes, 1) each.
+    def platform(self, speed: Any) -> list[Any]:
+        """Return natural frequency and damping ratio of the empty platform.
 
         Parameters
         ----------
-        speed : ndarray, (passes,)
-            m/s.
+        speed : float or ndarray, (passes,)
+            m/s; an array makes (passes, 1) of what goes with the speed.
         """
-        columns = (self.natural_frequency, self.damping_ratio)
         return [
-            np.interp(speed, self.speeds[: len(column)], column)[:, None] if len(column) > 1
-            else np.full((len(speed), 1), column[0])
-            for column in columns
-        ]  # fmt: skip
+            column(self.speeds, values, speed) if len(values) > 1 else values[0]
+            for values in (self.natural_frequency, self.damping_ratio)
+        ]
 
 
 class Denoiser:
@@ -171,8 +170,12 @@ class Denoiser:
             return window
         if not is_consistent(window):
             return replace(window, reasons=(Reason.BAD_WINDOW.value,))
-        (stack,) = stack_passes([window], self._parameters.stretch)
-        return _with_denoised(window, denoise_stack(stack, self._parameters)[0])
+        parameters = self._parameters
+        if parameters.edge_uncertainty:  # which is fitted in stacks alone
+            (stack,) = stack_passes([window], parameters.stretch)
+            return _with_denoised(window, denoise_stack(stack, parameters)[0])
+        alone = lone_pass(window, parameters.stretch)
+        return _with_denoised(window, denoise_stack(alone, parameters))
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
         """Return what `denoise` makes of each window, to the last bit, in much less time.
@@ -217,15 +220,15 @@ def denoise_stack(stack: PassStack, parameters: DenoiseParameters) -> NDArray[np
     force, begin = stack.force, stack.begin
     result = np.full(force.shape, math.nan)
     if parameters.surround == 'continuation':
-        result[:, stack.entry :] = _denoise_continued(stack, parameters)[:, stack.entry :]
+        result[..., stack.entry :] = _denoise_continued(stack, parameters)[..., stack.entry :]
         return result
     stretch, offset = surround(
-        force[:, begin:], parameters.stretch, parameters.surround, force[:, :begin]
+        force[..., begin:], parameters.stretch, parameters.surround, force[..., :begin]
     )
     count = force.shape[-1] - begin
     measured = slice(offset, offset + count)
-    remove_noise = _noise_remover(stretch.shape[-1], measured, stack, parameters)
-    result[:, begin:] = remove_noise(stretch)[:, measured]
+    remove_noise, _ = _noise_remover(stretch.shape[-1], measured, stack, parameters)
+    result[..., begin:] = remove_noise(stretch)[..., measured]
     return result
 
 
@@ -236,12 +239,12 @@ def _denoise_continued(stack: PassStack, parameters: DenoiseParameters) -> NDArr
     length = stretch_length(parameters.stretch, count)
     before = (length - count) // 2 - begin
     measured = slice(before, before + force.shape[-1])
-    remove_noise = _noise_remover(length, measured, stack, parameters)
+    remove_noise, mean_of = _noise_remover(length, measured, stack, parameters)
     natural_frequency, damping_ratio = parameters.platform(stack.belt_speed)
-    first, time, rise_time = stack.entry, stack.time[:, stack.entry :], stack.rise_time
+    first, time, rise_time = stack.entry, stack.time[..., stack.entry :], stack.rise_time
     entry, model = None, None
     response = np.zeros(force.shape)
-    level = _mean(force[:, begin:])
+    level = _over_passes(np.add.reduce(force[..., begin:], axis=-1) / count)
     iteration = 0
     while True:
         # Both fall with the square root of the moving mass.
@@ -251,38 +254,41 @@ def _denoise_continued(stack: PassStack, parameters: DenoiseParameters) -> NDArr
         if parameters.edge_uncertainty:
             entry = entry or EntryFit(stack, parameters.edge_uncertainty, level, *platform)
             first, time, rise_time = entry.times(model)
-        response[:, first:] = load_response(time, rise_time, *platform)
+        response[..., first:] = load_response(time, rise_time, *platform)
         stretch, model = extend(
             force - level * response, before, length - measured.stop, parameters.prediction_order,
             stack.block,
         )  # fmt: skip
         stretch += level
-        clean = remove_noise(stretch)[:, measured]
         if iteration == parameters.iterations:
-            return clean - level * (1 - stack.share)
-        level = _mean(clean[:, begin:])
+            return remove_noise(stretch)[..., measured] - level * (1 - stack.share)
+        level = _over_passes(mean_of(stretch, slice(before + begin, measured.stop)))
         iteration += 1
 
 
-def _mean(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of each row, (passes, 1); np.mean takes three times as long for one."""
-    means: NDArray[np.float64] = np.add.reduce(samples, axis=-1, keepdims=True) / samples.shape[-1]
-    return means
+def _over_passes(values: Any) -> Any:
+    """Return values of the passes of a stack (passes,) as a column, and a lone one as a float."""
+    return values[:, None] if np.ndim(values) else float(values)
 
 
 def _noise_remover(
     length: int, measured: slice, stack: PassStack, parameters: DenoiseParameters
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return what denoises stretches of a length, one for each pass of a stack."""
+) -> tuple[Callable[[NDArray[np.float64]], NDArray[np.float64]], Callable[..., Any]]:
+    """Return how to denoise the stretches of a stack, and how to find means of what that makes."""
     if parameters.method == 'shrinkage':
         details = parameters.table.at(stack.belt_speed, parameters.threshold_unit)
-        return ShrinkageFilter(length, details).apply
-    return partial(
-        threshold_universally,
-        hard=parameters.method == 'hard',
-        measured=measured,
-        each_level=parameters.each_level,
-    )
+        shrinkage = ShrinkageFilter(length, details)
+        remove_noise = shrinkage.apply
+        if parameters.table.is_linear:
+            return remove_noise, shrinkage.mean
+    else:
+        remove_noise = partial(
+            threshold_universally,
+            hard=parameters.method == 'hard',
+            measured=measured,
+            each_level=parameters.each_level,
+        )
+    return remove_noise, lambda stretch, part: np.mean(remove_noise(stretch)[..., part], axis=-1)
 
 
 def surround(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +22,20 @@ _LEAD_STEP = 16
 class PassStack:
     """Passes of equal shape, to be denoised at once.
 
+    One pass alone needs no axis for the passes: its arrays are (n,), the rest are floats. It is
+    computed with the same bits, and faster than a stack of one.
+
     Attributes
     ----------
     positions : tuple of int
         Which of the windows these are.
-    force : ndarray, (passes, n) float64
+    force : ndarray, (passes, n) or (n,) float64
         kg, from some empty belt before t1 up to t3.
-    time : ndarray, (passes, n) float64
+    time : ndarray, (passes, n) or (n,) float64
         s since t1.
-    rise_time : ndarray, (passes, 1) float64
+    rise_time : ndarray, (passes, 1) float64, or float
         s, t2 - t1.
-    belt_speed : ndarray, (passes,) float64
+    belt_speed : ndarray, (passes,) float64, or float
         m/s.
     entry, begin : int
         Columns of the first sample at or after t1, and at or after t2.
@@ -42,16 +46,29 @@ class PassStack:
     positions: tuple[int, ...]
     force: NDArray[np.float64]
     time: NDArray[np.float64]
-    rise_time: NDArray[np.float64]
-    belt_speed: NDArray[np.float64]
+    rise_time: Any
+    belt_speed: Any
     entry: int
     begin: int
     block: int
 
     @property
     def share(self) -> NDArray[np.float64]:
-        """Share of the product on the belt at each sample: (passes, n) float64."""
+        """Share of the product on the belt at each sample, of the shape of `time`."""
         return load_share(self.time, self.rise_time)
+
+
+def lone_pass(window: WeighWindow, min_length: int) -> PassStack:
+    """Return the pass of one consistent window, see `stack_passes`."""
+    lead, count = _extent(window, min_length)
+    begin, end = window.window_begin - lead, window.window_end
+    time = time_since_entry(window, begin, end)
+    # Before t1 there is nothing to see.
+    entry = min(int(time.searchsorted(0.0)), lead)
+    return PassStack(
+        (0,), window.force_between(begin, end), time, rise_time(window), window.belt_speed,
+        entry, lead, min(_block(window), lead + count + 1),
+    )  # fmt: skip
 
 
 def stack_passes(
@@ -70,40 +87,29 @@ def stack_passes(
         be a few apart, and less of each is seen before t1 alone than among others.
     """
     shapes: dict[tuple[int, ...], list[int]] = {}
-    for position, window in enumerate(windows):
-        lead, count = _extent(window, min_length)
-        shape: tuple[int, ...] = (lead, count, _block(window))
+    passes = [lone_pass(window, min_length) for window in windows]
+    for position, alone in enumerate(passes):
+        shape: tuple[int, ...] = (alone.begin, len(alone.time), alone.block)
         if same_entry:
-            times = time_since_entry(window, window.window_begin - lead, window.window_end)
-            shape = (*shape, int(np.count_nonzero(times < 0)))
+            shape = (*shape, alone.entry)
         shapes.setdefault(shape, []).append(position)
     return [
-        _stack(windows, positions, lead, count, block)
-        for (lead, count, block, *_), positions in shapes.items()
+        _stack([passes[position] for position in positions], positions)
+        for positions in shapes.values()
     ]
 
 
-def _stack(
-    windows: Sequence[WeighWindow], positions: Sequence[int], lead: int, count: int, block: int
-) -> PassStack:
-    members = [windows[position] for position in positions]
-    shape = len(members), lead + count
-    time, force = np.empty(shape), np.empty(shape)
-    for row, window in enumerate(members):
-        begin, end = window.window_begin - lead, window.window_end
-        time[row] = time_since_entry(window, begin, end)
-        force[row] = window.force_between(begin, end)
-    # Before t1 there is nothing to see.
-    entry = min(int(np.count_nonzero(row < 0)) for row in time)
+def _stack(passes: Sequence[PassStack], positions: Sequence[int]) -> PassStack:
+    first = passes[0]
     return PassStack(
         tuple(positions),
-        force,
-        time,
-        np.array([[rise_time(w)] for w in members]),
-        np.array([w.belt_speed for w in members]),
-        min(entry, lead),
-        lead,
-        min(block, lead + count + 1),
+        np.array([alone.force for alone in passes]),
+        np.array([alone.time for alone in passes]),
+        np.array([[alone.rise_time] for alone in passes]),
+        np.array([alone.belt_speed for alone in passes]),
+        min(alone.entry for alone in passes),
+        first.begin,
+        first.block,
     )
 
 

@@ -42,6 +42,11 @@ class ShrinkageTable:
             if len(row) != len(self.speeds):
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether there is no threshold at any speed: then what denoises is a linear filter."""
+        return not any(any(row) for row in self.thresholds)
+
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
         """Return the shrinkage of levels 1 to 7 at a belt speed.
 
@@ -55,19 +60,13 @@ class ShrinkageTable:
         unit : float
             What one unit of the thresholds is in the signal's unit.
         """
-        alone = np.ndim(speed) == 0
         found: list[Shrinkage | None] = [None] * (LEVELS - len(SHRUNK_LEVELS))
         for gains, thresholds in zip(self.gains, self.thresholds, strict=True):
-            if not any(gains):
-                found.append(None)
-            elif alone:
-                gain = interpolate(self.speeds, gains, float(speed))
-                threshold = unit * interpolate(self.speeds, thresholds, float(speed))
-                found.append(Shrinkage(gain, threshold))
+            if any(gains):
+                rest = unit * column(self.speeds, thresholds, speed) if any(thresholds) else 0.0
+                found.append(Shrinkage(column(self.speeds, gains, speed), rest))
             else:
-                column = np.interp(speed, self.speeds, gains)[:, None]
-                rest = unit * np.interp(speed, self.speeds, thresholds)[:, None]
-                found.append(Shrinkage(column, rest if any(thresholds) else 0.0))
+                found.append(None)
         return tuple(found)
 
 
@@ -80,6 +79,13 @@ def interpolate(positions: tuple[float, ...], values: tuple[float, ...], at: flo
         return values[-1]
     share = (at - positions[right - 1]) / (positions[right] - positions[right - 1])
     return values[right - 1] + share * (values[right] - values[right - 1])
+
+
+def column(positions: tuple[float, ...], values: tuple[float, ...], at: Any) -> Any:
+    """Interpolate at one position, or at several (passes,) with the same bits: (passes, 1)."""
+    if isinstance(at, np.ndarray):
+        return np.array([[interpolate(positions, values, each)] for each in at.tolist()])
+    return interpolate(positions, values, at)
 
 
 # Long et al., Table 1, at 30, 45, 60, 75 and 90 m/min.

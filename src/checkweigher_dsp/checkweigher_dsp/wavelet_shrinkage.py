@@ -7,7 +7,7 @@ a band without a threshold; they agree with ``pywt.swt`` and ``pywt.iswt`` (``no
 rounding. Many stretches can be denoised at once: time is the last axis.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
@@ -129,6 +129,20 @@ def _band_powers(length: int, wavelet: str, levels: int) -> NDArray[np.float64]:
     return powers
 
 
+@lru_cache(maxsize=256)
+def _mean_weights(
+    length: int, wavelet: str, levels: int, band: int, begin: int, end: int
+) -> NDArray[np.float64]:
+    """Return what each sample of a stretch adds to the mean over a part of one band of it."""
+    part = np.zeros(length)
+    part[begin:end] = 1 / (end - begin)
+    # A band is symmetric in time, so the weights are what it makes of those of the mean.
+    power = _band_powers(length, wavelet, levels)[band]
+    weights = np.fft.irfft(np.fft.rfft(part) * power, length)
+    weights.flags.writeable = False
+    return weights
+
+
 class ShrinkageFilter:
     """Shrinkage of the detail bands of periodic stretches of one length.
 
@@ -151,8 +165,8 @@ class ShrinkageFilter:
         levels = len(details)
         responses = band_responses(length, wavelet, levels)
         powers = _band_powers(length, wavelet, levels)
-        self._length = length
-        self._through: Any = powers[levels]
+        self._kind = length, wavelet, levels
+        self._linear: list[tuple[int, Any]] = []  # bands that go through, and their gains
         shrunk: list[int] = []
         gains: list[Any] = []
         thresholds: list[Any] = []
@@ -169,7 +183,8 @@ class ShrinkageFilter:
                 if not linear.any():
                     continue
                 gain = np.where(linear, gain, 0.0)
-            self._through = self._through + gain * powers[number]
+            self._linear.append((number, gain))
+        self._through = self._weighted(powers.__getitem__)
         self._shrinkage: Shrinkage | None = None
         if shrunk:
             # One more axis, that of the bands, before that of time.
@@ -183,12 +198,30 @@ class ShrinkageFilter:
         spectrum = np.fft.rfft(stretch)
         result = spectrum * self._through
         if self._shrinkage is not None:
-            bands = np.fft.irfft(spectrum[..., None, :] * self._analysis, self._length)
+            bands = np.fft.irfft(spectrum[..., None, :] * self._analysis, stretch.shape[-1])
             kept = np.fft.rfft(shrink(bands, self._shrinkage))
             kept *= self._synthesis
             for band in range(len(self._analysis)):
                 result += kept[..., band, :]
-        return np.fft.irfft(result, self._length)
+        return np.fft.irfft(result, stretch.shape[-1])
+
+    def mean(self, stretch: NDArray[np.float64], part: slice) -> Any:
+        """Return the mean over a part of what `apply` makes of stretches (..., n): (...,) float64.
+
+        It is a weighted sum of the stretch and takes no transform, but only without thresholds.
+        """
+        if self._shrinkage is not None:
+            raise ValueError('a mean without the transform: a band has a threshold')
+        begin, end, _ = part.indices(stretch.shape[-1])
+        weights = self._weighted(lambda band: _mean_weights(*self._kind, band, begin, end))
+        return np.add.reduce(stretch * weights, axis=-1)
+
+    def _weighted(self, of_band: Callable[[int], NDArray[np.float64]]) -> Any:
+        """Return the sum of something of each band that goes through, times its gain."""
+        total: Any = of_band(-1)
+        for band, gain in self._linear:
+            total = total + gain * of_band(band)
+        return total
 
 
 def _is_zero(value: Any) -> bool:

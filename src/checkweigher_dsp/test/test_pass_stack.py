@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checkweigher_dsp.pass_stack import rise_time, stack_passes, stretch_length, time_since_entry
+from checkweigher_dsp.pass_stack import (
+    lone_pass,
+    rise_time,
+    stack_passes,
+    stretch_length,
+    time_since_entry,
+)
 from checkweigher_dsp.records import NANOSECONDS
 
 ROUNDING = 1e-12
@@ -72,6 +78,18 @@ def test_windows_of_unlike_shape_come_into_unlike_stacks(window):
     stacks = stack_passes([window, shorter, window, faster], 1024)
 
     assert [stack.positions for stack in stacks] == [(0, 2), (1,), (3,)]
+
+
+def test_a_lone_pass_is_the_stack_of_it_without_an_axis_for_passes(window):
+    (stack,) = stack_passes([replace(window, empty_begin=90)], 1024)
+
+    alone = lone_pass(replace(window, empty_begin=90), 1024)
+
+    np.testing.assert_array_equal(alone.force, stack.force[0])
+    np.testing.assert_array_equal(alone.time, stack.time[0])
+    np.testing.assert_array_equal(alone.share, stack.share[0])
+    assert (alone.rise_time, alone.belt_speed) == (stack.rise_time[0, 0], stack.belt_speed[0])
+    assert (alone.entry, alone.begin, alone.block) == (stack.entry, stack.begin, stack.block)
 
 
 @pytest.mark.parametrize(
