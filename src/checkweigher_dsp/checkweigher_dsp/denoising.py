@@ -349,8 +349,10 @@ def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
-    share = load_share(time_since_entry(window, missing, end), rise_time(window))
-    share[begin - missing :] = 1.0
+    share = np.ones(end - missing)
+    share[: begin - missing] = load_share(
+        time_since_entry(window, missing, begin), rise_time(window)
+    )
     return window.denoised[missing:end], share
 
 

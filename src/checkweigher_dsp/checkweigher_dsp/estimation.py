@@ -159,4 +159,5 @@ def _is_in_window(plateau: Plateau, window: WeighWindow) -> bool:
     """
     samples = raw_plateau(window)
     level = mean(samples)
-    return abs(plateau.mass - level) <= _SPREAD * math.sqrt(variance(samples)) + _BIAS * abs(level)
+    spread = math.sqrt(variance(samples, level))
+    return abs(plateau.mass - level) <= _SPREAD * spread + _BIAS * abs(level)

@@ -7,7 +7,7 @@ coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import chain, repeat
 import math
 from typing import Any
 
@@ -167,19 +167,25 @@ def _after(
         a1 = a1 + g3 * e
         a2 = a2 + g4 * e
         b = b + g5 * e
-        k2, k3, k4, k5 = f * g1, f * g3, f * g4, f * g5
-        p22 = p11 - k2 * g1
-        p23 = p13 - k2 * g3
-        p24 = p14 - k2 * g4
-        p25 = p15 - k2 * g5
-        p33 = p33 - k3 * g3
-        p34 = p34 - k3 * g4
-        p35 = p35 - k3 * g5
-        p44 = p44 - k4 * g4
-        p45 = p45 - k4 * g5
-        p55 = p55 - k5 * g5
+        k = f * g1
+        p22 = p11 - k * g1
+        p23 = p13 - k * g3
+        p24 = p14 - k * g4
+        p25 = p15 - k * g5
+        k = f * g3
+        p33 = p33 - k * g3
+        p34 = p34 - k * g4
+        p35 = p35 - k * g5
+        k = f * g4
+        p44 = p44 - k * g4
+        p45 = p45 - k * g5
+        p55 = p55 - f * g5 * g5
         h = r * f  # 1 less the gain of x, without the cancellation
-        p11, p12, p13, p14, p15 = h * g0, h * g1, h * g3, h * g4, h * g5
+        p11 = h * g0
+        p12 = h * g1
+        p13 = h * g3
+        p14 = h * g4
+        p15 = h * g5
     return (
         x, y, a1, a2, b,
         p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55,
@@ -243,7 +249,7 @@ def identify_window(
     removed_variance : float or ndarray, (passes,)
         Variance that denoising took out between t2 and t3, in the unit of `denoised` squared.
     inputs : ndarray of the shape of `denoised`, or None
-        Share of the load at each sample, 1 from t2 on; None for 1 throughout.
+        Share of the load at each sample, ascending to 1 at t2; None for 1 throughout.
     noise : WindowNoise
         Its shares.
 
@@ -272,21 +278,18 @@ def _identify_one(
     noise: WindowNoise,
 ) -> tuple[Identification, float]:
     """Return what `_identify_several` does for each window, to the last bit, in plain floats."""
-    plateau = denoised if inputs is None else denoised * (inputs >= 1.0)
-    count = len(denoised) if inputs is None else np.count_nonzero(inputs >= 1.0)
+    full = denoised if inputs is None else denoised * (inputs >= 1.0)
+    rise = 0 if inputs is None else int(np.count_nonzero(inputs < 1.0))
     # Plain floats: arithmetic on those of numpy takes several times as long.
-    scale = float(np.add.reduce(plateau) / count) if count else math.nan
+    scale = float(np.add.reduce(full) / (len(full) - rise)) if len(full) > rise else math.nan
     if not math.isfinite(scale) or scale == 0:
         return _NOTHING, math.nan
     relative = float(max(noise.measurement * removed_variance / scale / scale, _LEAST))
-    measurement = None
-    if inputs is not None and noise.rise != 1.0:
-        measurement = np.where(inputs < 1.0, noise.rise * relative, relative).tolist()
     found = identify(
         (denoised / scale).tolist(),
         Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
-        None if inputs is None else inputs.tolist(),
-        measurement=measurement,
+        None if inputs is None else chain(inputs[:rise].tolist(), repeat(1.0)),
+        measurement=chain(repeat(noise.rise * relative, rise), repeat(relative)),
     )
     return found, scale
 

@@ -25,8 +25,9 @@ def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]
     ndarray, (..., n) float64
         0 up to t1, 1 from t2 on.
     """
-    rise_time = np.maximum(rise_time, _AT_ONCE)
-    return np.clip(time / rise_time, 0.0, 1.0)
+    share: NDArray[np.float64] = time / np.maximum(rise_time, _AT_ONCE)
+    np.maximum(share, 0.0, out=share)
+    return np.minimum(share, 1.0, out=share)
 
 
 _AT_ONCE = 1e-9  # s

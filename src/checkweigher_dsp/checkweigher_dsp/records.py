@@ -196,7 +196,10 @@ class WeighWindow:
 
     def force_between(self, begin: int, end: int) -> NDArray[np.float64]:
         """Return the part of `force` from position `begin` up to `end`."""
-        return (self.counts[begin:end].astype(np.float64) - self.zero) / self.counts_per_kg
+        force = self.counts[begin:end].astype(np.float64)
+        force -= self.zero
+        force /= self.counts_per_kg
+        return force
 
 
 @dataclass(frozen=True, slots=True)
