@@ -192,7 +192,8 @@ class Denoiser:
         for begin in range(0, len(usable), _AT_ONCE):
             numbers = usable[begin : begin + _AT_ONCE]
             chosen = [windows[number] for number in numbers]
-            for stack in stack_passes(chosen, self._parameters.stretch, same_entry=True):
+            stretch = self._parameters.stretch
+            for stack in stack_passes(chosen, stretch, same_entry=True, most=_MOST_PASSES):
                 rows = denoise_stack(stack, self._parameters)
                 for position, row in zip(stack.positions, rows, strict=True):
                     result[numbers[position]] = _with_denoised(chosen[position], row)
@@ -201,6 +202,8 @@ class Denoiser:
 
 # Windows that `Denoiser.denoise_all` sorts into stacks: a few MB, and no slower than more of them.
 _AT_ONCE = 512
+# Of one stack: what is larger gets its memory anew from the system at each step.
+_MOST_PASSES = 100
 
 
 def _with_denoised(window: WeighWindow, row: NDArray[np.float64]) -> WeighWindow:

@@ -72,7 +72,11 @@ def lone_pass(window: WeighWindow, min_length: int) -> PassStack:
 
 
 def stack_passes(
-    windows: Sequence[WeighWindow], min_length: int, *, same_entry: bool = False
+    windows: Sequence[WeighWindow],
+    min_length: int,
+    *,
+    same_entry: bool = False,
+    most: int | None = None,
 ) -> list[PassStack]:
     """Sort windows by shape into stacks.
 
@@ -85,6 +89,8 @@ def stack_passes(
     same_entry : bool
         Whether only passes come into one stack that enter at the same sample; otherwise they may
         be a few apart, and less of each is seen before t1 alone than among others.
+    most : int, optional
+        Passes in one stack.
     """
     shapes: dict[tuple[int, ...], list[int]] = {}
     passes = [lone_pass(window, min_length) for window in windows]
@@ -93,10 +99,13 @@ def stack_passes(
         if same_entry:
             shape = (*shape, alone.entry)
         shapes.setdefault(shape, []).append(position)
-    return [
-        _stack([passes[position] for position in positions], positions)
-        for positions in shapes.values()
-    ]
+    stacks = []
+    for positions in shapes.values():
+        count = most or len(positions)
+        for begin in range(0, len(positions), count):
+            chosen = positions[begin : begin + count]
+            stacks.append(_stack([passes[position] for position in chosen], chosen))
+    return stacks
 
 
 def _stack(passes: Sequence[PassStack], positions: Sequence[int]) -> PassStack:
