@@ -105,11 +105,14 @@ def burg_model(
     -----
     For a signal of some hundred samples the time goes into calls, not into sums. So both errors
     go through the lattice as one matrix, and behind the signal, further off than the order, an
-    impulse goes with them: its response are the coefficients.
+    impulse goes with them: its response are the coefficients. The energy, which stands below the
+    fraction, is that of the order before times 1 - k^2, less the squares of the two errors that
+    have no partner any more; summed is it anew where rounding would show.
 
     References
     ----------
     J. P. Burg, Maximum entropy spectral analysis, 1975.
+    N. Andersen, Comments on the performance of maximum entropy algorithms, 1978: the energy.
     """
     count, shape = signal.shape[-1], signal.shape[:-1]
     if not 0 <= order < count:
@@ -125,6 +128,10 @@ def burg_model(
     return coefficients.reshape(*shape, order + 1), reflections.reshape(*shape, order)
 
 
+# Share of an energy that must be left for the next ones to follow from it: three digits are lost.
+_LEFT = 1e-3
+
+
 def _lattice(
     errors: NDArray[np.float64], count: int, order: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -133,12 +140,21 @@ def _lattice(
     turn = np.tile(np.eye(2), (len(errors), 1, 1))
     pairs = errors.reshape(len(errors), 2, -1)
     turned = pairs
+    energy, least = np.zeros((2, len(errors)))
     for m in range(order):
         forward, backward = pairs[:, 0, : count - m], pairs[:, 1, : count - m]
-        energy = _dots(forward, forward) + _dots(backward, backward)
+        small = energy <= least
+        if small.any():
+            ahead, behind = forward[small], backward[small]
+            energy[small] = _dots(ahead, ahead) + _dots(behind, behind)
+            least[small] = _LEFT * energy[small]
         reflection = -2.0 * _dots(forward, backward) / np.where(energy > 0, energy, 1.0)
         reflections[:, m] = turn[:, 0, 1] = turn[:, 1, 0] = reflection
         turned = turn @ pairs
+        first, last = turned[:, 0, 0], turned[:, 1, count - m - 1]
+        energy *= 1.0 - reflection * reflection
+        energy -= first * first
+        energy -= last * last
         pairs = turned.reshape(len(errors), -1)[:, 1:-1].reshape(len(errors), 2, -1)
     return turned[:, 0, turned.shape[-1] - order - 1 :], reflections
 
@@ -152,22 +168,28 @@ def _lattice_of_one(
     errors: NDArray[np.float64], count: int, order: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return what `_lattice` does for one signal, to the last bit, in a third of the time."""
-    reflections = np.empty(order)
+    reflections = []
     turn = np.eye(2)
     turned = flat = errors[0]
     size = len(flat) // 2
+    energy = least = 0.0
     for used in range(count, count - order, -1):
         forward, backward = flat[:used], flat[size : size + used]
-        energy = forward.dot(forward) + backward.dot(backward)
+        if energy <= least:
+            energy = float(forward.dot(forward) + backward.dot(backward))
+            least = _LEFT * energy
         # What is predicted to the last bit has nothing left to reflect.
-        reflection = -2.0 * forward.dot(backward) / (energy if energy > 0 else 1.0)
-        reflections[count - used] = turn[0, 1] = turn[1, 0] = reflection
+        reflection = -2.0 * float(forward.dot(backward)) / (energy if energy > 0 else 1.0)
+        reflections.append(reflection)
+        turn[0, 1] = turn[1, 0] = reflection
         turned = turn.dot(flat.reshape(2, size)).ravel()
         # The first forward and the last backward error have no partner in the next order.
+        first, last = turned.item(0), turned.item(size + used - 1)
+        energy = (1.0 - reflection * reflection) * energy - first * first - last * last
         flat = turned[1:-1]
         size -= 1
     end = len(turned) // 2
-    return turned[end - order - 1 : end], reflections
+    return turned[end - order - 1 : end], np.array(reflections)
 
 
 def akaike_order(powers: NDArray[np.float64], count: int) -> Any:

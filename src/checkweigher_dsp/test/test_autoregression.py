@@ -78,6 +78,20 @@ def test_the_model_of_one_order_is_that_of_the_plain_recursion(seed, count, data
 
 
 @given(st.integers(0, 2**32 - 1))
+def test_lines_of_which_next_to_nothing_is_left_have_the_model_of_the_plain_recursion(seed):
+    # The energy falls by eight digits, so it cannot follow from that of the order before throughout.
+    random, time = np.random.default_rng(seed), np.arange(150)
+    lines = [np.cos(f * time + random.uniform(0, 6, (3, 1))) for f in (0.3, 0.9, 2.0)]
+    signals = sum(lines) + 1e-4 * random.standard_normal((3, 150))
+
+    coefficients, _ = burg_model(signals, 20)
+
+    for signal, row in zip(signals, coefficients, strict=True):
+        np.testing.assert_allclose(row, plain_path.burg(signal, 20), rtol=0, atol=1e-8)
+        np.testing.assert_array_equal(burg_model(signal, 20)[0], row)
+
+
+@given(st.integers(0, 2**32 - 1))
 def test_the_taps_of_a_model_sum_to_the_product_of_one_plus_its_reflections(seed):
     models = burg(np.random.default_rng(seed).standard_normal(40), 6)
 
