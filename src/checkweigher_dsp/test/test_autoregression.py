@@ -79,7 +79,7 @@ def test_the_model_of_one_order_is_that_of_the_plain_recursion(seed, count, data
 
 @given(st.integers(0, 2**32 - 1))
 def test_lines_of_which_next_to_nothing_is_left_have_the_model_of_the_plain_recursion(seed):
-    # The energy falls by eight digits, so it cannot follow from that of the order before throughout.
+    # The energy falls by eight digits, so it has to be summed anew on the way.
     random, time = np.random.default_rng(seed), np.arange(150)
     lines = [np.cos(f * time + random.uniform(0, 6, (3, 1))) for f in (0.3, 0.9, 2.0)]
     signals = sum(lines) + 1e-4 * random.standard_normal((3, 150))
