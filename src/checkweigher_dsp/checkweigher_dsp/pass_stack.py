@@ -101,9 +101,9 @@ def stack_passes(
         shapes.setdefault(shape, []).append(position)
     stacks = []
     for positions in shapes.values():
-        count = most or len(positions)
-        for begin in range(0, len(positions), count):
-            chosen = positions[begin : begin + count]
+        parts = math.ceil(len(positions) / (most or len(positions)))
+        for part in range(parts):
+            chosen = positions[part::parts]
             stacks.append(_stack([passes[position] for position in chosen], chosen))
     return stacks
 
