@@ -12,9 +12,10 @@ import numpy as np
 import pywt
 
 from checkweigher_dsp.denoising import DenoiseParameters
-from checkweigher_dsp.identification import Noise, Start, WindowNoise
+from checkweigher_dsp.identification import Noise, Start
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.wavelet_shrinkage import Shrinkage
+from checkweigher_dsp.window_identification import WindowNoise
 
 _AT_REST = Start()
 _PREDICTION_RATE = 240.0  # Hz

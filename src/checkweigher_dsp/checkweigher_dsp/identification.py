@@ -5,14 +5,13 @@ that the load is its steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter esti
 coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import chain, repeat
+from itertools import repeat
 import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,15 +121,16 @@ def identify(
     """
     inputs = repeat(1.0) if inputs is None else inputs
     measurement = repeat(noise.measurement) if measurement is None else measurement
-    state = _before(noise, start)
-    return _identified(_after(state, samples, inputs, measurement, noise.process))
+    state = state_before(noise, start)
+    return identified_by(state_after(state, samples, inputs, measurement, noise.process))
 
 
 # x(k), x(k-1), a1, a2, b1, and the upper triangle of the covariance.
-_State = tuple[Any, ...]
+State = tuple[Any, ...]
 
 
-def _before(noise: Noise, start: Start) -> _State:
+def state_before(noise: Noise, start: Start) -> State:
+    """Return the state before the first sample."""
     states = noise.initial if noise.states is None else noise.states
     coefficients = noise.initial if noise.coefficients is None else noise.coefficients
     return (
@@ -143,9 +143,9 @@ def _before(noise: Noise, start: Start) -> _State:
     )  # fmt: skip
 
 
-def _after(
-    state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
-) -> _State:
+def state_after(
+    state: State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
+) -> State:
     """Return the state after some samples."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
@@ -181,18 +181,16 @@ def _after(
         p45 = p45 - k * g5
         p55 = p55 - f * g5 * g5
         h = r * f  # 1 less the gain of x, without the cancellation
-        p11 = h * g0
-        p12 = h * g1
-        p13 = h * g3
-        p14 = h * g4
-        p15 = h * g5
+        p11, p12 = h * g0, h * g1
+        p13, p14, p15 = h * g3, h * g4, h * g5
     return (
         x, y, a1, a2, b,
         p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55,
     )  # fmt: skip
 
 
-def _identified(state: _State) -> Identification:
+def identified_by(state: State) -> Identification:
+    """Return what a state says of the platform."""
     _, _, a1, a2, b, *_, p33, p34, p35, p44, p45, p55 = state
     # d gain / d (a1, a2, b) = (-gain, -gain, 1) / total, once divided by total
     total = _usable(1.0 + a1 + a2)
@@ -206,197 +204,3 @@ def _usable(total: Any) -> Any:
     if isinstance(total, float):
         return total if total != 0 and math.isfinite(total) else math.nan
     return np.where((total != 0) & np.isfinite(total), total, np.nan)
-
-
-@dataclass(frozen=True, slots=True)
-class WindowNoise:
-    """Variances of a window without a unit: shares of what denoising has removed from it.
-
-    Attributes
-    ----------
-    measurement : float
-        R as a share of the variance that denoising removed.
-    process : float
-        Q as a multiple of R.
-    initial, coefficients : float
-        P0, see `Noise`; the signal is normalised to 1.
-    rise : float or ndarray, (passes,)
-        R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
-    """
-
-    measurement: float = 0.25
-    process: float = 0.01
-    initial: float = 1.0
-    coefficients: float = 1e-6
-    rise: Any = 10.0
-
-
-def identify_window(
-    denoised: NDArray[np.float64],
-    removed_variance: Any,
-    inputs: NDArray[np.float64] | None,
-    noise: WindowNoise,
-) -> Identification:
-    """Identify the platform from denoised windows, in the unit of the signal.
-
-    The signal is normalised by its mean under full load, and the noise that the filter works with
-    is a share of what denoising took out of this very window: both without a unit.
-
-    Parameters
-    ----------
-    denoised : ndarray, (n,) or (passes, n) float64
-        From t1 or from t2 on, up to t3.
-    removed_variance : float or ndarray, (passes,)
-        Variance that denoising took out between t2 and t3, in the unit of `denoised` squared.
-    inputs : ndarray of the shape of `denoised`, or None
-        Share of the load at each sample, ascending to 1 at t2; None for 1 throughout.
-    noise : WindowNoise
-        Its shares.
-
-    Returns
-    -------
-    Identification
-        ``gain`` and ``b1`` in the unit of `denoised`, ``variance`` in its square: floats for one
-        window, arrays (passes,) for several. NaN where there is nothing to identify.
-    """
-    work = _identify_one if denoised.ndim == 1 else _identify_several
-    with np.errstate(all='ignore'):
-        return _in_unit(*work(denoised, removed_variance, inputs, noise))
-
-
-def _in_unit(found: Identification, scale: Any) -> Identification:
-    """Return what was found in signals that had been divided by `scale`."""
-    return Identification(
-        found.a1, found.a2, scale * found.b1, scale * found.gain, scale * scale * found.variance
-    )
-
-
-def _identify_one(
-    denoised: NDArray[np.float64],
-    removed_variance: float,
-    inputs: NDArray[np.float64] | None,
-    noise: WindowNoise,
-) -> tuple[Identification, float]:
-    """Return what `_identify_several` does for each window, to the last bit, in plain floats."""
-    full = denoised if inputs is None else denoised * (inputs >= 1.0)
-    rise = 0 if inputs is None else int(np.count_nonzero(inputs < 1.0))
-    # Plain floats: arithmetic on those of numpy takes several times as long.
-    scale = float(np.add.reduce(full) / (len(full) - rise)) if len(full) > rise else math.nan
-    if not math.isfinite(scale) or scale == 0:
-        return _NOTHING, math.nan
-    relative = float(max(noise.measurement * removed_variance / scale / scale, _LEAST))
-    found = identify(
-        (denoised / scale).tolist(),
-        Noise(noise.process * relative, relative, noise.initial, noise.coefficients),
-        None if inputs is None else chain(inputs[:rise].tolist(), repeat(1.0)),
-        measurement=chain(repeat(noise.rise * relative, rise), repeat(relative)),
-    )
-    return found, scale
-
-
-_NOTHING = Identification(*(math.nan,) * 5)
-
-
-def _identify_several(
-    denoised: NDArray[np.float64],
-    removed_variance: Any,
-    inputs: NDArray[np.float64] | None,
-    noise: WindowNoise,
-) -> tuple[Identification, Any]:
-    """Return what is identified in windows at once and by what each was divided, (passes,)."""
-    loads = np.ones(denoised.shape) if inputs is None else inputs
-    group = WindowGroup(denoised, removed_variance, loads, noise.rise)
-    (found,) = _identify_groups([group], noise)
-    return found
-
-
-@dataclass(frozen=True, slots=True)
-class WindowGroup:
-    """Windows of equal length, see `identify_window`.
-
-    Attributes
-    ----------
-    denoised, inputs : ndarray, (passes, n) float64
-        Signals, and share of the load at each sample.
-    removed_variance, rise : float or ndarray, (passes,)
-        What denoising took out, and `WindowNoise.rise`.
-    """
-
-    denoised: NDArray[np.float64]
-    removed_variance: Any
-    inputs: NDArray[np.float64]
-    rise: Any
-
-
-def identify_groups(groups: Sequence[WindowGroup], noise: WindowNoise) -> list[Identification]:
-    """Return what `identify_window` makes of each group of windows, to the last bit.
-
-    All of them at once: each step of the filter costs by the call rather than by the window.
-
-    Parameters
-    ----------
-    groups : sequence of WindowGroup
-        The windows, by length.
-    noise : WindowNoise
-        Its shares; `rise` is that of the groups.
-    """
-    with np.errstate(all='ignore'):
-        return [_in_unit(found, scale) for found, scale in _identify_groups(groups, noise)]
-
-
-def _identify_groups(
-    groups: Sequence[WindowGroup], noise: WindowNoise
-) -> list[tuple[Identification, Any]]:
-    """Return what is identified in each group and by what each of its windows was divided."""
-    order = sorted(range(len(groups)), key=lambda number: -groups[number].denoised.shape[-1])
-    signals = [_normalised(groups[number], noise.measurement) for number in order]
-    process = noise.process * np.concatenate([each.relative for each in signals])
-    state = _before(Noise(None, None, noise.initial, noise.coefficients), _AT_REST)
-    result: list[tuple[Identification, Any]] = [(_NOTHING, math.nan)] * len(groups)
-    begin = 0
-    while signals:  # the longest first: the filter goes on without those that have ended
-        end = len(signals[-1].samples)
-        samples, inputs, measurement = (
-            np.concatenate([getattr(each, name)[begin:end] for each in signals], axis=1)
-            for name in ('samples', 'inputs', 'measurement')
-        )
-        state, begin = _after(state, samples, inputs, measurement, process), end
-        last = signals.pop()
-        count = len(process) - len(last.scale)
-        result[order[len(signals)]] = _identified(_part(state, slice(count, None))), last.scale
-        state, process = _part(state, slice(count)), process[:count]
-    return result
-
-
-def _part(state: _State, passes: slice) -> _State:
-    return tuple(each[passes] for each in state)
-
-
-@dataclass(frozen=True, slots=True)
-class _Signals:
-    """Windows divided by their scale: samples, loads and R, (n, passes), and R at rest."""
-
-    samples: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    measurement: NDArray[np.float64]
-    relative: NDArray[np.float64]
-    scale: NDArray[np.float64]
-
-
-def _normalised(group: WindowGroup, measurement: float) -> _Signals:
-    full = group.inputs >= 1.0
-    scale = np.add.reduce(group.denoised * full, axis=-1) / np.count_nonzero(full, axis=-1)
-    scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
-    relative = np.maximum(measurement * group.removed_variance / scale / scale, _LEAST)
-    inputs = np.ascontiguousarray(group.inputs.T)
-    return _Signals(
-        np.ascontiguousarray((group.denoised / scale[:, None]).T),
-        inputs,
-        np.where(inputs < 1.0, group.rise * relative, relative),
-        relative,
-        scale,
-    )
-
-
-# Relative variance that even a noise-free signal is credited with: the filter stays regular.
-_LEAST = 1e-12

@@ -10,14 +10,15 @@ import numpy as np
 from checkweigher_dsp.averaging import variance
 from checkweigher_dsp.denoising import denoised_pass
 from checkweigher_dsp.estimators.base import Estimator, EstimatorParameters, Plateau, raw_plateau
-from checkweigher_dsp.identification import (
+from checkweigher_dsp.parameters import parameter
+from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.window_identification import (
+    FEW,
     WindowGroup,
     WindowNoise,
     identify_groups,
     identify_window,
 )
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 
 _NOISE = WindowNoise()
 
@@ -63,7 +64,7 @@ class IswdEksi(Estimator):
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
         """Return what `estimate` makes of each window, all at once if they are not too few."""
-        if len(windows) < _FEW:
+        if len(windows) < FEW:
             return [self.estimate(window) for window in windows]
         passes = [denoised_pass(window) for window in windows]
         lengths: dict[int, list[int]] = {}
@@ -93,10 +94,6 @@ class IswdEksi(Estimator):
             known.measurement_noise, known.process_noise, known.initial_variance,
             known.coefficient_variance, known.at('rise_noise', belt_speed),
         )  # fmt: skip
-
-
-# Fewer windows than these are identified faster one by one: arithmetic on arrays costs by the call.
-_FEW = 32
 
 
 def _removed_variance(window: WeighWindow) -> float:

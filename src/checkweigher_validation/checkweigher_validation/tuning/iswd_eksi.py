@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising import DenoiseParameters, denoise_stack
-from checkweigher_dsp.identification import WindowNoise, identify_window
 from checkweigher_dsp.line import LineParameters
 from checkweigher_dsp.pass_stack import stack_passes
+from checkweigher_dsp.window_identification import WindowNoise, identify_window
 from checkweigher_validation.passes import SpeedGroup
 from checkweigher_validation.tuning.search import Axis
 from checkweigher_validation.tuning.tunable import Tunable
