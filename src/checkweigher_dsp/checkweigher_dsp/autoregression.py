@@ -118,13 +118,16 @@ def burg_model(
     if not 0 <= order < count:
         raise ValueError(f'order {order} does not fit a signal of {count} samples')
     rows = signal.reshape(-1, count)
-    padded = np.zeros((len(rows), count + 2 * order + 1))
-    padded[:, :count] = rows
-    padded[:, count + order] = 1.0
-    # Forward errors, then backward errors one sample earlier, one after the other in memory.
-    errors = np.concatenate([padded[:, 1:], padded[:, :-1]], axis=-1)
-    lattice = _lattice_of_one if len(rows) == 1 else _lattice
-    coefficients, reflections = lattice(errors, count - 1, order)
+    # Forward errors, and backward errors one sample earlier; the last one of those has no partner.
+    errors = np.zeros((len(rows), 2, count + 2 * order))
+    errors[:, 0, : count - 1] = rows[:, 1:]
+    errors[:, 1, :count] = rows
+    errors[:, 0, count + order - 1] = 1.0
+    errors[:, 1, count + order : count + order + 1] = 1.0
+    if len(rows) == 1:
+        coefficients, reflections = _lattice_of_one(errors[0].ravel(), count - 1, order)
+    else:
+        coefficients, reflections = _lattice(errors, count - 1, order)
     return coefficients.reshape(*shape, order + 1), reflections.reshape(*shape, order)
 
 
@@ -138,8 +141,7 @@ def _lattice(
     """Return coefficients and reflections; `count` of the errors are those of the signals."""
     reflections = np.empty((len(errors), order))
     turn = np.tile(np.eye(2), (len(errors), 1, 1))
-    pairs = errors.reshape(len(errors), 2, -1)
-    turned = pairs
+    turned = pairs = errors
     energy, least = np.zeros((2, len(errors)))
     for m in range(order):
         forward, backward = pairs[:, 0, : count - m], pairs[:, 1, : count - m]
@@ -170,7 +172,7 @@ def _lattice_of_one(
     """Return what `_lattice` does for one signal, to the last bit, in a third of the time."""
     reflections = []
     turn = np.eye(2)
-    turned = flat = errors[0]
+    turned = flat = errors
     size = len(flat) // 2
     energy = least = 0.0
     for used in range(count, count - order, -1):
