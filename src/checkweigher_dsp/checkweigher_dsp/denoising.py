@@ -203,7 +203,7 @@ class Denoiser:
 # Windows that `Denoiser.denoise_all` sorts into stacks: a few MB, and no slower than more of them.
 _AT_ONCE = 512
 # Of one stack: what is larger gets its memory anew from the system at each step.
-_MOST_PASSES = 128
+_MOST_PASSES = 100
 
 
 def _with_denoised(window: WeighWindow, row: NDArray[np.float64]) -> WeighWindow:

@@ -66,21 +66,25 @@ def load_response(
     omega = 2 * np.pi * natural_frequency
     damped = omega * np.sqrt(1 - damping_ratio * damping_ratio)
     angle = 2 * np.arcsin(damping_ratio)
-    count = time.shape[-1]
     first, full = _first_column(time, 0.0), _first_column(time, rise_time)
-    # What its begin begins the end of a rise takes off again: both in one go.
-    since = np.concatenate([time[..., first:], time[..., full:] - rise_time], axis=-1)
+    # What its begin begins the end of a rise takes off again: both in one go. In place, for large
+    # arrays take longer to get than to fill.
+    begun = time.shape[-1] - first
+    since = np.empty((*time.shape[:-1], begun + time.shape[-1] - full))
+    since[..., :begun] = time[..., first:]
+    np.subtract(time[..., full:], rise_time, out=since[..., begun:])
     np.maximum(since, 0.0, out=since)
     swing = damped * since
     swing -= angle
     np.sin(swing, out=swing)
-    swing *= np.exp(-damping_ratio * omega * since)
+    decay = -damping_ratio * omega * since
+    swing *= np.exp(decay, out=decay)
     swing /= damped
     since -= np.sin(angle) / damped  # 2 xi / omega, and exactly what the swing is at 0
     since -= swing
     response = np.zeros(time.shape)
-    response[..., first:] = since[..., : count - first]
-    response[..., full:] -= since[..., count - first :]
+    response[..., first:] = since[..., :begun]
+    response[..., full:] -= since[..., begun:]
     response /= rise_time
     return response
 
