@@ -148,9 +148,11 @@ def _lattice(
         small = energy <= least
         if small.any():
             ahead, behind = forward[small], backward[small]
-            energy[small] = _dots(ahead, ahead) + _dots(behind, behind)
-            least[small] = _LEFT * energy[small]
-        reflection = -2.0 * _dots(forward, backward) / np.where(energy > 0, energy, 1.0)
+            summed = _dots(ahead, ahead) + _dots(behind, behind)
+            # What is predicted to the last bit has nothing left to reflect.
+            summed[summed == 0] = 1.0
+            energy[small], least[small] = summed, _LEFT * summed
+        reflection = -2.0 * _dots(forward, backward) / energy
         reflections[:, m] = turn[:, 0, 1] = turn[:, 1, 0] = reflection
         turned = turn @ pairs
         first, last = turned[:, 0, 0], turned[:, 1, count - m - 1]
@@ -178,10 +180,9 @@ def _lattice_of_one(
     for used in range(count, count - order, -1):
         forward, backward = flat[:used], flat[size : size + used]
         if energy <= least:
-            energy = float(forward.dot(forward) + backward.dot(backward))
+            energy = float(forward.dot(forward) + backward.dot(backward)) or 1.0
             least = _LEFT * energy
-        # What is predicted to the last bit has nothing left to reflect.
-        reflection = -2.0 * float(forward.dot(backward)) / (energy if energy > 0 else 1.0)
+        reflection = -2.0 * float(forward.dot(backward)) / energy
         reflections.append(reflection)
         turn[0, 1] = turn[1, 0] = reflection
         turned = turn.dot(flat.reshape(2, size)).ravel()
