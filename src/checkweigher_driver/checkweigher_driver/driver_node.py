@@ -23,13 +23,13 @@ from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import Source, source_maker
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_driver.stream_memory import StreamMemory
+from checkweigher_driver.stream_report import StreamReport
 from checkweigher_dsp.health import Finding
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.connections import has_matched_all
 from checkweigher_dsp.nodes.conversion import (
     edge_to,
     fill_history,
-    header_to,
     load_cell_to,
     reference_to,
     samples_to,
@@ -71,15 +71,14 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._watch = DriverWatch(self.parameters.source)
         self._outputs = LineOutputs(open_outputs)
         self._waits = StoppableWaits()
-        self._status_order = threading.Lock()
         self._thread: threading.Thread | None = None
-        self._begin_stream(0)
         self._reject_ready = False
         self._info = self._publisher_of(topics.LOAD_CELL_INFO)
         self._samples = self._publisher_of(topics.LOAD_CELL_SAMPLES)
         self._eyes = self._publisher_of(topics.PHOTO_EYES)
         self._references = self._publisher_of(topics.REFERENCE_MASS)
         self._status = self._publisher_of(topics.DRIVER_STATUS)
+        self._begin_stream(0)
         self._streams = (self._samples, self._eyes, self._references, self._status)
         self.subscribe(topics.SEGMENTER_STATUS, self._on_segmenter_status)
         self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
@@ -103,7 +102,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._memory = StreamMemory(number)
         self._answered = False
         self._failure = self._trouble = ''
-        self._telling = False  # of trouble: while the stream is going on
+        self._report = StreamReport(self._status, self._memory, self._flow)
 
     def configure(self) -> None:
         """Open the source."""
@@ -141,7 +140,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._calibration.end()
         self._look_timer.cancel()
         if self._thread is not None and self._stop_reading():
-            self._publish_status(StreamStatus.FINISHED, 'the driver was deactivated')
+            self._report.publish(StreamStatus.FINISHED, 'the driver was deactivated')
         self._watch.stop()
 
     def clean_up(self) -> None:
@@ -213,9 +212,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._outputs.exist and self.count_publishers(name) == 0:
             self._outputs.nobody_requests()
         trouble = self._outputs.trouble(failed)
-        if trouble != self._trouble and self._telling:
+        if trouble != self._trouble and self._report.open:
             self._trouble = trouble
-            self._publish_status(StreamStatus.RUNNING, trouble)
+            self._report.publish(StreamStatus.RUNNING, trouble)
             if trouble:
                 self.warn(trouble)
 
@@ -248,20 +247,20 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._failure = str(error)
             self._watch.end(str(error))
             self.get_logger().error(f'source {self.parameters.source}: {error}')
-            self._publish_status(StreamStatus.FAILED, str(error))
+            self._report.publish(StreamStatus.FAILED, str(error))
         else:
             if not self._waits.stopping:
                 self._watch.end()
-                self._publish_status(StreamStatus.FINISHED)
+                self._report.publish(StreamStatus.FINISHED)
 
     def _stream(self, source: Source) -> None:
         self._info.publish(load_cell_to(source.load_cell, source.start_stamp))
-        self._publish_status(StreamStatus.RUNNING)
+        self._report.publish(StreamStatus.RUNNING)
         held_back = source.paced and self.parameters.lossless
         if not self._line_is_there(source):
             return
         rate = source.load_cell.sample_rate
-        self._telling = True
+        self._report.begin()
         pace, pacer = self.parameters.rate, None
         events = cut_for_pace(source, rate, pace, self.parameters.block_time)
         for event in events if source.paced else source:
@@ -270,6 +269,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 return
             if held_back and not self._line_has_come_so_far(event, rate):
                 return
+            self._report.say_again(self._trouble)
             self._publish(event)
 
     def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
@@ -278,7 +278,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         def ask(waited: float) -> None:
             # The segmenter tells of edges with the samples. If none come, it has to be asked.
             if self._flow.awaits_edges(event, rate):
-                self._publish_status(StreamStatus.RUNNING, self._trouble)
+                self._report.publish(StreamStatus.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := self._flow.give_up_edges()):
                     self.warn(f'{lost} photo-eye edges have not come to the segmenter')
 
@@ -373,22 +373,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self.count('edges')
         elif isinstance(event, Reference):
             self._references.publish(reference_to(event))
-
-    def _publish_status(self, state: int, text: str = '') -> None:
-        with self._status_order:  # nothing after the end
-            if text and state == StreamStatus.RUNNING and not self._telling:
-                return
-            self._telling &= state == StreamStatus.RUNNING
-            self._status.publish(
-                StreamStatus(
-                    header=header_to(self._memory.stamp),
-                    stream=self._memory.stream,
-                    state=state,
-                    samples=self._flow.samples_sent,
-                    edges=self._memory.edges_sent,
-                    text=text,
-                )
-            )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
