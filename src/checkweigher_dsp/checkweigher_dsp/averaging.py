@@ -44,7 +44,7 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
     ndarray, (...,) float64
         In the unit of `samples`; a float for one window.
     """
-    weights, total = _hann(np.shape(samples)[-1])
+    weights, total = _hann(samples.shape[-1])
     return samples @ weights / total
 
 

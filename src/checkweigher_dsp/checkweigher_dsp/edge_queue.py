@@ -30,8 +30,12 @@ class EdgeQueue:
         if self._newest is not None and edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
             return
-        self._newest = edge.stamp if self._newest is None else max(self._newest, edge.stamp)
-        insort(self._edges, edge, key=_stamp)
+        if self._newest is None or edge.stamp > self._newest:
+            self._newest = edge.stamp
+        if not self._edges or self._edges[-1].stamp <= edge.stamp:
+            self._edges.append(edge)
+        else:
+            insort(self._edges, edge, key=_stamp)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
         """Take edges, whatever the samples say."""

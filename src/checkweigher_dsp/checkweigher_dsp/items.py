@@ -1,6 +1,7 @@
 """What the eyes have seen of one item."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
 
 from checkweigher_dsp.reasons import Reason
 
@@ -30,6 +31,16 @@ class Item:
     def fault(self, reason: Reason) -> None:
         """Note why the item cannot be weighed."""
         self.faults.setdefault(reason)
+
+
+_state = attrgetter(*(entry.name for entry in fields(Item)))
+
+
+def snapshot(item: Item) -> Item:
+    """Return an item as it is now: what comes later of it does not change that."""
+    taken = Item(*_state(item))
+    taken.faults = dict(item.faults)
+    return taken
 
 
 def departure(item: Item) -> int:

@@ -4,6 +4,8 @@ The eyes do not show a product whose edge was lost. The scale does: while one co
 the weigh window, the load changes by more than vibration and ring-down explain.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,11 +44,14 @@ class LoadCheck:
         zero : float
             Counts of the empty belt.
         """
-        self._watch(empty, len(window))
-        if len(window) < _FEWEST:
+        size = len(window)
+        self._watch(empty, size)
+        if size < _FEWEST:
             return True
-        load = abs(mean(window) - zero)
-        change = abs(float(_changes(window.astype(np.float64), len(window))[0]))
+        counts = window.astype(np.float64)
+        load = abs(mean(counts) - zero)
+        counts -= counts[0]
+        change = abs(mean(counts[size - size // 4 :]) - mean(counts[: size // 2]))
         return change <= _SHARE * load + _VIBRATION * self._shaking
 
     def _watch(self, empty: NDArray[np.int32], size: int) -> None:
@@ -56,9 +61,10 @@ class LoadCheck:
             return
         counts = empty.astype(np.float64)
         if not whole:  # while something leaves that no eye has seen, the load falls evenly
-            time = np.linspace(-1.0, 1.0, size)
-            counts = counts - time * (time @ counts) / (time @ time)
-        seen = median(np.abs(_changes(counts, size)))
+            time, power = _time(size)
+            counts -= time * (time @ counts) / power
+        changes = _changes(counts, size)
+        seen = median(np.abs(changes, out=changes))
         comparable = whole == self._is_of_window
         self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
         self._is_of_window = whole
@@ -69,8 +75,18 @@ def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     half, quarter = size // 2, size // 4
     number = len(counts) - size + 1
     sums = np.zeros(len(counts) + 1)
-    np.cumsum(counts - counts[0], out=sums[1:])
-    last = (sums[size:] - sums[size - quarter :][:number]) / quarter
-    first = (sums[half:][:number] - sums[:number]) / half
-    changes: NDArray[np.float64] = last - first
+    np.add.accumulate(counts - counts[0], out=sums[1:])
+    changes = sums[size:] - sums[size - quarter : len(sums) - quarter]
+    changes /= quarter
+    first = sums[half : half + number] - sums[:number]
+    first /= half
+    changes -= first
     return changes
+
+
+@lru_cache(maxsize=256)
+def _time(size: int) -> tuple[NDArray[np.float64], float]:
+    """Return evenly spaced times, (size,) from -1 to 1, and the sum of their squares."""
+    time = np.linspace(-1.0, 1.0, size)
+    time.flags.writeable = False
+    return time, float(time @ time)

@@ -39,6 +39,17 @@ class SampleBuffer:
     duration : float
         s, how far back samples can be read.
 
+    Attributes
+    ----------
+    start : int
+        Index of the oldest sample that is kept.
+    end : int
+        Index of the next sample to come.
+    empty : bool
+        Whether no sample has come yet.
+    origin : int or None
+        Time of the first sample of all, ns; None if there is none.
+
     Notes
     -----
     Blocks may come twice or overlap: samples that are there already are passed over. A block that
@@ -51,33 +62,13 @@ class SampleBuffer:
         self._capacity = max(2, math.ceil(duration * sample_rate))
         # Twice the capacity, so that the kept part moves to the front only once per capacity.
         self._counts = np.zeros(2 * self._capacity, np.int32)
-        self._used = 0
-        self._start = 0
+        self.start = self.end = 0
+        self.empty = True
+        self.origin: int | None = None
         self._anchors: list[_Anchor] = []
         self._anchor_stamps: list[int] = []
         self._gaps: list[tuple[int, int]] = []
-        self._origin: int | None = None
         self._first = 0  # index of the first sample of all
-
-    @property
-    def start(self) -> int:
-        """Index of the oldest sample that is kept."""
-        return self._start
-
-    @property
-    def end(self) -> int:
-        """Index of the next sample to come."""
-        return self._start + self._used
-
-    @property
-    def empty(self) -> bool:
-        """Whether no sample has come yet."""
-        return not self._anchors
-
-    @property
-    def origin(self) -> int | None:
-        """Time of the first sample of all, ns; None if there is none."""
-        return self._origin
 
     @property
     def last_stamp(self) -> int | None:
@@ -86,15 +77,17 @@ class SampleBuffer:
 
     def stamp_at(self, index: int) -> int:
         """Return the time of a sample in ns."""
-        position = 0
+        anchor = self._anchors[0]
         if len(self._anchors) > 1:  # where all blocks are of one clock there is but one
             position = bisect_right(self._anchors, index, key=lambda anchor: anchor.first_index) - 1
-        anchor = self._anchors[max(position, 0)]
+            anchor = self._anchors[max(position, 0)]
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
     def index_at(self, stamp: int) -> int:
         """Return the index of the first sample at or after `stamp`; it may be yet to come."""
-        position = max(bisect_right(self._anchor_stamps, stamp) - 1, 0)
+        position = 0
+        if len(self._anchors) > 1:
+            position = max(bisect_right(self._anchor_stamps, stamp) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS
         index = anchor.first_index + math.ceil(offset - _INSTANT)
@@ -120,8 +113,8 @@ class SampleBuffer:
         if len(block.counts) == 0:
             return
         if self.empty:
-            self._start = self._first = block.first_index
-            self._origin = block.stamp
+            self.start = self.end = self._first = block.first_index
+            self.origin = block.stamp
         first_new = max(self.end, block.first_index)
         counts = block.counts[first_new - block.first_index :]
         if len(counts) == 0:
@@ -132,8 +125,9 @@ class SampleBuffer:
         if not self._is_on_clock(block):
             self._anchors.append(_Anchor(block.first_index, block.stamp))
             self._anchor_stamps.append(block.stamp)
+        self.empty = False
         if lost >= self._capacity:
-            self._start, self._used = first_new, 0
+            self.start = self.end = first_new
         elif lost > 0:
             self._push(np.zeros(lost, np.int32))
         self._push(counts)
@@ -150,35 +144,37 @@ class SampleBuffer:
         return abs(block.stamp - self.stamp_at(block.first_index)) <= _ROUNDING
 
     def _push(self, counts: NDArray[np.int32]) -> None:
-        counts_kept = counts[-self._capacity :]
-        skipped = len(counts) - len(counts_kept)
-        if skipped:
-            self._start, self._used = self.end + skipped, 0
-        if self._used + len(counts_kept) > len(self._counts):
-            keep = min(self._used, self._capacity)
-            self._counts[:keep] = self._counts[self._used - keep : self._used].copy()
-            self._start, self._used = self.end - keep, keep
-        self._counts[self._used : self._used + len(counts_kept)] = counts_kept
-        self._used += len(counts_kept)
+        skipped = len(counts) - self._capacity
+        if skipped > 0:
+            counts = counts[skipped:]
+            self.start = self.end = self.end + skipped
+        used = self.end - self.start
+        if used + len(counts) > len(self._counts):
+            keep = min(used, self._capacity)
+            self._counts[:keep] = self._counts[used - keep : used].copy()
+            self.start, used = self.end - keep, keep
+        self._counts[used : used + len(counts)] = counts
+        self.end += len(counts)
 
     def _forget(self) -> None:
         """Drop anchors and gaps that lie before the oldest sample."""
-        while len(self._anchors) > 1 and self._anchors[1].first_index <= self._start:
+        while len(self._anchors) > 1 and self._anchors[1].first_index <= self.start:
             del self._anchors[0], self._anchor_stamps[0]
-        while self._gaps and self._gaps[0][1] <= self._start:
+        while self._gaps and self._gaps[0][1] <= self.start:
             del self._gaps[0]
 
     def is_whole(self, begin: int, end: int) -> bool:
         """Tell whether every sample of [begin, end) is there."""
-        return (
-            self._start <= begin
-            and end <= self.end
-            and not any(lost_from < end and begin < lost_to for lost_from, lost_to in self._gaps)
+        there = self.start <= begin and end <= self.end
+        if not self._gaps:
+            return there
+        return there and not any(
+            lost_from < end and begin < lost_to for lost_from, lost_to in self._gaps
         )
 
     def whole_from(self, begin: int, end: int) -> int:
         """Return the smallest index from `begin` on with no sample lost between it and `end`."""
-        whole = max(begin, self._start)
+        whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:
             if lost_from < end and lost_to > whole:
                 whole = min(lost_to, end)
@@ -186,4 +182,8 @@ class SampleBuffer:
 
     def read(self, begin: int, end: int) -> NDArray[np.int32]:
         """Return a copy of the samples [begin, end), all of which must be there."""
-        return self._counts[begin - self._start : end - self._start].copy()
+        return self.look_at(begin, end).copy()
+
+    def look_at(self, begin: int, end: int) -> NDArray[np.int32]:
+        """Return the samples [begin, end), which are others as soon as the next block comes."""
+        return self._counts[begin - self.start : end - self.start]

@@ -1,7 +1,6 @@
 """Cutting the stream of samples into one weigh window for each item."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 import math
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.edge_queue import EdgeQueue
 from checkweigher_dsp.item_tracking import ItemTracker
-from checkweigher_dsp.items import Item
+from checkweigher_dsp.items import Item, snapshot
 from checkweigher_dsp.load_check import LoadCheck
 from checkweigher_dsp.motion_check import MotionCheck
 from checkweigher_dsp.reasons import Reason
@@ -29,6 +28,7 @@ from checkweigher_dsp.zero_tracking import Zero, ZeroLimits, ZeroTracker
 __all__ = ['Segmenter', 'SegmenterParameters']
 
 _LONGEST_PIECE = NANOSECONDS  # of a block that is taken at once, ns
+_Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
 
 class Segmenter:
@@ -86,6 +86,12 @@ class Segmenter:
             ),
         )
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
+        self._sample_lateness = round(NANOSECONDS * parameters.sample_lateness)
+        self._settle_time = round(NANOSECONDS * parameters.settle_time)
+        rate = load_cell.sample_rate
+        self._zero_span = round(parameters.zero_time * rate)  # samples, as those that follow
+        self._lead = round(parameters.lead_time * rate)
+        self._trail = round(parameters.trail_time * rate)
         self._buffer = self._new_buffer()
         self._pending = EdgeQueue(self._lateness)
         self._waiting: list[Item] = []
@@ -130,15 +136,10 @@ class Segmenter:
         """Zero, if that was asked for and no edge can come any more of the time that is read."""
         if self._zero_setting is None or self._buffer.empty:
             return
-        left = self._tracker.empty_since
         late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
         empty = None
         if self._tracker.is_empty:
-            begin = self._buffer.start
-            if left is not None:
-                settled = left + round(NANOSECONDS * self._parameters.settle_time)
-                begin = max(begin, self._buffer.index_at(settled))
-            empty = (begin, self._buffer.end - late)
+            empty = (self._settled_from(self._buffer.start), self._buffer.end - late)
         self._try_zero(empty, self._parameters.zero_time)
 
     def _try_zero(self, empty: tuple[int, int] | None, least: float) -> None:
@@ -197,12 +198,13 @@ class Segmenter:
         """Hand edges on as the samples reach them."""
         buffer = self._buffer
         if not buffer.empty:
-            for edge in self._pending.pop_while(lambda e: buffer.index_at(e.stamp) <= buffer.end):
+            end = buffer.end
+            for edge in self._pending.pop_while(lambda e: buffer.index_at(e.stamp) <= end):
                 self._take(self._tracker.add(edge))
 
     def _give_up_without_samples(self, stamp: int) -> list[WeighWindow]:
         """Return what has waited too long for its samples when an edge of `stamp` has come."""
-        limit = stamp - round(NANOSECONDS * self._parameters.sample_lateness)
+        limit = stamp - self._sample_lateness
         for edge in self._pending.pop_while(lambda edge: edge.stamp < limit):
             self._take(self._tracker.add(edge))
         late = [item for item in self._waiting if item.entered < limit]
@@ -213,7 +215,7 @@ class Segmenter:
     def _take(self, items: list[Item]) -> None:
         """Let items wait for their samples; what comes later of them does not change them."""
         for item in items:
-            waiting = replace(item, faults=dict(item.faults))
+            waiting = snapshot(item)
             self._check_start(waiting)
             self._motion.check(waiting)
             self._waiting.append(waiting)
@@ -228,15 +230,18 @@ class Segmenter:
         nothing = np.zeros(0, np.int32)
         if self._buffer.empty or not self._tracker.is_empty:
             return nothing
-        rate, known = self.load_cell.sample_rate, self._parameters
-        end = self._buffer.end - round(known.edge_lateness * rate)
-        begin = max(self._buffer.start, end - round(known.zero_time * rate))
-        left = self._tracker.empty_since
-        if left is not None:
-            settled = left + round(NANOSECONDS * known.settle_time)
-            begin = max(begin, self._buffer.index_at(settled))
+        late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
+        end = self._buffer.end - late
+        begin = self._settled_from(max(self._buffer.start, end - self._zero_span))
         whole = begin < end and self._buffer.is_whole(begin, end)
         return self._buffer.read(begin, end) if whole else nothing
+
+    def _settled_from(self, begin: int) -> int:
+        """Return the index from which on, not before `begin`, the empty belt has settled."""
+        left = self._tracker.empty_since
+        return (
+            begin if left is None else max(begin, self._buffer.index_at(left + self._settle_time))
+        )
 
     def finish(self) -> list[WeighWindow]:
         """Return what is still on the belt, as faults: the stream has ended."""
@@ -279,13 +284,8 @@ class Segmenter:
         if self._buffer.empty and wait:
             return None
         self._check_start(item)
-        speed, length = self._motion.measure(item)
-        fault = WeighWindow(
-            item.item_id, item.t1, item.t2, item.t3, speed, length, self._line_speed(item, speed),
-            reasons=tuple(reason.value for reason in item.faults),
-        )  # fmt: skip
         if item.faults or item.t1 is None or item.t2 is None or item.t3 is None:
-            return fault
+            return self._fault(item, *item.faults)
         if self._buffer.empty:
             return None
         entry, begin, end = (self._buffer.index_at(t) for t in (item.t1, item.t2, item.t3))
@@ -293,51 +293,59 @@ class Segmenter:
         if self._buffer.end < (trail_end if wait else end):
             return None
         if end - begin < self._parameters.min_window:
-            return replace(fault, reasons=(Reason.WINDOW_TOO_SHORT.value,))
+            return self._fault(item, Reason.WINDOW_TOO_SHORT)
         reason = self._check_samples(entry, end)
         if reason is not None:
-            return replace(fault, reasons=(reason.value,))
-        lead = round(self._parameters.lead_time * self.load_cell.sample_rate)
-        first = self._buffer.whole_from(entry - lead, entry)
+            return self._fault(item, reason)
+        first = self._buffer.whole_from(entry - self._lead, entry)
         stretch, settled = self._empty_belt(item, entry)
         if settled:
             self._try_zero((entry - len(stretch), entry), self._parameters.zero_moment)
         zero = self._zero_tracker.update(seconds(item.t1), stretch, settled)
         if not zero.trusted:
-            return replace(fault, reasons=(Reason.ZERO_OUT_OF_RANGE.value,))
+            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         alone_from = min(max(self._alone_from(item, first, begin), first), begin)
-        window = self._buffer.read(begin, end)
-        empty = self._buffer.read(min(alone_from, entry), entry)
+        window = self._buffer.look_at(begin, end)
+        empty = self._buffer.look_at(min(alone_from, entry), entry)
         if not self._load_check.is_steady(window, empty, zero.counts):
-            return replace(fault, reasons=(Reason.DISTANCE_FAULT.value,))
-        return replace(
-            fault,
-            sample_rate=self.load_cell.sample_rate,
-            counts_per_kg=self.load_cell.counts_per_kg,
-            zero_counts=self.load_cell.zero_counts,
+            return self._fault(item, Reason.DISTANCE_FAULT)
+        cell = self.load_cell
+        return WeighWindow(
+            *self._identity(item),
+            sample_rate=cell.sample_rate,
+            counts_per_kg=cell.counts_per_kg,
+            zero_counts=cell.zero_counts,
             zero=zero.counts,
             zero_std_dev=zero.std_dev,
             first_index=first,
             # By that of t2: what the clock of the samples is off would show in the lead time.
             stamp=self._buffer.stamp_at(begin)
-            - round((begin - first) * NANOSECONDS / self.load_cell.sample_rate),
+            - round((begin - first) * NANOSECONDS / cell.sample_rate),
             empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
             counts=self._buffer.read(first, self._sound_end(end, trail_end)),
         )
 
+    def _fault(self, item: Item, *reasons: Reason) -> WeighWindow:
+        return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
+
+    def _identity(self, item: Item) -> _Identity:
+        """Return the first fields of the window of an item: which it is, and how it moves."""
+        speed, length = self._motion.measure(item)
+        line_speed = self._line_speed(item, speed)
+        return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
+
     def _trail_end(self, item: Item, end: int) -> int:
         """Return the end of the samples to wait for: no later than the item has left."""
-        trail = round(self._parameters.trail_time * self.load_cell.sample_rate)
-        if not trail or item.t1 is None or item.t2 is None or item.t3 is None:
+        if not self._trail or item.t1 is None or item.t2 is None or item.t3 is None:
             return end
-        return max(min(end + trail, self._buffer.index_at(item.t3 + item.t2 - item.t1)), end)
+        return max(min(end + self._trail, self._buffer.index_at(item.t3 + item.t2 - item.t1)), end)
 
     def _sound_end(self, end: int, trail_end: int) -> int:
         """Return the end of what can be used after t3: none of it if any is lost or saturated."""
         trail_end = min(trail_end, self._buffer.end)
-        return end if self._check_samples(end, trail_end) else trail_end
+        return end if trail_end == end or self._check_samples(end, trail_end) else trail_end
 
     def _alone_from(self, item: Item, first: int, begin: int) -> int:
         """Return the index from which on the item before had left, `first` if there was none."""
@@ -366,25 +374,27 @@ class Segmenter:
     def _check_samples(self, begin: int, end: int) -> Reason | None:
         if not self._buffer.is_whole(begin, end):
             return Reason.SAMPLES_LOST
-        counts = self._buffer.read(begin, end)
-        limits = self.load_cell
-        if len(counts) and (counts.min() <= limits.min_counts or counts.max() >= limits.max_counts):
+        counts, limits = self._buffer.look_at(begin, end), self.load_cell
+        if len(counts) and (
+            int(np.minimum.reduce(counts)) <= limits.min_counts
+            or int(np.maximum.reduce(counts)) >= limits.max_counts
+        ):
             return Reason.SATURATION
         return None
 
     def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether they settled."""
-        rate, limits = self.load_cell.sample_rate, self._parameters
+        buffer = self._buffer
         if item.others_there:
-            return self._buffer.read(entry, entry), False
-        begin = earliest = entry - round(limits.zero_time * rate)
+            return buffer.look_at(entry, entry), False
+        begin = earliest = entry - self._zero_span
         if item.left_before is not None:
-            settled = item.left_before + round(NANOSECONDS * limits.settle_time)
-            begin = max(begin, self._buffer.index_at(settled))
-            earliest = max(earliest, self._buffer.index_at(item.left_before))
-        begin = min(self._buffer.whole_from(begin, entry), entry)
-        earliest = min(self._buffer.whole_from(earliest, entry), entry)
-        least = limits.zero_moment * rate
-        if entry - begin < least <= entry - earliest:
-            return self._buffer.read(earliest, entry), False
-        return self._buffer.read(begin, entry), True
+            begin = max(begin, buffer.index_at(item.left_before + self._settle_time))
+            earliest = max(earliest, buffer.index_at(item.left_before))
+        begin = min(buffer.whole_from(begin, entry), entry)
+        least = self._parameters.zero_moment * self.load_cell.sample_rate
+        if entry - begin < least:
+            earliest = min(buffer.whole_from(earliest, entry), entry)
+            if least <= entry - earliest:
+                return buffer.look_at(earliest, entry), False
+        return buffer.look_at(begin, entry), True

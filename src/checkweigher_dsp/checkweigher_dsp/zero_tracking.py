@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.averaging import hann_mean, median
+from checkweigher_dsp.averaging import hann_mean, mean, median, variance
 
 # An average over less than this is not free of the vibration of the belt.
 _SHORTEST_AVERAGE = 0.1  # s
@@ -119,8 +119,9 @@ class ZeroTracker:
             self._variance += self._walk_variance * max(time - self._stamp, 0.0)
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
-        if len(counts) >= 2 and self._is_at_rest(counts):
-            self._follow(counts.astype(np.float64), settled, elapsed)
+        readings = counts.astype(np.float64)
+        if len(readings) >= 2 and self._is_at_rest(readings):
+            self._follow(readings, settled, elapsed)
         return self.zero
 
     def _follow(self, counts: NDArray[np.float64], settled: bool, elapsed: float) -> None:
@@ -158,24 +159,30 @@ class ZeroTracker:
             self._behind = rest**2 > _JUMP**2 * (self._variance * (1 - gain) + noise)
         self._value += correction
 
-    def _is_at_rest(self, counts: NDArray[np.int32]) -> bool:
+    def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
         """Tell whether a stretch is stable and nothing stood on the belt for a part of it."""
-        if np.ptp(self._parts(counts, _SHORTEST_AVERAGE)) > self._limits.stability:
+        means = self._parts(counts, _SHORTEST_AVERAGE).tolist()
+        if max(means) - min(means) > self._limits.stability:
             return False
+        if self._number(counts, _PART) < _FEWEST_PARTS:
+            return True
         parts = self._parts(counts, _PART)
         off = np.abs(parts - median(parts))
         most = _OUTLYING * median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
-        return len(parts) < _FEWEST_PARTS or bool(np.max(off) <= most)
+        return bool(np.maximum.reduce(off) <= most)
 
-    def _parts(self, counts: NDArray[np.int32], duration: float) -> NDArray[np.float64]:
+    def _parts(self, counts: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
         """Return the means of parts of a stretch that last `duration`, or of its halves."""
-        number = max(2, int(len(counts) / (duration * self._sample_rate)))
+        number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
             return np.zeros(1)
-        parts = counts[len(counts) - number * size :].astype(np.float64).reshape(number, size)
+        parts = counts[len(counts) - number * size :].reshape(number, size)
         means: NDArray[np.float64] = hann_mean(parts)
         return means
+
+    def _number(self, counts: NDArray[np.float64], duration: float) -> int:
+        return max(2, int(len(counts) / (duration * self._sample_rate)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
         """Take the reading of an empty belt for the zero, whatever it was before.
@@ -186,9 +193,10 @@ class ZeroTracker:
             The reading, counts. It is the zero from now on if it is within the range; None, and
             nothing has changed, if the stretch is not stable.
         """
-        if len(counts) < 2 or not self._is_at_rest(counts):
+        readings = counts.astype(np.float64)
+        if len(readings) < 2 or not self._is_at_rest(readings):
             return None
-        reading, noise = self._measure(counts.astype(np.float64), True)
+        reading, noise = self._measure(readings, True)
         if self.is_in_range(reading):
             self._value, self._stamp, self._behind = reading, time, False
             self._doubted, self._has_read = None, True
@@ -203,15 +211,15 @@ class ZeroTracker:
         """Return the reading of a stretch and its variance, counts and counts^2."""
         least = _LEAST_NOISE * self._initial_variance
         if not settled:
-            return hann_mean(counts), float(np.var(counts)) + least
+            return float(hann_mean(counts)), variance(counts) + least
         if len(counts) < _SHORTEST_AVERAGE * self._sample_rate:
-            return float(np.mean(counts)), float(np.var(counts)) + least
+            return mean(counts), variance(counts) + least
         half = len(counts) // 2
-        difference = hann_mean(counts[:half]) - hann_mean(counts[-half:])
+        difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
         # The mean of two halves, each of variance difference^2 / 2.
         self._scatter = _MEMORY * self._scatter + difference**2 / 4
         self._degrees = _MEMORY * self._degrees + 1
-        return hann_mean(counts), self._scatter / self._degrees + least
+        return float(hann_mean(counts)), self._scatter / self._degrees + least
 
     @property
     def zero(self) -> Zero:
