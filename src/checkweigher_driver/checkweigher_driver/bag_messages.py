@@ -1,5 +1,6 @@
 """The topics of a recording and the definitions of their messages, as they are installed."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -52,14 +53,23 @@ OUTPUT_TOPICS = (
 )
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
-_INNER = ('diagnostic_msgs/msg/KeyValue', 'diagnostic_msgs/msg/DiagnosticStatus')
+_INNER = {
+    'diagnostic_msgs/msg/DiagnosticArray': (
+        'diagnostic_msgs/msg/KeyValue', 'diagnostic_msgs/msg/DiagnosticStatus',
+    ),
+}  # fmt: skip
 
 
 @cache
-def typestore() -> Typestore:
-    """Return the definitions of the messages of all topics and of what they are made of.
+def typestore(topics: Sequence[Topic] = (*INPUT_TOPICS, *OUTPUT_TOPICS)) -> Typestore:
+    """Return the definitions of the messages of some topics and of what they are made of.
 
     They are read from the installed packages, so a bag and the graph have the same types.
+
+    Parameters
+    ----------
+    topics : tuple of Topic
+        All that there are, or fewer: each definition takes its time.
 
     Raises
     ------
@@ -67,12 +77,9 @@ def typestore() -> Typestore:
         If a package with messages is not installed.
     """
     store = get_typestore(Stores.EMPTY)
-    for message_type in (
-        TIME,
-        HEADER,
-        *_INNER,
-        *dict.fromkeys(topic.message_type for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)),
-    ):
+    types = dict.fromkeys(topic.message_type for topic in topics)
+    inner = [each for message_type in types for each in _INNER.get(message_type, ())]
+    for message_type in (TIME, HEADER, *inner, *types):
         package, folder, name = message_type.split('/')
         try:
             share = get_package_share_directory(package)

@@ -4,14 +4,15 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
+from checkweigher_driver.bag_chunks import read_chunks
 from checkweigher_driver.bag_messages import LOAD_CELL_INFO, SAMPLES, BagError
-from checkweigher_driver.bag_parts import Messages, read_side_by_side
 from checkweigher_driver.bag_types import check_type
 from checkweigher_driver.bag_unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_driver.lane_messages import Lane, LaneMessages, choose_lane, decode
@@ -19,16 +20,9 @@ from checkweigher_driver.mcap_integrity import check_mcap
 from checkweigher_driver.progress import with_progress
 from checkweigher_driver.recording import Recording, canonical_order
 from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.side_processes import ALONE, SideProcesses
 
 
-def read_bag(
-    path: Path,
-    namespace: str | None = None,
-    *,
-    progress: bool = False,
-    processes: SideProcesses = ALONE,
-) -> Recording:
+def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False) -> Recording:
     """Read one lane of a bag.
 
     Parameters
@@ -40,8 +34,6 @@ def read_bag(
         Of the lane; None if the bag has only one.
     progress : bool
         Whether to show a bar on a terminal if it takes more than two seconds.
-    processes : SideProcesses
-        What reads a part of a long bag meanwhile; the recording is the same.
 
     Returns
     -------
@@ -65,7 +57,7 @@ def read_bag(
             return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
         _check_files(path)
         with Reader(path) as reader:
-            return _read_lane(path, reader, namespace, progress, processes)
+            return _read_lane(path, reader, namespace, progress)
 
 
 @contextmanager
@@ -111,7 +103,7 @@ def _read_unfinished(
         )
     if not bag.message_count:
         raise BagError(f'{path}: the recording broke off before anything of it was written')
-    recording = _read_lane(path, bag, namespace, progress, ALONE)
+    recording = _read_lane(path, bag, namespace, progress)
     last = max(recording.blocks, key=lambda block: block.stamp)
     length = len(last.counts) / recording.load_cell.sample_rate
     length += (last.stamp - recording.blocks[0].stamp) / NANOSECONDS
@@ -123,26 +115,20 @@ def _read_unfinished(
 
 
 def _read_lane(
-    path: Path,
-    reader: Reader | UnfinishedBag,
-    namespace: str | None,
-    progress: bool,
-    processes: SideProcesses,
+    path: Path, reader: Reader | UnfinishedBag, namespace: str | None, progress: bool
 ) -> Recording:
     lane = choose_lane(path, reader.connections, namespace)
     for connection, topic in lane:
         check_type(path, connection, topic)
     connections = [connection for connection, _ in lane]
-    total = sum(connection.msgcount for connection in connections)
-
-    def watched(messages: Messages, share: float) -> Messages:
-        return with_progress(messages, 'reading', round(share * total), shown=progress)
-
     found: LaneMessages | None = None
-    if isinstance(reader, Reader) and processes.count:
-        found = read_side_by_side(path, reader, namespace, processes, watched)
+    if isinstance(reader, Reader):
+        watch = partial(with_progress, doing='reading', unit='chunks', shown=progress)
+        found = read_chunks(path, reader, lane, watch)
     if found is None:
-        found = decode(path, lane, watched(reader.messages(connections), 1.0))
+        total = sum(connection.msgcount for connection in connections)
+        messages = reader.messages(connections)
+        found = decode(path, lane, with_progress(messages, 'reading', total, shown=progress))
     if isinstance(reader, Reader):
         _check_numbers(path, reader, found.numbers, lane)
     if not found.cells:

@@ -22,7 +22,7 @@ from checkweigher_driver.bag_messages import (
     typestore,
 )
 from checkweigher_driver.block_columns import BlockColumns
-from checkweigher_driver.sample_decoding import SampleDecoder
+from checkweigher_driver.message_decoding import SampleDecoder, eye_edge_from
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 
 Lane = list[tuple[Connection, Topic]]
@@ -125,36 +125,84 @@ def decode(
     Exception
         Whatever `messages` raises, and a parser on strange bytes.
     """
-    # Looked up by name, message for message: the hash of a Topic is that of all its fields.
-    topics = {connection.topic: topic for connection, topic in lane}
-    samples = {name for name, topic in topics.items() if topic == SAMPLES}
-    numbers = dict.fromkeys(topics, 0)
-    types = {connection.topic: connection.msgtype for connection, _ in lane}
-    found: dict[Topic, list[Any]] = {LOAD_CELL_INFO: [], PHOTO_EYES: [], REFERENCE_MASS: []}
-    makers = {name: (_MAKERS[t], found[t].append) for name, t in topics.items() if t in found}
-    deserialize = typestore().deserialize_cdr
-    decoder = SampleDecoder(lambda data: _block(deserialize(data, SAMPLES.message_type)))
-    log_times: list[int] = []
+    decoder = LaneDecoder(path, lane)
     try:
         for connection, log_time, data in messages:
-            name = connection.topic
-            numbers[name] += 1
-            if name in samples:
-                log_times.append(log_time)
-                decoder.add(data)
-            else:
-                make, keep = makers[name]
-                keep(make(path, deserialize(data, types[name])))
+            decoder.add(connection.topic, (log_time,), (data,))
     except Exception:
         decoder.flush()  # what is wrong with a message before this one comes first
         raise
-    return LaneMessages(
-        numbers, tuple(found[LOAD_CELL_INFO]), decoder.blocks(), tuple(found[PHOTO_EYES]),
-        tuple(found[REFERENCE_MASS]), np.array(log_times, np.int64),
-    )  # fmt: skip
+    return decoder.found()
 
 
-def _load_cell(path: Path, message: Any) -> LoadCell:
+class LaneDecoder:
+    """Decode messages of a lane, any number of one topic at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag, for errors.
+    lane : list of (Connection, Topic)
+        What the connections of the messages are.
+    """
+
+    def __init__(self, path: Path, lane: Lane) -> None:
+        self._path = path
+        # Looked up by name: the hash of a Topic is that of all its fields.
+        topics = {connection.topic: topic for connection, topic in lane}
+        self._samples = {name for name, topic in topics.items() if topic == SAMPLES}
+        self._makers = {name: _MAKERS[topic] for name, topic in topics.items() if topic in _MAKERS}
+        self._found: dict[str, list[Any]] = {name: [] for name in topics}
+        self._topics = topics
+        self._numbers = dict.fromkeys(topics, 0)
+        self._blocks = SampleDecoder(lambda data: _block(_deserialized(SAMPLES, data)))
+        self._log_times: list[int] = []
+
+    def add(self, name: str, log_times: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Take messages of the topic of that name, and their log times in ns.
+
+        Raises
+        ------
+        BagError
+            If the message of a load cell describes none.
+        Exception
+            Whatever a parser raises on strange bytes.
+        """
+        self._numbers[name] += len(messages)
+        if name in self._samples:
+            self._log_times += log_times
+            self._blocks.add(messages)
+        else:
+            make, path = self._makers[name], self._path
+            self._found[name] += [make(path, data) for data in messages]
+
+    def flush(self) -> None:
+        """Decode what has been collected."""
+        self._blocks.flush()
+
+    def found(self) -> LaneMessages:
+        """Return what all messages say."""
+        cells, edges, references = (
+            tuple(
+                each
+                for name, of_name in self._found.items()
+                if self._topics[name] == topic
+                for each in of_name
+            )
+            for topic in (LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS)
+        )
+        log_times = np.array(self._log_times, np.int64)
+        return LaneMessages(
+            self._numbers, cells, self._blocks.blocks(), edges, references, log_times
+        )
+
+
+def _deserialized(topic: Topic, data: bytes) -> Any:
+    return typestore(INPUT_TOPICS).deserialize_cdr(data, topic.message_type)
+
+
+def _load_cell(path: Path, data: bytes) -> LoadCell:
+    message = _deserialized(LOAD_CELL_INFO, data)
     try:
         return LoadCell(
             sample_rate=message.sample_rate,
@@ -184,17 +232,22 @@ def _block(message: Any) -> SampleBlock:
     return SampleBlock(_stamp(message), message.first_index, message.counts)
 
 
-def _edge(_: Path, message: Any) -> EyeEdge:
+def _edge(_: Path, data: bytes) -> EyeEdge:
+    edge = eye_edge_from(data)
+    if edge is not None:
+        return edge
+    message = _deserialized(PHOTO_EYES, data)
     return EyeEdge(_stamp(message), Eye(message.eye), bool(message.blocked))
 
 
-def _reference(_: Path, message: Any) -> Reference:
+def _reference(_: Path, data: bytes) -> Reference:
+    message = _deserialized(REFERENCE_MASS, data)
     if not (math.isfinite(message.mass) and message.mass >= 0):
         raise ValueError(f'a {REFERENCE_MASS.name} of {message.mass:g} kg')
     return Reference(_stamp(message), float(message.mass))
 
 
-_MAKERS: dict[Topic, Callable[[Path, Any], Any]] = {
+_MAKERS: dict[Topic, Callable[[Path, bytes], Any]] = {
     LOAD_CELL_INFO: _load_cell,
     PHOTO_EYES: _edge,
     REFERENCE_MASS: _reference,

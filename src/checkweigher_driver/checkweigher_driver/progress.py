@@ -11,8 +11,9 @@ _DELAY = 2.0  # s before a bar appears
 
 
 def with_progress(
-    messages: Iterable[T], doing: str, total: int | None = None, *, shown: bool = True
-) -> Iterable[T]:
+    messages: Iterable[T], doing: str, total: int | None = None, *, unit: str = 'messages',
+    shown: bool = True,
+) -> Iterable[T]:  # fmt: skip
     """Return the same messages, with a bar on a terminal once they take more than two seconds.
 
     Parameters
@@ -22,7 +23,9 @@ def with_progress(
     doing : str
         What the bar says.
     total : int or None
-        Their number, if it is known.
+        Their number; None if it is not known, or is their length.
+    unit : str
+        What they are.
     shown : bool
         Whether there may be a bar at all; never where stderr is no terminal.
     """
@@ -30,7 +33,7 @@ def with_progress(
         messages,
         desc=doing,
         total=total,
-        unit=' messages',
+        unit=f' {unit}',
         delay=_DELAY,
         leave=False,
         disable=None if shown else True,

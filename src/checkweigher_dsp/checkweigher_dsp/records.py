@@ -4,9 +4,12 @@ Times are integers in nanoseconds on the clock of the samples, so that no stage 
 time that is not known is None. A number that is not known is NaN.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
 import math
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +34,17 @@ class Decision(IntEnum):
     ACCEPT = 1
     UNDER = 2
     OVER = 3
+
+
+def _as_call(record: Any) -> tuple[type, tuple[Any, ...]]:
+    """Have a record pickled as the call that makes it: a third of the time of a dataclass."""
+    kind = type(record)
+    if kind not in _VALUES:
+        _VALUES[kind] = attrgetter(*(entry.name for entry in fields(kind)))
+    return kind, _VALUES[kind](record)
+
+
+_VALUES: dict[type, Callable[[Any], tuple[Any, ...]]] = {}
 
 
 def seconds(stamp: int | None) -> float:
@@ -110,6 +124,8 @@ class EyeEdge:
     eye: Eye
     blocked: bool
 
+    __reduce__ = _as_call
+
 
 @dataclass(frozen=True, slots=True)
 class Reference:
@@ -117,6 +133,8 @@ class Reference:
 
     stamp: int
     mass: float
+
+    __reduce__ = _as_call
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +200,8 @@ class WeighWindow:
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     reasons: tuple[str, ...] = ()
 
+    __reduce__ = _as_call
+
     def __eq__(self, other: object) -> bool:
         """Compare field by field, NaN equal to NaN: two unknowns are the same window."""
         return isinstance(other, WeighWindow) and all(
@@ -227,6 +247,8 @@ class MassEstimate:
     b1: float = math.nan
     natural_frequency: float = math.nan
     damping_ratio: float = math.nan
+
+    __reduce__ = _as_call
 
     @property
     def weighed(self) -> bool:

@@ -1,6 +1,6 @@
 """Processes beside this one, so that offline work has all cores."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
@@ -8,6 +8,7 @@ import multiprocessing
 from multiprocessing import resource_tracker
 import os
 import signal
+import sys
 import threading
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -19,6 +20,8 @@ R = TypeVar('R')
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 _INTERRUPT = {signal.SIGINT}
 _MOST = 3  # beside this one: what cannot be shared out is soon all that is left
+# What goes to another process passes two threads, and each of them waits so long for its turn.
+_SWITCH_INTERVAL = 0.0005  # s
 
 
 class SideProcesses:
@@ -42,18 +45,20 @@ class SideProcesses:
         self._modules = tuple(modules)
         self._pool: ProcessPoolExecutor | None = None
         self._kept: dict[str, str | None] = {}
+        self._switch_interval = sys.getswitchinterval()
 
     def __enter__(self) -> Self:
         """Start the processes."""
         self._kept = {name: os.environ.get(name) for name in _THREADS}
         if self.count:
             os.environ.update(dict.fromkeys(_THREADS, '1'))
+            self._switch_interval = sys.getswitchinterval()
+            sys.setswitchinterval(min(self._switch_interval, _SWITCH_INTERVAL))
             # Fresh processes: the fork of one with threads may hang.
             context = multiprocessing.get_context('spawn')
             self._pool = ProcessPoolExecutor(self.count, context, _begin)
-            # Each call is one for a process that is yet to be started.
-            for _ in range(self.count if self._modules else 0):
-                self.submit(_load, self._modules)
+            if self._modules:
+                self.load(*self._modules)
         return self
 
     def __exit__(
@@ -63,11 +68,18 @@ class SideProcesses:
         """End the processes, of which nobody has to wait for one that has done its work."""
         if self._pool is not None:
             self._pool.shutdown(wait=error is not None, cancel_futures=True)
+            sys.setswitchinterval(self._switch_interval)
         for name, value in self._kept.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+    def load(self, *modules: str) -> None:
+        """Have each process import modules, after what it has been given to do before."""
+        # Each call is one for a process that is yet to be started.
+        for _ in range(self.count):
+            self.submit(_load, modules)
 
     def submit(self, call: Callable[..., R], *arguments: Any) -> Future[R]:
         """Have a function of a module called; all that goes there and back is pickled.
@@ -86,6 +98,12 @@ class SideProcesses:
             return lost
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def submit_by_name(
+        self, module: str, name: str, *arguments: Any, **keywords: Any
+    ) -> Future[Any]:
+        """Have a function called whose module is imported there, but need not be here."""
+        return self.submit(_call, module, name, arguments, keywords)
 
 
 ALONE = SideProcesses(0)
@@ -113,3 +131,7 @@ def _end_with_parent() -> None:
 def _load(modules: Iterable[str]) -> None:
     for name in modules:
         import_module(name)
+
+
+def _call(module: str, name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> Any:
+    return getattr(import_module(module), name)(*arguments, **keywords)

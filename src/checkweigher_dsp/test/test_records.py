@@ -2,12 +2,20 @@
 
 from dataclasses import fields, replace
 import math
+import pickle
 
 import numpy as np
 import pytest
 
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import MassEstimate, WeighWindow, seconds
+from checkweigher_dsp.records import (
+    Eye,
+    EyeEdge,
+    MassEstimate,
+    Reference,
+    WeighWindow,
+    seconds,
+)
 
 
 @pytest.mark.parametrize(
@@ -87,3 +95,23 @@ def test_each_reason_has_a_hint_of_its_own():
 def test_a_sample_rate_that_no_load_cell_has_is_refused(load_cell):
     with pytest.raises(ValueError, match='sample_rate is 1e'):
         replace(load_cell, sample_rate=1e12)
+
+
+@pytest.mark.parametrize(
+    'record',
+    [
+        EyeEdge(7, Eye.OUTFEED, True),
+        Reference(7, 0.1345),
+        MassEstimate(3, 1, None, 4, ('MissingEdge',), mass=0.2, estimator='mean', a1=-1.5),
+        WeighWindow(
+            3, 1, 2, 4, 0.5, counts=np.arange(5, dtype=np.int32), denoised=np.linspace(0, 1, 5)
+        ),
+    ],
+    ids=lambda record: type(record).__name__,
+)
+def test_what_goes_to_another_process_arrives_as_it_was(record):
+    arrived = pickle.loads(pickle.dumps(record))
+
+    assert type(arrived) is type(record)
+    # NaN is not equal to itself.
+    assert repr(arrived) == repr(record)

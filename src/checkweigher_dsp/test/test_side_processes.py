@@ -95,3 +95,22 @@ def test_without_any_nothing_is_started():
     with SideProcesses(0, ('numpy',)) as processes:
         assert processes.count == ALONE.count == 0
         assert set(os.listdir('/proc/self/task')) == before
+
+
+def test_a_function_is_called_whose_module_is_not_imported_here():
+    assert 'colorsys' not in sys.modules
+
+    with SideProcesses(1) as processes:
+        call = processes.submit_by_name('colorsys', 'rgb_to_hsv', 1.0, 0.0, 0.0)
+        assert call.result(PATIENCE) == (0.0, 1.0, 1.0)
+
+    assert 'colorsys' not in sys.modules
+
+
+def test_threads_take_turns_as_before_when_the_processes_have_ended():
+    before = sys.getswitchinterval()
+
+    with SideProcesses(1):
+        assert sys.getswitchinterval() < before
+
+    assert sys.getswitchinterval() == before

@@ -2,6 +2,13 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+    from checkweigher_driver.recording import Recording
+    from checkweigher_dsp.side_processes import SideProcesses
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,17 +29,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Weigh the bag and show each item."""
     from checkweigher_dsp.side_processes import SideProcesses, spare_cores
 
-    # They start while this process is still at its own imports.
+    # They start while this process is still at its own imports, and one of them reads the bag.
     count = spare_cores() if _size(arguments.bag) >= _LONG else 0
-    with SideProcesses(count, _MODULES) as processes:
+    with SideProcesses(count) as processes:
+        reading = _begin_reading(arguments, processes) if count else None
         from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
         from checkweigher_bringup.settings import line_parameters
-        from checkweigher_driver.bag_reading import read_bag
         from checkweigher_validation.offline import weigh
 
         parameters = line_parameters(arguments.params, arguments.estimator)
         output = CsvOutput(arguments.csv, arguments.overwrite)
-        recording = read_bag(arguments.bag, arguments.lane, progress=True, processes=processes)
+        recording = _recording(arguments, reading)
         warn_unfinished(recording)
         results = weigh(recording, parameters, progress=True, processes=processes)
     output.write(results)
@@ -43,9 +50,31 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _begin_reading(
+    arguments: argparse.Namespace, processes: 'SideProcesses'
+) -> 'Future[Recording]':
+    reading = processes.submit_by_name(
+        'checkweigher_driver.bag_reading', 'read_bag', arguments.bag, arguments.lane, progress=True
+    )
+    processes.load('checkweigher_dsp.line')  # behind the reading, for what they get to do then
+    return reading
+
+
+def _recording(arguments: argparse.Namespace, reading: 'Future[Recording] | None') -> 'Recording':
+    """Return what another process has read; without one, or if it was killed, read it here."""
+    if reading is not None:
+        from concurrent.futures import BrokenExecutor
+        from contextlib import suppress
+
+        with suppress(BrokenExecutor):
+            return reading.result()
+    from checkweigher_driver.bag_reading import read_bag
+
+    return read_bag(arguments.bag, arguments.lane, progress=True)
+
+
 # Bytes; of less than a few minutes of signal one process is done before another one has begun.
 _LONG = 2 << 20
-_MODULES = ('checkweigher_driver.bag_reading', 'checkweigher_dsp.line')
 
 
 def _size(bag: Path) -> int:

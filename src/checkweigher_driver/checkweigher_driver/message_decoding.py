@@ -1,15 +1,17 @@
-"""Decoding of LoadCellSamples from CDR: nine in ten messages of a bag, so they have their own."""
+"""Own decoders of samples and edges in CDR: nearly all messages of a bag are one or the other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 import struct
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from checkweigher_driver.block_columns import BlockColumns
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
 _LITTLE_ENDIAN = b'\x00\x01\x00\x00'  # plain CDR
 _HEAD = struct.Struct('<4siII')  # encapsulation; seconds, nanoseconds, length of frame_id
@@ -52,6 +54,80 @@ def sample_block_from(data: bytes) -> SampleBlock | None:
     return SampleBlock(sec * NANOSECONDS + nanosec, first_index, counts)
 
 
+def eye_edge_from(data: bytes) -> EyeEdge | None:
+    """Return the edge of a PhotoEyeEvent in little-endian CDR; None as `sample_block_from`."""
+    try:
+        encapsulation, sec, nanosec, length = _HEAD.unpack_from(data)
+        data[_FRAME : _FRAME - 1 + length].decode()
+    except (struct.error, UnicodeDecodeError):
+        return None
+    if (
+        encapsulation != _LITTLE_ENDIAN
+        or not length
+        or _FRAME + length + 2 != len(data)
+        or sec < 0
+        or nanosec >= NANOSECONDS
+        or data[-2] >= len(_EYES)
+        or data[-1] > 1
+    ):
+        return None
+    return EyeEdge(sec * NANOSECONDS + nanosec, _EYES[data[-2]], bool(data[-1]))
+
+
+_EYES = (Eye.INFEED, Eye.OUTFEED)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredMessages(Sequence[bytes]):
+    """Messages as they stand in one buffer: of many thousands each would cost more than its bytes.
+
+    Attributes
+    ----------
+    content : bytes
+        The buffer.
+    begins, lengths : ndarray, (n,) int64
+        Position and size of each message.
+    """
+
+    content: bytes
+    begins: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, messages: Sequence[bytes]) -> 'StoredMessages':
+        """Return messages in a buffer."""
+        if isinstance(messages, cls):
+            return messages
+        lengths = np.fromiter(map(len, messages), np.int64, len(messages))
+        return cls(b''.join(messages), np.cumsum(lengths) - lengths, lengths)
+
+    def rows(self, numbers: NDArray[np.intp], size: int) -> NDArray[np.uint8]:
+        """Return the bytes of messages that are all of one size: (k, size)."""
+        buffer = np.frombuffer(self.content, np.uint8)
+        return sliding_window_view(buffer, size)[self.begins[numbers]]
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self.begins)
+
+    @overload
+    def __getitem__(self, number: int) -> bytes: ...
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[bytes]: ...
+    def __getitem__(self, number: int | slice) -> bytes | Sequence[bytes]:
+        """Return a message, or several."""
+        if isinstance(number, slice):
+            return StoredMessages(self.content, self.begins[number], self.lengths[number])
+        begin = int(self.begins[number])
+        return self.content[begin : begin + int(self.lengths[number])]
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Yield the messages."""
+        ends = self.begins + self.lengths
+        for begin, end in zip(self.begins.tolist(), ends.tolist(), strict=True):
+            yield self.content[begin:end]
+
+
 class SampleDecoder:
     """Decode many messages at once; they are collected until there are enough of them.
 
@@ -67,25 +143,31 @@ class SampleDecoder:
         self._messages: list[bytes] = []
         self._parts: list[BlockColumns] = []
 
-    def add(self, data: bytes) -> None:
-        """Take a message."""
-        self._messages.append(data)
+    def add(self, messages: Sequence[bytes]) -> None:
+        """Take messages."""
+        if isinstance(messages, StoredMessages):
+            self.flush()
+            self._take(messages)
+            return
+        self._messages += messages
         if len(self._messages) >= _AT_ONCE:
             self.flush()
 
     def flush(self) -> None:
         """Decode what has been collected."""
         messages, self._messages = self._messages, []
-        lengths: dict[int, list[int]] = {}
-        for number, data in enumerate(messages):
-            lengths.setdefault(len(data), []).append(number)
+        if messages:
+            self._take(StoredMessages.of(messages))
+
+    def _take(self, messages: StoredMessages) -> None:
+        by_length = np.argsort(messages.lengths, kind='stable')
+        ends = np.flatnonzero(np.diff(messages.lengths[by_length])) + 1
         parts, order, rest = [], [], []
-        for numbers in lengths.values():
-            plain, columns = _decode_equal([messages[number] for number in numbers])
+        for numbers in np.split(by_length, ends):
+            plain, columns = _decode_equal(messages, numbers)
             parts.append(columns)
-            there = np.asarray(numbers)
-            order.append(there[plain])
-            rest += there[~plain].tolist()
+            order.append(numbers[plain])
+            rest += numbers[~plain].tolist()
         rest.sort()
         blocks = [sample_block_from(messages[n]) or self._decode(messages[n]) for n in rest]
         parts.append(BlockColumns.of(blocks))
@@ -98,8 +180,17 @@ class SampleDecoder:
         return BlockColumns.concatenate(self._parts)
 
 
-def _decode_equal(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
+def _decode_equal(
+    messages: StoredMessages, numbers: NDArray[np.intp]
+) -> tuple[NDArray[np.bool_], BlockColumns]:
     """Decode messages of one length as far as they are as plain as the first one.
+
+    Parameters
+    ----------
+    messages : StoredMessages
+        These and others.
+    numbers : ndarray, (n,) int
+        Which are of that length, at least one.
 
     Returns
     -------
@@ -108,14 +199,15 @@ def _decode_equal(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockCo
     blocks : BlockColumns
         Their blocks.
     """
-    first = sample_block_from(messages[0])
+    like = messages[int(numbers[0])]
+    first = sample_block_from(like)
     if first is None:
-        return np.zeros(len(messages), bool), BlockColumns.of([])
-    size, count = len(messages[0]), len(first.counts)
-    length = _HEAD.unpack_from(messages[0])[-1]
-    data = b''.join(messages)
-    found = np.frombuffer(data, _layout(size, length, count))
-    frames = np.frombuffer(data, np.uint8).reshape(-1, size)[:, _FRAME : _FRAME + length]
+        return np.zeros(len(numbers), bool), BlockColumns.of([])
+    size, count = len(like), len(first.counts)
+    length = _HEAD.unpack_from(like)[-1]
+    rows = messages.rows(numbers, size)
+    found = rows.view(_layout(size, length, count))[:, 0]
+    frames = rows[:, _FRAME : _FRAME + length]
     plain: NDArray[np.bool_] = (
         (found['encapsulation'] == found['encapsulation'][0])
         & (found['sec'] >= 0)

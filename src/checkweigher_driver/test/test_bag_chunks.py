@@ -1,44 +1,63 @@
-"""A bag that is read in several processes against the same bag read in one."""
+"""A bag of which many messages are read at once against the same bag as rosbags reads it."""
 
 from collections import Counter
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-import os
 import random
 
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 import pytest
 from rosbags.rosbag2 import CompressionMode, Reader, StoragePlugin
 from ruamel.yaml import YAML
 
+from checkweigher_driver import bag_reading
+from checkweigher_driver.bag_chunks import read_chunks
 from checkweigher_driver.bag_messages import SAMPLES, BagError
-from checkweigher_driver.bag_parts import read_side_by_side
 from checkweigher_driver.bag_reading import read_bag
-from checkweigher_dsp.side_processes import SideProcesses
+from checkweigher_driver.lane_messages import choose_lane
 
 CHUNK = 2000  # bytes, some twenty messages
-MODULES = ('checkweigher_driver.bag_reading',)
-
-
-@pytest.fixture(scope='module')
-def processes():
-    with SideProcesses(2, MODULES) as started:
-        yield started
 
 
 @pytest.fixture
-def both(processes, same):
-    """Return a function that reads a bag both ways, which must do the same, and in parts if so."""
+def read_plainly(monkeypatch):
+    """Return a function that reads a bag, or says what is wrong, with rosbags alone."""
 
-    def read(path, namespace=None, *, parts=True):
+    def read(path, namespace=None):
+        with monkeypatch.context() as changed:
+            changed.setattr(bag_reading, 'read_chunks', lambda *_: None)
+            return read_bag(path, namespace)
+
+    return read
+
+
+@pytest.fixture
+def both(read_plainly, same):
+    """Return a function that reads a bag both ways, which must do the same, and quickly if so."""
+
+    def read(path, namespace=None, *, at_once=True):
         with Reader(path) as reader:
-            found = read_side_by_side(path, reader, namespace, processes, lambda them, _: them)
-        assert (found is not None) == parts
-        plain = read_bag(path, namespace)
-        assert same(read_bag(path, namespace, processes=processes), plain)
+            found = read_chunks(path, reader, choose_lane(path, reader.connections, namespace))
+        assert (found is not None) == at_once
+        plain = read_plainly(path, namespace)
+        assert same(read_bag(path, namespace), plain)
         return plain
 
     return read
+
+
+@pytest.fixture
+def refused(read_plainly):
+    """Return a function that gives the complaint of a bag, which must be the same both ways."""
+
+    def complaint(path):
+        with pytest.raises(BagError) as caught:
+            read_bag(path)
+        with pytest.raises(BagError) as plainly:
+            read_plainly(path)
+        assert str(caught.value) == str(plainly.value)
+        return str(caught.value)
+
+    return complaint
 
 
 @pytest.fixture
@@ -124,17 +143,39 @@ def test_several_files(messages, recording, write, write_foreign, both, same):
     ('plugin', 'mode'),
     [
         (StoragePlugin.MCAP, CompressionMode.FILE),
-        (StoragePlugin.MCAP, CompressionMode.NONE),  # of one chunk, as it is short
+        (StoragePlugin.MCAP, CompressionMode.MESSAGE),
         (StoragePlugin.SQLITE3, CompressionMode.NONE),
     ],
 )
-def test_what_has_no_parts_is_read_in_one(
+def test_what_has_no_chunks_of_its_own_is_left_to_rosbags(
     messages, recording, write_foreign, both, same, plugin, mode
 ):
-    assert same(both(write_foreign(messages, plugin=plugin, mode=mode), parts=False), recording)
+    assert same(both(write_foreign(messages, plugin=plugin, mode=mode), at_once=False), recording)
 
 
-def test_a_damaged_chunk_is_reported_as_ever(messages, write, processes):
+@pytest.mark.parametrize('mode', [CompressionMode.NONE, CompressionMode.STORAGE])
+def test_what_rosbags_has_written(messages, recording, write_foreign, both, same, mode):
+    assert same(both(write_foreign(messages, mode=mode)), recording)
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+def test_chunks_however_they_are_packed(messages, recording, write, both, same, compression):
+    assert same(both(write(messages, compression=compression)), recording)
+
+
+def test_messages_of_the_other_endianness(messages, recording, write, both, same):
+    assert same(both(write(messages, little_endian=False)), recording)
+
+
+def test_a_file_without_indices_of_its_chunks_is_left_to_rosbags(messages, write, read_plainly):
+    path = write(messages, index_types=IndexType.NONE)
+
+    with Reader(path) as reader:
+        lane = choose_lane(path, reader.connections, None)
+        assert read_chunks(path, reader, lane) is None
+
+
+def test_a_damaged_chunk_is_reported_as_ever(messages, write, refused):
     path = write(messages, compression=CompressionType.NONE)
     whole = path.read_bytes()
     for number in (20, len(messages) // 2, len(messages) - 5):
@@ -142,10 +183,10 @@ def test_a_damaged_chunk_is_reported_as_ever(messages, write, processes):
         damaged = bytearray(whole)
         damaged[whole.index(blocks[0].content['counts'].tobytes())] ^= 1
         path.write_bytes(damaged)
-        assert _refused(path, processes) == _refused(path)
+        refused(path)
 
 
-def test_a_message_that_is_not_where_its_index_says_is_missed_as_ever(messages, write, processes):
+def test_a_message_that_is_not_where_its_index_says_is_missed_as_ever(messages, write, refused):
     # What its chunk says of its log times is wrong: a reader of the whole leaves it out.
     path = write(messages, compression=CompressionType.NONE, enable_crcs=False)
     number = len(messages) // 3
@@ -154,20 +195,35 @@ def test_a_message_that_is_not_where_its_index_says_is_missed_as_ever(messages, 
     assert data.count(2 * old) == 1
     path.write_bytes(data.replace(2 * old, 2 * new))
 
-    assert 'messages on' in _refused(path)
-    assert _refused(path, processes) == _refused(path)
+    assert 'messages on' in refused(path)
 
 
-def _refused(path, processes=None):
-    with pytest.raises(BagError) as caught:
-        read_bag(path) if processes is None else read_bag(path, processes=processes)
-    return str(caught.value)
+@pytest.mark.parametrize('seed', range(40))
+def test_what_is_damaged_without_check_sums_is_read_or_refused_as_ever(
+    messages, write, read_plainly, same, seed
+):
+    path = write(messages, compression=CompressionType.NONE, enable_crcs=False)
+    chance, data = random.Random(seed), bytearray(path.read_bytes())
+    with Reader(path) as reader:
+        chunk = chance.choice(reader.storage.chunks)
+    end = chunk.chunk_start_offset + chunk.chunk_length + chunk.message_index_length
+    for _ in range(chance.choice([1, 1, 3])):
+        # Of the chunk, of its indices, or the length of a record.
+        place = chance.choice([
+            chance.randrange(chunk.chunk_start_offset, end),
+            chance.randrange(chunk.chunk_start_offset + chunk.chunk_length, end),
+            data.index(b'\x05', chance.randrange(chunk.chunk_start_offset, end)) + 1,
+        ])  # fmt: skip
+        data[place] = chance.randrange(256)
+    path.write_bytes(data)
+
+    found, expected = _outcome(read_bag, path), _outcome(read_plainly, path)
+
+    assert found == expected if isinstance(expected, str) else same(found, expected)
 
 
-def test_what_a_process_that_dies_does_not_read_is_read_here(messages, recording, write, same):
-    with SideProcesses(1) as processes:
-        lost = processes.submit(os._exit, 9)
-        read = read_bag(write(messages), processes=processes)
-
-    assert isinstance(lost.exception(), BrokenProcessPool)
-    assert same(read, recording)
+def _outcome(read, path):
+    try:
+        return read(path)
+    except BagError as error:
+        return str(error)

@@ -1,13 +1,13 @@
-"""The decoder of samples against that of rosbags."""
+"""The decoders of samples and edges against that of rosbags."""
 
 from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_driver.bag_messages import HEADER, SAMPLES, TIME, typestore
-from checkweigher_driver.sample_decoding import SampleDecoder, sample_block_from
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_driver.bag_messages import HEADER, PHOTO_EYES, SAMPLES, TIME, typestore
+from checkweigher_driver.message_decoding import SampleDecoder, eye_edge_from, sample_block_from
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
 
 def _message(sec=5, nanosec=7, frame_id='load_cell', first_index=3, counts=(1, -2, 3)):
@@ -95,7 +95,7 @@ def test_many_are_decoded_as_one_by_one(data):
 
     decoder = SampleDecoder(_decoded)
     for number, message in enumerate(messages):
-        decoder.add(message)
+        decoder.add([message])
         if number % 7 == 6:
             decoder.flush()
 
@@ -108,7 +108,7 @@ def test_of_several_messages_that_say_nothing_the_first_one_is_reported():
     wrong = [_message(nanosec=NANOSECONDS + 1), _message(counts=()), _message(nanosec=NANOSECONDS)]
     decoder = SampleDecoder(_decoded)
     for message in (_message(), *wrong):
-        decoder.add(_encoded(message))
+        decoder.add([_encoded(message)])
 
     with pytest.raises(ValueError, match='1000000001 ns'):
         decoder.flush()
@@ -128,7 +128,7 @@ def test_damaged_among_whole_ones_are_decoded_as_alone(data):
 
     decoder = SampleDecoder(leave)
     for message in messages:
-        decoder.add(bytes(message))
+        decoder.add([bytes(message)])
     blocks = decoder.blocks()
 
     alone = [sample_block_from(bytes(message)) for message in messages]
@@ -137,3 +137,57 @@ def test_damaged_among_whole_ones_are_decoded_as_alone(data):
         if expected is not None:
             assert (block.stamp, block.first_index) == (expected.stamp, expected.first_index)
             assert block.counts.tolist() == expected.counts.tolist()
+
+
+def _event(sec=5, nanosec=7, frame_id='belt', eye=1, blocked=True):
+    types = typestore().types
+    header = types[HEADER](types[TIME](sec, nanosec), frame_id)
+    return typestore().serialize_cdr(
+        types[PHOTO_EYES.message_type](header, eye, blocked), PHOTO_EYES.message_type
+    )
+
+
+@given(
+    st.integers(0, 2**31 - 1), st.integers(0, NANOSECONDS - 1), st.text(max_size=20),
+    st.sampled_from(Eye), st.booleans(),
+)  # fmt: skip
+def test_an_edge_that_was_encoded_is_decoded(sec, nanosec, frame_id, eye, blocked):
+    edge = eye_edge_from(bytes(_event(sec, nanosec, frame_id, int(eye), blocked)))
+
+    assert edge == EyeEdge(sec * NANOSECONDS + nanosec, eye, blocked)
+    assert (type(edge.eye), type(edge.blocked)) == (Eye, bool)
+
+
+@given(st.data())
+def test_a_damaged_edge_is_decoded_as_rosbags_does_or_left_to_it(data):
+    encoded = bytearray(_event())
+    for _ in range(data.draw(st.integers(1, 3))):
+        encoded[data.draw(st.integers(0, len(encoded) - 1))] = data.draw(st.integers(0, 255))
+    cut = bytes(encoded[: data.draw(st.integers(0, len(encoded)))])
+
+    edge = eye_edge_from(cut)
+
+    if edge is not None:
+        message = typestore().deserialize_cdr(cut, PHOTO_EYES.message_type)
+        stamp = message.header.stamp
+        assert edge.stamp == stamp.sec * NANOSECONDS + stamp.nanosec
+        assert (edge.eye, edge.blocked) == (message.eye, message.blocked)
+
+
+@pytest.mark.parametrize(
+    'data',
+    [
+        b'',
+        b'\x00\x00\x00\x00' + bytes(_event())[4:],
+        bytes(_event()) + b'\0',
+        bytes(_event())[:-1],
+        bytes(_event(sec=-1)),
+        bytes(_event(nanosec=NANOSECONDS)),
+        bytes(_event(eye=2)),
+        bytes(_event())[:-1] + b'\2',
+    ],
+    ids=['empty', 'big endian', 'longer', 'shorter', 'before 1970', 'nanoseconds', 'a third eye',
+         'neither true nor false'],
+)  # fmt: skip
+def test_what_is_no_plain_edge_is_left_to_the_general_decoder(data):
+    assert eye_edge_from(data) is None
