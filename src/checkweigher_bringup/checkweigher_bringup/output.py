@@ -1,6 +1,6 @@
 """What commands write: a table for the eye and a CSV file, the file whole or not at all."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from io import StringIO
 from pathlib import Path
 import sys
@@ -81,6 +81,11 @@ class Table:
         """Show one more item."""
         self._results.append(result)
         print(table_row(result, self._origin), flush=True)
+
+    def show_all(self, results: Sequence[ItemResult]) -> None:
+        """Show many items at once."""
+        self._results += results
+        print(''.join(f'{table_row(result, self._origin)}\n' for result in results), end='')
 
     def close(self) -> None:
         """Show the summary."""

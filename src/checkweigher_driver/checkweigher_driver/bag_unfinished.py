@@ -4,10 +4,12 @@ from collections.abc import Collection, Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 import re
+from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Connection
 
-from checkweigher_driver.bag_fragment import BagFragment, Message
+if TYPE_CHECKING:
+    from checkweigher_driver.bag_fragment import Message
 
 _NUMBER = re.compile(r'_(\d+)$')
 
@@ -37,6 +39,9 @@ class UnfinishedBag:
     """
 
     def __init__(self, parts: Sequence[Path]) -> None:
+        # Its parsers take as long to import as a whole bag to read.
+        from checkweigher_driver.bag_fragment import BagFragment
+
         self._fragments: list[BagFragment] = []
         self.damage = ''
         for part, following in zip_longest(parts, parts[1:]):
@@ -57,7 +62,7 @@ class UnfinishedBag:
         """Number of messages that are there."""
         return sum(connection.msgcount for connection in self.connections)
 
-    def messages(self, connections: Collection[Connection]) -> Iterator[Message]:
+    def messages(self, connections: Collection[Connection]) -> 'Iterator[Message]':
         """Yield connection, log time and data of the messages of some connections."""
         for fragment in self._fragments:
             yield from fragment.messages([c for c in connections if c.owner is fragment])

@@ -1,9 +1,9 @@
 """Progress of what may take longer than a moment."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sized
+import sys
+import time
 from typing import TypeVar
-
-from tqdm import tqdm
 
 T = TypeVar('T')
 
@@ -29,12 +29,24 @@ def with_progress(
     shown : bool
         Whether there may be a bar at all; never where stderr is no terminal.
     """
-    return tqdm(
-        messages,
-        desc=doing,
-        total=total,
-        unit=f' {unit}',
-        delay=_DELAY,
-        leave=False,
-        disable=None if shown else True,
-    )
+    if not shown or not sys.stderr.isatty():
+        return messages
+    return _watched(messages, doing, total, unit)
+
+
+def _watched(messages: Iterable[T], doing: str, total: int | None, unit: str) -> Iterator[T]:
+    begin, count = time.monotonic(), 0
+    if total is None and isinstance(messages, Sized):
+        total = len(messages)
+    rest = iter(messages)
+    for message in rest:
+        yield message
+        count += 1
+        if time.monotonic() - begin > _DELAY:
+            break
+    else:
+        return
+    # Its import takes as long as most of what is over by now.
+    from tqdm import tqdm
+
+    yield from tqdm(rest, desc=doing, total=total, initial=count, unit=f' {unit}', leave=False)

@@ -4,7 +4,7 @@ The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infee
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
 """
 
-from collections import deque
+from collections import OrderedDict, deque
 from dataclasses import replace
 
 from checkweigher_dsp.belt_items import BeltItems
@@ -41,7 +41,7 @@ class ItemTracker(BeltItems):
         super().__init__(debounce, max_transit, count, belt_lengths)
         self.origin: int | None = None  # when the stream began: an eye tells its state then
         self._last_edge: dict[Eye, EyeEdge] = {}
-        self._edges: dict[EyeEdge, None] = {}  # the latest, an ordered set
+        self._edges: OrderedDict[EyeEdge, None] = OrderedDict()  # the latest, a set
         self._newest: int | None = None  # stamp of an edge
         self._came_last: dict[Eye, EyeEdge] = {}
         self._other_clock = False  # that of the last edge of the infeed eye
@@ -77,7 +77,7 @@ class ItemTracker(BeltItems):
         if edge not in self._edges:
             self._edges[edge] = None
             if len(self._edges) > _REMEMBERED:
-                del self._edges[next(iter(self._edges))]
+                self._edges.popitem(last=False)
             if self._newest is not None and edge.stamp < self._newest:
                 self._add_late(edge)
             else:

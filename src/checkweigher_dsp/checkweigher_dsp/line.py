@@ -4,12 +4,12 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self, cast
 
-from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
-from checkweigher_dsp.estimation import Identifier, IdentifierParameters
+from checkweigher_dsp.denoising import DenoiseParameters
+from checkweigher_dsp.estimation import IdentifierParameters
+from checkweigher_dsp.mass_stages import MassStages, estimate_all
 from checkweigher_dsp.parameters import ParameterError, Parameters, read_parameter_file
 from checkweigher_dsp.records import (
     EyeEdge,
@@ -126,7 +126,7 @@ class WeighingLine:
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
         self._segmenter = Segmenter(load_cell, parameters.segmenter)
-        self._stages = _MassStages(parameters.denoise, parameters.identifier)
+        self._stages = MassStages(parameters.denoise, parameters.identifier)
         self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
@@ -163,8 +163,9 @@ class WeighingLine:
                 free = sum(not batch.done for batch in batches) < _AHEAD * processes.count
                 batches.append(self._begin(steps, processes if free else ALONE))
                 steps = []
-                most = 2 * _AHEAD * processes.count  # else a process that is slow would fill memory
-                while batches and (batches[0].done or len(batches) > most):
+                # Judging waits: the others are to have their windows first, and at the end there
+                # is something to do until they are ready.
+                if len(batches) > _KEPT:
                     weighings += self._judge_batch(batches.popleft())
         steps += self._segmenter.finish()
         for batch in (*batches, self._begin(steps, ALONE)):
@@ -176,7 +177,7 @@ class WeighingLine:
         windows = [step for step in steps if isinstance(step, WeighWindow)]
         if not processes.count:
             return _Batch(steps, self._stages.estimate_all(windows))
-        return _Batch(steps, [], processes.submit(_estimate_all, *self._stages.parameters, windows))
+        return _Batch(steps, [], processes.submit(estimate_all, *self._stages.parameters, windows))
 
     def _judge_batch(self, batch: '_Batch') -> list[Weighing]:
         found = batch.estimates
@@ -209,9 +210,10 @@ class WeighingLine:
 
 
 # Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
-_STEPS_AT_ONCE = 2500
+_STEPS_AT_ONCE = 1500
 # Batches that each process beside this one has before it; what is more is done in this one.
 _AHEAD = 2
+_KEPT = 16  # batches that are not judged yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,32 +227,3 @@ class _Batch:
     @property
     def done(self) -> bool:
         return self.call is None or self.call.done()
-
-
-class _MassStages:
-    """Denoise and identifier: what they make of a window depends on no other one."""
-
-    def __init__(self, denoise: DenoiseParameters, identifier: IdentifierParameters) -> None:
-        self.parameters = denoise, identifier
-        self._denoiser = Denoiser(denoise)
-        self._identifier = Identifier(identifier)
-
-    def estimate(self, window: WeighWindow) -> MassEstimate:
-        if self._identifier.needs_denoised:
-            window = self._denoiser.denoise(window)
-        return self._identifier.estimate(window)
-
-    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        if self._identifier.needs_denoised:
-            windows = self._denoiser.denoise_all(windows)
-        return self._identifier.estimate_all(windows)
-
-
-def _estimate_all(
-    denoise: DenoiseParameters, identifier: IdentifierParameters, windows: Sequence[WeighWindow]
-) -> list[MassEstimate]:
-    """Return the estimates of windows, in a process beside that of the line."""
-    return _kept_stages(denoise, identifier).estimate_all(windows)
-
-
-_kept_stages = lru_cache(maxsize=1)(_MassStages)

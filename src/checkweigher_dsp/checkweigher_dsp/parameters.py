@@ -10,8 +10,6 @@ import math
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast
 
-import yaml
-
 
 class ParameterError(ValueError):
     """A parameter that cannot be used; the message names it, its value and what is allowed."""
@@ -227,6 +225,8 @@ def read_parameter_file(
 
 
 def _load_yaml(path: Path) -> dict[object, object]:
+    import yaml  # takes as long as a tenth of all other imports, and is for a file alone
+
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:

@@ -1,6 +1,6 @@
 """The items that wait for their verdict and those that have it, with their numbers."""
 
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -99,7 +99,8 @@ class RejectItems:
         self._forgotten = 0
         self._ahead = 0  # of the count by the eyes
         self._stream = 0
-        self._used: dict[tuple[str, int], None] = {}  # edges of this stream that have a verdict
+        # Edges of this stream that have a verdict, a set in their order.
+        self._used: OrderedDict[tuple[str, int], None] = OrderedDict()
 
     def restart(self) -> None:
         """Begin a new stream: the same stamps may come again."""
@@ -169,12 +170,12 @@ class RejectItems:
         for edge in _edges_of(item):
             self._used[edge] = None
         while len(self._used) > 3 * _MAX_JUDGED:
-            del self._used[next(iter(self._used))]
+            self._used.popitem(last=False)
 
     def judge(self, item: RejectItem, estimate: _Stamped | None, estimate_id: int) -> int:
         """Note that an item has its verdict now and return its number."""
         self._use(item)
-        if estimate is not None:
+        if estimate is not None and _edges_of(estimate) != _edges_of(item):
             self._use(estimate)
         number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
         while number in self._numbers:

@@ -4,7 +4,7 @@ The stage counts the items itself, from the photo-eyes: one whose mass never com
 before it hung or died, is a FAULT in time for the rejector all the same.
 """
 
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Sequence
 from dataclasses import replace
 import math
@@ -74,7 +74,7 @@ class RejectStage:
         self._arrival_clock = ArrivalClock()
         self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
         self._held: list[tuple[EyeEdge, int | None]] = []  # that came before, long ago
-        self._stamps: dict[int, None] = {}  # of the latest edges, an ordered set
+        self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
         self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
         self._first: int | None = None
         self._newest: int | None = None
@@ -134,7 +134,7 @@ class RejectStage:
         self._arrivals.append((edge, now))
         self._stamps[edge.stamp] = None
         if len(self._stamps) > _MAX_STAMPS:
-            del self._stamps[next(iter(self._stamps))]
+            self._stamps.popitem(last=False)
         came = None if now is None else self._arrival_clock.came(edge.stamp, now)
         for item in self._tracker.add(edge):
             self._see(item, came)
@@ -165,15 +165,12 @@ class RejectStage:
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
+        overdue = []
         if now is not None:
             self._give_up_overdue(now)
-        overdue = [
-            item
-            for item in self._items.pending
-            if now is not None and item.due is not None and item.due <= now
-        ]
+            overdue = [i for i in self._items.pending if i.due is not None and i.due <= now]
         overdue += [item for item in self._items.too_many() if item not in overdue]
-        return self._give_up(overdue, now)
+        return self._give_up(overdue, now) if overdue else []
 
     def stop(self, now: int | None = None) -> list[Verdict]:
         """Give whatever the eyes have shown its verdict: no mass is waited for any more."""
@@ -345,4 +342,8 @@ class RejectStage:
             t1 = item.t1 if t1 is None else t1
             t3 = item.t3 if t3 is None else t3
             reject_at = item.reject_at if reject_at is None else reject_at
+        given = number, late, t1, t3, reject_at
+        was = verdict.item_id, verdict.late, verdict.t1, verdict.t3, verdict.reject_at
+        if given == was:  # of nearly all: a copy would take as long as all the rest
+            return verdict
         return replace(verdict, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at)

@@ -44,8 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
         results = weigh(recording, parameters, progress=True, processes=processes)
     output.write(results)
     table = Table(recording.blocks[0].stamp)
-    for result in results:
-        table.show(result)
+    table.show_all(results)
     table.close()
     return 0
 
@@ -56,7 +55,9 @@ def _begin_reading(
     reading = processes.submit_by_name(
         'checkweigher_driver.bag_reading', 'read_bag', arguments.bag, arguments.lane, progress=True
     )
-    processes.load('checkweigher_dsp.line')  # behind the reading, for what they get to do then
+    processes.load(
+        'checkweigher_dsp.mass_stages'
+    )  # behind the reading, for what they get to do then
     return reading
 
 
