@@ -48,8 +48,16 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command line."""
+def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of the whole command line.
+
+    Parameters
+    ----------
+    only : str or None
+        The one command whose options are wanted; those of the others take their time. None for
+        all, also if there is no such command.
+    """
+    names = [name for name, *_ in COMMANDS]
     examples = '\n'.join(f'  {_PROGRAM} {example}' for *_, example in COMMANDS)
     parser = _Parser(
         prog=_PROGRAM,
@@ -68,7 +76,8 @@ def build_parser() -> argparse.ArgumentParser:
             epilog=f'example:\n  {_PROGRAM} {example}',
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        import_module(f'checkweigher_bringup.commands.{module_name}').add_arguments(command)
+        if only == name or only not in names:
+            import_module(f'checkweigher_bringup.commands.{module_name}').add_arguments(command)
     return parser
 
 
@@ -81,7 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # A script that starts a command in the background has SIGINT ignored in it; asking a recording
     # to end has to work there, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    parsed = build_parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    parsed = build_parser(arguments[0] if arguments else None).parse_args(arguments)
     module_name = next(module for name, module, *_ in COMMANDS if name == parsed.command)
     run = import_module(f'checkweigher_bringup.commands.{module_name}').run
     try:

@@ -4,6 +4,7 @@ How a stream is cut into blocks, and where between them its edges come, does not
 weighed. The stamp of a sample stays what it was, but for rounding to a nanosecond.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 import math
 from typing import Any
@@ -132,13 +133,44 @@ def _runs(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[n
     sample_rate, longest : float
         Hz, and s of signal that are joined at most.
     """
+    if not blocks:
+        return np.zeros(0, np.intp)
     first, lengths = blocks.first_indices, blocks.lengths
     apart = np.ones(len(blocks), bool)
     # A difference of unsigned numbers may have gone around.
     apart[1:] = (first[1:] < first[:-1]) | (np.diff(first) != lengths[:-1].astype(np.uint64))
     begins = blocks.begins
-    columns = (apart, blocks.stamps, begins, begins + lengths)
-    limit = longest * sample_rate
+    ends, limit = begins + lengths, longest * sample_rate
+    runs = np.array(_full_runs(np.flatnonzero(apart), begins, ends, limit), np.intp)
+    of_block = np.searchsorted(runs, np.arange(len(blocks)), 'right') - 1
+    taken = (begins - begins[runs][of_block]) * NANOSECONDS / sample_rate
+    expected = blocks.stamps[runs][of_block] + np.rint(taken).astype(np.int64)
+    if np.all(np.abs(blocks.stamps - expected) <= _ROUNDING):
+        return runs
+    return np.array(_runs_by_stamp(blocks, apart, sample_rate, limit), np.intp)
+
+
+def _full_runs(
+    apart: NDArray[np.intp], begins: NDArray[np.int64], ends: NDArray[np.int64], limit: float
+) -> list[int]:
+    """Return where runs begin if the stamps of all blocks go with their indices."""
+    runs: list[int] = []
+    ends_listed, stops = ends.tolist(), [*apart[1:].tolist(), len(ends)]
+    for begin, stop in zip(apart.tolist(), stops, strict=True):
+        number = begin
+        while number < stop:
+            runs.append(number)
+            last = int(begins[number]) + limit
+            number = max(bisect_right(ends_listed, last, number, stop), number + 1)
+    return runs
+
+
+def _runs_by_stamp(
+    blocks: BlockColumns, apart: NDArray[np.bool_], sample_rate: float, limit: float
+) -> list[int]:
+    """Return where runs begin, block for block."""
+    begins = blocks.begins
+    columns = (apart, blocks.stamps, begins, begins + blocks.lengths)
     runs: list[int] = []
     origin = since = 0
     rows = zip(*(column.tolist() for column in columns), strict=True)
@@ -147,7 +179,7 @@ def _runs(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[n
         if is_apart or end - origin > limit or abs(stamp - expected) > _ROUNDING:
             runs.append(number)
             origin, since = begin, stamp
-    return np.array(runs, np.intp)
+    return runs
 
 
 def is_exit(edge: EyeEdge) -> bool:
