@@ -1,6 +1,6 @@
 """Whole windows against the plain path, and windows at once against windows one by one."""
 
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor
 from dataclasses import astuple, replace
 import os
 from pathlib import Path
@@ -98,7 +98,7 @@ def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
         lost = processes.submit(os._exit, 9)
         found = _weighed(recording, processes)
 
-    assert isinstance(lost.exception(), BrokenProcessPool)
+    assert isinstance(lost.exception(), BrokenExecutor)
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
 
 

@@ -1,8 +1,7 @@
 """Independent pieces of work on all cores."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, as_completed
 import os
 from typing import Generic, Protocol, TypeVar
 
@@ -66,7 +65,7 @@ def _results(tasks: 'Sequence[Task[R_co]]', workers: int) -> Iterator[tuple[int,
             futures = {processes.submit(task.run): number for number, task in enumerate(tasks)}
             for future in as_completed(futures):
                 yield futures[future], future.result()
-        except BrokenProcessPool:
+        except BrokenExecutor:
             raise WorkerLostError(
                 'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
             ) from None

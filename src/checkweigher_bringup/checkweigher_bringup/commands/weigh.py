@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     # They start while this process is still at its own imports, and one of them reads the bag.
     count = spare_cores() if _size(arguments.bag) >= _LONG else 0
-    with SideProcesses(count) as processes:
+    with SideProcesses(count, ahead=2) as processes:
         reading = _begin_reading(arguments, processes) if count else None
         from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
         from checkweigher_bringup.settings import line_parameters
