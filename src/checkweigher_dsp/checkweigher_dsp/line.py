@@ -211,8 +211,9 @@ class WeighingLine:
 
 # Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
 _STEPS_AT_ONCE = 1500
-# Batches that each process beside this one has before it; what is more is done in this one.
-_AHEAD = 2
+# Batches that each process beside this one has before it; what is more is done in this one. In
+# the end it takes about as long to judge all as the others need for so many.
+_AHEAD = 4
 _KEPT = 16  # batches that are not judged yet
 
 

@@ -159,7 +159,7 @@ def test_what_a_call_raises_arrives_with_where_it_was_raised():
         call = processes.submit_by_name('math', 'sqrt', -1.0)
         unknown = processes.submit_by_name('math', 'no_such_function')
 
-        with pytest.raises(ValueError, match='math domain error|nonnegative') as caught:
+        with pytest.raises(ValueError, match=r'math domain error|nonnegative') as caught:
             call.result(PATIENCE)
         with pytest.raises(AttributeError):
             unknown.result(PATIENCE)
