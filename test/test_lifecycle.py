@@ -146,6 +146,17 @@ def test_each_activation_of_the_driver_is_a_stream_that_has_its_end(spinner: Spi
     assert manager.change(CLEANUP)
 
 
+def test_a_stream_is_announced_more_than_once(spinner: Spinner):
+    # Who finds the writer of the first word late would have it from DDS only after seconds.
+    node = Node('manager')
+    status = heard(node, topics.DRIVER_STATUS)
+    spinner.add(node)
+    spinner.add(DriverNode(FAST))
+    said = [next_of(status) for _ in range(3)]
+    assert {message.state for message in said} == {StreamStatus.RUNNING}
+    assert len({message.stream for message in said}) == 1
+
+
 def test_a_stream_begins_when_reject_is_active(spinner: Spinner):
     node = Node('manager')
     samples = heard(node, topics.LOAD_CELL_SAMPLES)

@@ -1,4 +1,4 @@
-"""A driver and a network that holds up or loses what it says."""
+"""A replay at full speed over a network that holds the edges up: it waits for them."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -15,12 +15,11 @@ from running import BAGS
 from test_lane_hosts import offline
 from test_nodes import make_stages, wait_for
 
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.bag_reading import read_bag
 from checkweigher_dsp.nodes import topics
 from checkweigher_dsp.nodes.conversion import verdict_from
-from checkweigher_dsp.records import Decision, Eye, Verdict
+from checkweigher_dsp.records import Verdict
 
 NAMESPACE = 'held_up'
 BAG = BAGS / 'paper_30'
@@ -58,30 +57,6 @@ class SlowEdges(Node):
             self._eyes.publish(self._edges.popleft()[1])
 
 
-class LateStatus(Node):
-    """Passes on what the driver says, the first word of a stream when a product is on the belt."""
-
-    def __init__(self) -> None:
-        super().__init__('late_status')
-        status, eyes = topics.DRIVER_STATUS, topics.PHOTO_EYES
-        self.first: dict[int, Any] = {}
-        self._held: Any = None
-        self._status = self.create_publisher(status.type, 'late/status', status.qos)
-        self.create_subscription(status.type, status.name, self._on_status, status.qos)
-        self.create_subscription(eyes.type, eyes.name, self._on_edge, eyes.qos)
-
-    def _on_status(self, message: Any) -> None:
-        if message.stream in self.first:
-            self._status.publish(message)
-        else:
-            self._held = self.first[message.stream] = message
-
-    def _on_edge(self, edge: Any) -> None:
-        if self._held is not None and edge.eye == Eye.INFEED and not edge.blocked:
-            self._status.publish(self._held)
-            self._held = None
-
-
 @pytest.fixture
 def spinner() -> Iterator[Spinner]:
     with spinning(NAMESPACE) as running:
@@ -102,23 +77,3 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
         wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)
     found = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)
     assert [json.loads(json.dumps(asdict(verdict))) for verdict in found] == expected
-
-
-def test_a_stream_that_begins_anew_is_heard_of_though_its_first_word_is_late(
-    spinner: Spinner, tmp_path: Path
-):
-    witness, relay = Witness(), LateStatus()
-    stages = [make() for name, make in STAGE_NODES.items() if name != 'reject']
-    for node in (*stages, witness, relay):
-        spinner.add(node)
-    reject = [*command(MODULES['reject'], None, NAMESPACE), '-r', 'load_cell/status:=late/status']
-    file = parameter_file(tmp_path / 'driver.yaml', {'driver': {'simulator.count': 2}})
-    with started({'reject': reject}):
-        for stream in (1, 2):
-            # With the stamps of the one before, by which reject knows that it has judged an item.
-            with started({'driver': command(MODULES['driver'], file, NAMESPACE)}):
-                wait_for(lambda: len(witness.verdicts) == 2 * stream, timeout=60.0)  # noqa: B023
-        assert len(relay.first) == 2
-    assert [verdict.decision for verdict in witness.verdicts] == [Decision.ACCEPT] * 4
-    entered = [verdict.t1 for verdict in witness.verdicts]
-    assert entered[2:] == entered[:2]
