@@ -33,7 +33,9 @@ _SWITCH_INTERVAL = 0.0005  # s
 class SideProcesses:
     """Processes that take calls until the end of a ``with`` block.
 
-    Each has a pipe of its own: one that is killed, at whatever it is, leaves nobody waiting.
+    Each has a pipe of its own: one that is killed, at whatever it is, leaves nobody waiting. With
+    concurrent.futures all have one queue for their results, and Ctrl-C in the middle of a result
+    makes the command wait for ever (CPython issue 94777, and as it is in 3.11).
 
     Parameters
     ----------

@@ -55,9 +55,8 @@ def _begin_reading(
     reading = processes.submit_by_name(
         'checkweigher_driver.bag_reading', 'read_bag', arguments.bag, arguments.lane, progress=True
     )
-    processes.load(
-        'checkweigher_dsp.mass_stages'
-    )  # behind the reading, for what they get to do then
+    # Behind the reading, for what they get to do then.
+    processes.load('checkweigher_dsp.mass_stages')
     return reading
 
 
