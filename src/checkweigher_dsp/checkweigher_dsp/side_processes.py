@@ -34,8 +34,9 @@ class SideProcesses:
     """Processes that take calls until the end of a ``with`` block.
 
     Each has a pipe of its own: one that is killed, at whatever it is, leaves nobody waiting. With
-    concurrent.futures all have one queue for their results, and Ctrl-C in the middle of a result
-    makes the command wait for ever (CPython issue 94777, and as it is in 3.11).
+    concurrent.futures all have one queue for their results, which a process that is killed in the
+    middle of one leaves locked (so the documentation of multiprocessing warns): with Ctrl-C the
+    command waited for ever then.
 
     Parameters
     ----------
