@@ -38,8 +38,15 @@ class LineParameters:
     reject: RejectParameters = RejectParameters()
 
     @classmethod
-    def from_file(cls, path: Path) -> Self:
+    def from_file(cls, path: Path, lane: str | None = None) -> Self:
         """Read the parameters of the stages from a ROS parameter file.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+        lane : str, optional
+            Namespace of the line, where the file addresses several.
 
         Raises
         ------
@@ -47,7 +54,7 @@ class LineParameters:
             If the file cannot be read or a value in it cannot be used; nothing is then taken.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
-        values = read_parameter_file(path, sets, _OTHER_NODES)
+        values = read_parameter_file(path, sets, _OTHER_NODES, lane)
         try:
             _share(values)
             made = {node: sets[node].from_mapping(values[node]) for node in sets}

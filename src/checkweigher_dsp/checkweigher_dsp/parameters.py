@@ -4,7 +4,7 @@ A stage's parameters are a frozen dataclass whose fields are made by `parameter`
 them to ROS from the same fields, the offline path reads them from the same YAML.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields
 import math
 from pathlib import Path
@@ -177,7 +177,10 @@ _COMMON = frozenset({'use_sim_time', 'executor', 'transport'})
 
 
 def read_parameter_file(
-    path: Path, sets: Mapping[str, type[Parameters]], other_nodes: tuple[str, ...] = ()
+    path: Path,
+    sets: Mapping[str, type[Parameters]],
+    other_nodes: tuple[str, ...] = (),
+    lane: str | None = None,
 ) -> dict[str, dict[str, object]]:
     """Read a ROS parameter file into names and values for each node.
 
@@ -190,6 +193,8 @@ def read_parameter_file(
         By name of the node.
     other_nodes : tuple of str
         Nodes that the file may address as well; what it says of them is passed over.
+    lane : str, optional
+        Namespace of which nodes are meant, where the file addresses several.
 
     Returns
     -------
@@ -199,19 +204,22 @@ def read_parameter_file(
     Raises
     ------
     ParameterError
-        If the file is not there, is no parameter file, or addresses a node or under ``/**`` a
-        parameter that does not exist.
+        If the file is not there, is no parameter file, addresses a node or under ``/**`` a
+        parameter that does not exist, or nodes of several lanes and none of them is asked for.
     """
     own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
     shared: dict[str, object] = {}
-    for address, section in _load_yaml(path).items():
+    sections = _load_yaml(path)
+    passed_over = _of_other_lanes(path, map(str, sections), lane)
+    for address, section in sections.items():
         values = section.get('ros__parameters') if isinstance(section, dict) else None
         if not isinstance(values, dict):
             raise ParameterError(f'{path}: section {address!r} has no ros__parameters')
         node = str(address).rsplit('/', 1)[-1]
         if node != '**' and node not in own:
             raise ParameterError(f'{path}: section {address!r} addresses none of {", ".join(own)}')
-        (shared if node == '**' else own[node]).update(flatten(values))
+        if str(address) not in passed_over:
+            (shared if node == '**' else own[node]).update(flatten(values))
     result = {}
     for node, parameters in sets.items():
         known = parameters.entries()
@@ -222,6 +230,18 @@ def read_parameter_file(
         if name not in everywhere | _COMMON:
             raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')
     return result
+
+
+def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> set[str]:
+    """Return the addresses that name another namespace than that of the lane."""
+    named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
+    named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
+    lanes = sorted(set(named.values()))
+    if lane is None and len(lanes) > 1:
+        raise ParameterError(
+            f'{path}: addresses several lanes, {", ".join(lanes)}; name one of them'
+        )
+    return {each for each in named if lane is not None and named[each] != lane.strip('/')}
 
 
 def _load_yaml(path: Path) -> dict[object, object]:

@@ -300,3 +300,38 @@ def test_an_inner_name_for_all_that_none_knows_is_refused(tmp_path):
 
     with pytest.raises(ParameterError, match=r'kitchen\.yaml: none of larder .* shelf\.bords'):
         read_parameter_file(path, {'larder': Larder})
+
+
+LANES = """
+/**: {ros__parameters: {door: false}}
+/left/larder: {ros__parameters: {shelf: {boards: 4}}}
+/right/larder: {ros__parameters: {shelf: {boards: 5}}}
+"""
+
+
+@pytest.mark.parametrize(('lane', 'boards'), [('left', 4), ('/right', 5), ('cellar', 3)])
+def test_of_several_lanes_the_one_that_is_asked_for_is_read(tmp_path, lane, boards):
+    path = tmp_path / 'kitchens.yaml'
+    path.write_text(LANES, encoding='utf-8')
+
+    values = read_parameter_file(path, {'larder': Larder}, lane=lane)
+
+    assert Larder.from_mapping(values['larder']) == Larder(False, Shelf(boards))
+
+
+def test_of_several_lanes_none_is_taken_by_chance(tmp_path):
+    path = tmp_path / 'kitchens.yaml'
+    path.write_text(LANES, encoding='utf-8')
+
+    with pytest.raises(ParameterError, match=r'kitchens\.yaml: addresses .* lanes, left, right; '):
+        read_parameter_file(path, {'larder': Larder})
+    path.write_text(LANES.replace('right', 'left/fridge'), encoding='utf-8')
+    with pytest.raises(ParameterError, match='several lanes, left, left/fridge; name one'):
+        read_parameter_file(path, {'larder': Larder})
+
+
+def test_a_file_for_one_lane_needs_no_name_of_it(tmp_path):
+    path = tmp_path / 'kitchens.yaml'
+    path.write_text(LANES.replace('right', 'left'), encoding='utf-8')
+
+    assert read_parameter_file(path, {'larder': Larder})['larder']['shelf.boards'] == 5

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     # Raises ParameterError before anything is done.
     DriverParameters(rate=arguments.rate, listeners=arguments.listeners)
-    parameters = line_parameters(arguments.params, arguments.estimator)
+    parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     output = CsvOutput(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)

@@ -25,7 +25,9 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.driver_parameters import DriverParameters
 
-    line_parameters(arguments.params, None)  # raises ParameterError before anything is started
+    namespace = check_namespace(arguments.namespace)
+    # Raises ParameterError before anything is started.
+    line_parameters(arguments.params, None, namespace or None)
     driver: dict[str, object] = {}
     if arguments.source or arguments.bag:
         driver['source'] = DriverParameters(source=arguments.source or 'bag').source
@@ -34,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     return run_line(
         Run(
             arguments.params,
-            check_namespace(arguments.namespace),
+            namespace,
             arguments.processes,
             {'driver': driver} if driver else {},
         )

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_positive('--budget', arguments.budget)
     check_positive('--jobs', arguments.jobs)
     check_output_file(arguments.output, arguments.overwrite)
-    base = line_parameters(arguments.params, None)
+    base = line_parameters(arguments.params, None, arguments.lane)
     passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter)
     with ProgressBars() as bars:
         tuned = tune(

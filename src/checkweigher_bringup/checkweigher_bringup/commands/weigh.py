@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         from checkweigher_bringup.settings import line_parameters
         from checkweigher_validation.offline import weigh
 
-        parameters = line_parameters(arguments.params, arguments.estimator)
+        parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
         output = CsvOutput(arguments.csv, arguments.overwrite)
         recording = _recording(arguments, reading)
         warn_unfinished(recording)
