@@ -15,12 +15,12 @@ from checkweigher_driver.block_cutting import JoinedSignal
 from checkweigher_dsp import line
 from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation import ESTIMATORS, Identifier, IdentifierParameters
-from checkweigher_dsp.identification import WindowNoise
 from checkweigher_dsp.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
 from checkweigher_dsp.shrinkage_table import TABLE_1
 from checkweigher_dsp.side_processes import ALONE, SideProcesses
+from checkweigher_dsp.window_identification import WindowNoise
 
 BAGS = Path(__file__).parent.parent / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
