@@ -282,7 +282,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
                 if waited > _PATIENCE and (lost := self._flow.give_up_edges()):
                     self.warn(f'{lost} photo-eye edges have not come to the segmenter')
 
-        return self._flow.may_send(event, rate) or self._wait_for(
+        return self._wait_for(
             lambda: self._flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
         )
 
@@ -313,9 +313,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _has_line(self) -> bool:
         ready = self._has_listeners() and self._has_reject() and self._outputs.ready
-        return ready and has_matched_all(
-            self, self._info, *self._streams
-        )  # a recorder gets all, too
+        # A recorder gets all, too.
+        return ready and has_matched_all(self, self._info, *self._streams)
 
     def _has_reject(self) -> bool:
         """Tell whether a reject node says that it is active, and takes the edges."""

@@ -74,11 +74,9 @@ class FlowControl:
         self._lock = threading.RLock()
         self.samples_sent = 0
         self.items_judged = 0
-        self._edges: deque[int] = deque()  # stamps of those that have not been taken
-        self._edges_sent = 0
+        self._edges: deque[int] = deque()  # stamps of those on their way
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        # Of those sent before there was this segmenter, which it never saw.
-        self._samples_missed = self._edges_missed = 0
+        self._samples_missed = 0  # sent before there was this segmenter, which never saw them
 
     def sent(self, event: Event) -> None:
         """Note what is about to be sent."""
@@ -86,7 +84,6 @@ class FlowControl:
             if isinstance(event, SampleBlock):
                 self.samples_sent += len(event.counts)
             elif isinstance(event, EyeEdge):
-                self._edges_sent += 1
                 self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
@@ -95,12 +92,11 @@ class FlowControl:
             if samples < self._samples_taken or edges < self._edges_taken:
                 # A new segmenter has taken the place of one that was ended: it never saw the rest.
                 self._samples_missed = self.samples_sent - samples
-                self._edges_missed = self._edges_sent - edges
                 self.items_judged = items
-            self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
-            on_their_way = self._edges_sent - self._edges_missed - edges
-            while len(self._edges) > max(on_their_way, 0):
+                self._edges.clear()
+            for _ in range(min(edges - self._edges_taken, len(self._edges))):
                 self._edges.popleft()
+            self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
 
     def judged(self, item: int) -> None:
         """Note that an item has its verdict."""
@@ -137,7 +133,6 @@ class FlowControl:
                 return 0
             lost = len(self._edges)
             self._edges.clear()
-            self._edges_missed += lost
             return lost
 
     @property
