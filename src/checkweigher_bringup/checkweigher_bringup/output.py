@@ -79,13 +79,13 @@ class Table:
 
     def show(self, result: ItemResult) -> None:
         """Show one more item."""
-        self._results.append(result)
-        print(table_row(result, self._origin), flush=True)
+        self.show_all([result])
 
     def show_all(self, results: Sequence[ItemResult]) -> None:
         """Show many items at once."""
         self._results += results
-        print(''.join(f'{table_row(result, self._origin)}\n' for result in results), end='')
+        rows = ''.join(f'{table_row(result, self._origin)}\n' for result in results)
+        print(rows, end='', flush=True)
 
     def close(self) -> None:
         """Show the summary."""

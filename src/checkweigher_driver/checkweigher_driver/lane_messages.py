@@ -151,9 +151,12 @@ class LaneDecoder:
         # Looked up by name: the hash of a Topic is that of all its fields.
         topics = {connection.topic: topic for connection, topic in lane}
         self._samples = {name for name, topic in topics.items() if topic == SAMPLES}
-        self._makers = {name: _MAKERS[topic] for name, topic in topics.items() if topic in _MAKERS}
-        self._found: dict[str, list[Any]] = {name: [] for name in topics}
-        self._topics = topics
+        self._found: dict[Topic, list[Any]] = {topic: [] for topic in _MAKERS}
+        self._makers = {
+            name: (_MAKERS[topic], self._found[topic])
+            for name, topic in topics.items()
+            if topic in _MAKERS
+        }
         self._numbers = dict.fromkeys(topics, 0)
         self._blocks = SampleDecoder(lambda data: _block(_deserialized(SAMPLES, data)))
         self._log_times: list[int] = []
@@ -173,8 +176,8 @@ class LaneDecoder:
             self._log_times += log_times
             self._blocks.add(messages)
         else:
-            make, path = self._makers[name], self._path
-            self._found[name] += [make(path, data) for data in messages]
+            make, found = self._makers[name]
+            found += [make(self._path, data) for data in messages]
 
     def flush(self) -> None:
         """Decode what has been collected."""
@@ -183,13 +186,7 @@ class LaneDecoder:
     def found(self) -> LaneMessages:
         """Return what all messages say."""
         cells, edges, references = (
-            tuple(
-                each
-                for name, of_name in self._found.items()
-                if self._topics[name] == topic
-                for each in of_name
-            )
-            for topic in (LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS)
+            tuple(self._found[topic]) for topic in (LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS)
         )
         log_times = np.array(self._log_times, np.int64)
         return LaneMessages(

@@ -89,7 +89,8 @@ class Segmenter:
         self._sample_lateness = round(NANOSECONDS * parameters.sample_lateness)
         self._settle_time = round(NANOSECONDS * parameters.settle_time)
         rate = load_cell.sample_rate
-        self._zero_span = round(parameters.zero_time * rate)  # samples, as those that follow
+        self._late = round(parameters.edge_lateness * rate)  # samples, as those that follow
+        self._zero_span = round(parameters.zero_time * rate)
         self._lead = round(parameters.lead_time * rate)
         self._trail = round(parameters.trail_time * rate)
         self._buffer = self._new_buffer()
@@ -136,10 +137,9 @@ class Segmenter:
         """Zero, if that was asked for and no edge can come any more of the time that is read."""
         if self._zero_setting is None or self._buffer.empty:
             return
-        late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
         empty = None
         if self._tracker.is_empty:
-            empty = (self._settled_from(self._buffer.start), self._buffer.end - late)
+            empty = (self._settled_from(self._buffer.start), self._buffer.end - self._late)
         self._try_zero(empty, self._parameters.zero_time)
 
     def _try_zero(self, empty: tuple[int, int] | None, least: float) -> None:
@@ -230,8 +230,7 @@ class Segmenter:
         nothing = np.zeros(0, np.int32)
         if self._buffer.empty or not self._tracker.is_empty:
             return nothing
-        late = round(self._parameters.edge_lateness * self.load_cell.sample_rate)
-        end = self._buffer.end - late
+        end = self._buffer.end - self._late
         begin = self._settled_from(max(self._buffer.start, end - self._zero_span))
         whole = begin < end and self._buffer.is_whole(begin, end)
         return self._buffer.read(begin, end) if whole else nothing
