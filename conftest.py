@@ -1,10 +1,16 @@
-"""What all tests of the workspace need, those of the packages as well."""
+"""Settings and fixtures of all tests of the workspace."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import csv
+from pathlib import Path
+import subprocess
 import sys
 
 from hypothesis import HealthCheck, settings
 import pytest
+from running import run_command
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
 
 # The same examples whichever tests are run, and no failure because a machine is slow.
 settings.register_profile(
@@ -24,3 +30,28 @@ def _turns_of_threads() -> Iterator[None]:
     interval = sys.getswitchinterval()
     yield
     sys.setswitchinterval(interval)
+
+
+@pytest.fixture
+def checkweigher() -> Run:
+    """Run a command that must succeed."""
+
+    def run(*arguments: object, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+        done = run_command(*arguments, timeout=timeout)
+        assert done.returncode == 0, done.stderr
+        return done
+
+    return run
+
+
+@pytest.fixture
+def rows(checkweigher: Run, tmp_path: Path) -> Callable[..., list[dict[str, str]]]:
+    """Run a command with --csv and return the rows that it wrote."""
+
+    def run(*arguments: object) -> list[dict[str, str]]:
+        path = tmp_path / f'{len(list(tmp_path.iterdir()))}.csv'
+        checkweigher(*arguments, '--csv', path)
+        with path.open(encoding='utf-8', newline='') as file:
+            return list(csv.DictReader(file))
+
+    return run

@@ -14,10 +14,10 @@ import time
 from kernels import varied, windows_of
 from rosbags.rosbag2 import Reader
 
-from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
-from checkweigher_dsp.estimation import Identifier, IdentifierParameters
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.pipeline.side_processes import SideProcesses
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
-from checkweigher_dsp.side_processes import SideProcesses
 
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
 _LONG = 1.0  # s, of a measurement of windows

@@ -28,13 +28,13 @@ from builtin_interfaces.msg import Time
 from figures import Figure, figure, table
 from processes import HERE, Listener, Process, Usage, line_commands, listener, started
 
-from checkweigher_driver.bag_reading import read_bag
-from checkweigher_driver.bag_writing import write_bag
-from checkweigher_driver.simulation import Simulation, SimulationParameters
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import verdict_from
-from checkweigher_dsp.nodes.topics import Topic
 from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_dsp.ros.ports import Topic
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 _SPEED, _SPACING = 1.5, 0.35  # m/s, m
 _SETTLED = 10  # items, or messages, until all have found each other and are warm
@@ -121,7 +121,7 @@ class Arrivals:
 
     def listen(self, here: Listener, namespace: str = '') -> None:
         """Subscribe to the verdicts of a lane."""
-        topic: Topic = topics.VERDICT
+        topic: Topic = ports.VERDICT
         name = f'/{namespace}/{topic.name}' if namespace else topic.name
         # Those from before this process was found as well.
         here.node.create_subscription(topic.type, name, self._take, topic.qos)

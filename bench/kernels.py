@@ -14,15 +14,15 @@ from measure import Case, main
 import numpy as np
 import plain_path
 
-from checkweigher_driver.bag_reading import read_bag
-from checkweigher_dsp.denoising import DenoiseParameters, Denoiser, denoised_pass
-from checkweigher_dsp.estimation import Identifier, IdentifierParameters
-from checkweigher_dsp.estimators.base import raw_plateau
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser, denoised_pass
+from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
+from checkweigher_dsp.denoising.wavelet_shrinkage import ShrinkageFilter, denoise_periodic
+from checkweigher_dsp.estimation.estimators.base import raw_plateau
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.records import Reference, SampleBlock, WeighWindow
-from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
-from checkweigher_dsp.shrinkage_table import TABLE_1
-from checkweigher_dsp.wavelet_shrinkage import ShrinkageFilter, denoise_periodic
-from checkweigher_dsp.window_identification import WindowNoise, identify_window
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.signal.window_identification import WindowNoise, identify_window
+from checkweigher_recording.bags.reading import read_bag
 
 BAGS = Path(__file__).parent.parent / 'bags'
 NOISE = WindowNoise()

@@ -11,11 +11,11 @@ from filterpy.kalman import ExtendedKalmanFilter
 import numpy as np
 import pywt
 
-from checkweigher_dsp.denoising import DenoiseParameters
-from checkweigher_dsp.identification import Noise, Start
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters
+from checkweigher_dsp.denoising.wavelet_shrinkage import Shrinkage
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
-from checkweigher_dsp.wavelet_shrinkage import Shrinkage
-from checkweigher_dsp.window_identification import WindowNoise
+from checkweigher_dsp.signal.extended_kalman import Noise, Start
+from checkweigher_dsp.signal.window_identification import WindowNoise
 
 _AT_REST = Start()
 _PREDICTION_RATE = 240.0  # Hz

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_bringup.replaying import write_parameter_file
-from checkweigher_dsp.nodes.executor import make_executor
+from checkweigher_dsp.ros.executor import make_executor
 
 HERE = Path(__file__).parent
 STAGES = ('segmenter', 'denoise', 'identifier', 'reject', 'product')

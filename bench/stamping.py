@@ -8,10 +8,10 @@ from rclpy.node import Node
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_driver.recording import Event
 from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.nodes.shell import run_all
 from checkweigher_dsp.records import Eye, EyeEdge, SampleBlock
+from checkweigher_dsp.ros.stage_node import run_all
+from checkweigher_recording.recording import Event
 
 
 class StampingDriver(DriverNode):

@@ -6,7 +6,7 @@ import time
 
 from rclpy.node import Node
 
-from checkweigher_dsp.nodes.cached_executor import CachedExecutor
+from checkweigher_dsp.ros.cached_executor import CachedExecutor
 
 
 class _Printing:

@@ -12,23 +12,23 @@ import yaml
 
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_bringup.dynamic_setting import DynamicSettingParameters
-from checkweigher_driver.calibration_session import CalibrationParameters
-from checkweigher_driver.driver_parameters import DriverParameters
+from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
 from checkweigher_driver.line_io.modbus import ModbusOutputParameters
 from checkweigher_driver.line_io.outputs import OutputParameters
+from checkweigher_driver.parameters import DriverParameters
 from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, eyes_class, source_class
-from checkweigher_dsp import audit_trail
-from checkweigher_dsp.audit_log import TORN
-from checkweigher_dsp.estimation import IdentifierParameters
-from checkweigher_dsp.estimators import ESTIMATORS
-from checkweigher_dsp.estimators.base import EstimatorParameters
-from checkweigher_dsp.line import LineParameters
-from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
+from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.nodes.product import ProductParameters
 from checkweigher_dsp.parameters import Parameters, describe
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.production import audit_trail
+from checkweigher_dsp.production.audit_log import TORN
+from checkweigher_dsp.production.recipes import Product, read_recipes
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.recipes import Product, read_recipes
+from checkweigher_dsp.ros import ports
 
 INTERFACES = ROOT / 'docs/interfaces.md'
 
@@ -106,7 +106,7 @@ def parameter_rows(prefix: str, parameters: type[Parameters]) -> list[str]:
 def topic_rows() -> list[str]:
     """Return the rows that the table of topics must have, up to their description."""
     rows = []
-    for topic in topics.ALL:
+    for topic in ports.ALL:
         assert topic.qos.reliability == ReliabilityPolicy.RELIABLE
         kept = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         durability = 'transient local' if kept else 'volatile'

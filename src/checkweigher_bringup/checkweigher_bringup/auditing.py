@@ -5,7 +5,7 @@ from dataclasses import asdict
 import json
 from typing import Any
 
-from checkweigher_dsp.audit_log import Entry, Verification
+from checkweigher_dsp.production.audit_log import Entry, Verification
 
 _WIDEST = 40  # characters of a value
 

@@ -5,14 +5,14 @@ import sys
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.sample_feed import SampleFeed
-from checkweigher_driver.static_calibration import (
+from checkweigher_driver.calibration.static_calibration import (
     CalibrationPoint,
     RestReading,
     StaticReading,
     Steadiness,
 )
 from checkweigher_dsp.records import LoadCell
-from checkweigher_validation.results import GRAMS
+from checkweigher_validation.accuracy.results import GRAMS
 
 
 def ask(text: str) -> None:

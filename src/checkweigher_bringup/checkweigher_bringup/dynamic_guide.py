@@ -15,8 +15,8 @@ from checkweigher_bringup.settings import (
     line_parameters,
 )
 from checkweigher_bringup.training import read_passes
-from checkweigher_driver.calibration_file import check_not_installed, replace_version
-from checkweigher_driver.whole_file import check_folder_of, output_error
+from checkweigher_driver.calibration.file import check_not_installed, replace_version
+from checkweigher_recording.whole_file import check_folder_of, output_error
 
 _SECONDS = 60.0  # in a minute
 _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one

@@ -21,13 +21,13 @@ from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
-from checkweigher_driver.calibration_file import check_not_installed, replace_version
-from checkweigher_driver.static_calibration import CalibrationError
-from checkweigher_dsp.estimators import ESTIMATORS
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_driver.calibration.file import check_not_installed, replace_version
+from checkweigher_driver.calibration.static_calibration import CalibrationError
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_validation.results import GRAMS
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for a child to complete its bag
@@ -73,11 +73,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._cancelled = False
         self._said = self._new_state(DynamicSetting.IDLE, '')
         self._publisher = self.create_publisher(
-            topics.DYNAMIC_SETTING.type, topics.DYNAMIC_SETTING.name, topics.DYNAMIC_SETTING.qos
+            ports.DYNAMIC_SETTING.type, ports.DYNAMIC_SETTING.name, ports.DYNAMIC_SETTING.qos
         )
-        self.create_service(RecordPasses, topics.RECORD_PASSES, self._on_record)
-        self.create_service(Trigger, topics.TUNE_PASSES, self._on_tune)
-        self.create_service(Trigger, topics.CANCEL_PASSES, self._on_cancel)
+        self.create_service(RecordPasses, ports.RECORD_PASSES, self._on_record)
+        self.create_service(Trigger, ports.TUNE_PASSES, self._on_tune)
+        self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
         self.create_timer(_POLL_PERIOD, self._poll)
         self._publish()
 
@@ -121,7 +121,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self, request: RecordPasses.Request, response: RecordPasses.Response
     ) -> RecordPasses.Response:
         if self._child is not None:
-            response.message = f'busy: {self._said.text}; wait, or call {topics.CANCEL_PASSES}'
+            response.message = f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
         elif not (math.isfinite(request.mass) and request.mass > 0 and request.passes > 0):
             response.message = (
                 f'mass {request.mass:g} kg, passes {request.passes}: both must be above 0'
@@ -143,9 +143,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def _on_tune(self, request: Any, response: Any) -> Any:
         bags = self._bags()
         if self._child is not None:
-            response.message = f'busy: {self._said.text}; wait, or call {topics.CANCEL_PASSES}'
+            response.message = f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
         elif not bags:
-            response.message = f'{self._folder}: no passes; call {topics.RECORD_PASSES} first'
+            response.message = f'{self._folder}: no passes; call {ports.RECORD_PASSES} first'
         else:
             known = self.parameters
             base = ('--params', known.parameters) if known.parameters else ()
@@ -155,7 +155,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             )  # fmt: skip
             self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
             response.success = True
-            response.message = f'begun; {topics.DYNAMIC_SETTING.name} tells when it is done'
+            response.message = f'begun; {ports.DYNAMIC_SETTING.name} tells when it is done'
         return response
 
     def _on_cancel(self, request: Any, response: Any) -> Any:

@@ -8,14 +8,14 @@ import platform
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import estimator_names, line_parameters
 from checkweigher_bringup.training import ProgressBars, read_passes
-from checkweigher_driver.simulation import PROFILES
-from checkweigher_dsp.estimators import ESTIMATORS
-from checkweigher_dsp.line import LineParameters
-from checkweigher_validation.accuracy import Evaluation, Example
-from checkweigher_validation.evaluating import Batch, evaluate_batches
-from checkweigher_validation.examples import example_of, simulated_examples
-from checkweigher_validation.passes import KnownPass, group_by_speed
-from checkweigher_validation.protocol import MASSES, Protocol, evaluate_protocol
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_recording.simulation.simulator import PROFILES
+from checkweigher_validation.accuracy.errors import Evaluation, Example
+from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.examples import example_of, simulated_examples
+from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
+from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
 

@@ -14,7 +14,7 @@ from checkweigher_dsp.nodes.identifier import IdentifierNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.nodes.shell import run_all
+from checkweigher_dsp.ros.stage_node import run_all
 
 STAGE_NODES = {
     'segmenter': SegmenterNode,

@@ -11,14 +11,14 @@ from rclpy.node import Node
 
 from checkweigher_bringup.output import Table
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.line import Weighing
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import estimate_from, reference_from, verdict_from
-from checkweigher_dsp.nodes.delivery import current
-from checkweigher_dsp.nodes.topics import Topic
+from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, Reference, Verdict
-from checkweigher_validation.results import ItemResult, ResultJoiner
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import estimate_from, reference_from, verdict_from
+from checkweigher_dsp.ros.delivery import current
+from checkweigher_dsp.ros.ports import Topic
+from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _PATIENCE = 5.0  # s without a verdict before the reason is looked for
 _POLL_PERIOD = 0.2  # s
@@ -54,8 +54,8 @@ class ResultListener(Node):
         self._delivery = current()
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
-        self.listen(topics.MASS_ESTIMATE, self._on_estimate)
-        self.listen(topics.VERDICT, self._on_verdict)
+        self.listen(ports.MASS_ESTIMATE, self._on_estimate)
+        self.listen(ports.VERDICT, self._on_verdict)
 
     def listen(self, topic: Topic, callback: Any) -> None:
         """Subscribe to a topic of the lane."""
@@ -129,7 +129,7 @@ class EchoNode(ResultListener):
         super().__init__('echo', from_start=False)
         self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
-        self.listen(topics.REFERENCE_MASS, lambda m: self._references.append(reference_from(m)))
+        self.listen(ports.REFERENCE_MASS, lambda m: self._references.append(reference_from(m)))
 
     def result(self, weighing: Weighing) -> ItemResult:
         """Return a weighing with its known mass, if there is one."""
@@ -138,7 +138,7 @@ class EchoNode(ResultListener):
 
     def silence(self) -> str:
         """Say why nothing may be coming."""
-        for topic in (topics.LOAD_CELL_SAMPLES, topics.PHOTO_EYES, topics.VERDICT):
+        for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:
                 return f'no verdict yet: nobody publishes {name}; is the line running, and here?'

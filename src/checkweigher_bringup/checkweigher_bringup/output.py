@@ -6,9 +6,9 @@ from pathlib import Path
 import sys
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_driver.recording import Recording
-from checkweigher_driver.whole_file import check_folder_of, write_whole
-from checkweigher_validation.results import (
+from checkweigher_recording.recording import Recording
+from checkweigher_recording.whole_file import check_folder_of, write_whole
+from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
     ItemResult,
     summary,

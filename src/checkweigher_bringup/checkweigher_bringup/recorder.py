@@ -15,9 +15,9 @@ from tqdm import tqdm
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.reference_passes import ReferencePasses
 from checkweigher_bringup.spinning import spinning
-from checkweigher_driver.bag_file import BagFile
-from checkweigher_driver.bag_messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERENCE_MASS, Topic
-from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.ros import ports
+from checkweigher_recording.bags.file import BagFile
+from checkweigher_recording.bags.messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERENCE_MASS, Topic
 
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # s; what is lost of a recording if the process is killed
@@ -37,7 +37,7 @@ class RecorderNode(Node):
     def __init__(self, recorded: tuple[Topic, ...]) -> None:
         super().__init__('record')
         self.messages: queue.SimpleQueue[tuple[Topic, int, bytes]] = queue.SimpleQueue()
-        profiles = {topic.name: topic for topic in topics.ALL}
+        profiles = {topic.name: topic for topic in ports.ALL}
         for topic in recorded:
             profile = profiles[topic.name]
             # What is kept for late joiners is wanted of the latched topics only: old verdicts
@@ -109,7 +109,7 @@ def record(
         if bag.message_count == 0:
             raise UserError(
                 f'{path}: nothing was recorded: no message came on '
-                f'{node.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)}; is the line running?'
+                f'{node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)}; is the line running?'
             )
         count = bag.message_count
     print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))

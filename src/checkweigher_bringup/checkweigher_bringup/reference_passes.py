@@ -8,11 +8,11 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import reference_to, verdict_from
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, Reference
-from checkweigher_validation.results import GRAMS
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import reference_to, verdict_from
+from checkweigher_validation.accuracy.results import GRAMS
 
 _TRAIL = 1.0  # s, in which the last product leaves the belt
 # The window of such a pass is whole: it is what the training is to mend, or nothing to do with it.
@@ -74,7 +74,7 @@ class ReferencePasses:
             self._news.put(f'pass {self.count}{of}: {found}')
 
         node.create_subscription(
-            topics.VERDICT.type, topics.VERDICT.name, hear, topics.VERDICT.stage_qos
+            ports.VERDICT.type, ports.VERDICT.name, hear, ports.VERDICT.stage_qos
         )
 
     def news(self) -> list[str]:

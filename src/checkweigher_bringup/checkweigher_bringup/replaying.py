@@ -22,8 +22,8 @@ from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, ros_arguments, spinning
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.line import LineParameters, Weighing
-from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing
+from checkweigher_dsp.ros import ports
 
 _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
@@ -93,9 +93,9 @@ class Collector(ResultListener):
         self._waits = waits
         self._expected: int | None = None
         self._samples_taken = 0
-        self._samples_name = self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)
-        self.listen(topics.SEGMENTER_STATUS, self._on_segmenter)
-        self.listen(topics.DRIVER_STATUS, self._on_driver)
+        self._samples_name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
+        self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
+        self.listen(ports.DRIVER_STATUS, self._on_driver)
 
     @property
     def finished(self) -> bool:

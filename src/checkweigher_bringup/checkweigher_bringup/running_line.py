@@ -19,7 +19,7 @@ from checkweigher_bringup.output import Table
 from checkweigher_bringup.replaying import write_parameter_file
 from checkweigher_bringup.spinning import ros_arguments, spinning
 from checkweigher_bringup.supervision import CANNOT_START, Action, Patience, Supervision
-from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.ros import ports
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
@@ -116,7 +116,7 @@ class _Listener(EchoNode):
         super().__init__()
         self._prefix = self.get_namespace().strip('/')
         self._alive = alive
-        self.listen(topics.DIAGNOSTICS, self._on_diagnostics)
+        self.listen(ports.DIAGNOSTICS, self._on_diagnostics)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -126,7 +126,7 @@ class _Listener(EchoNode):
 
     def has_driver(self) -> bool:
         """Tell whether somebody publishes samples in this lane."""
-        return self.count_publishers(self.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name)) > 0
+        return self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)) > 0
 
 
 def run_line(plan: Run) -> int:

@@ -13,11 +13,11 @@ from rclpy.node import Node
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
-from checkweigher_driver.pacing import Pacer
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import load_cell_from, samples_from
 from checkweigher_dsp.records import LoadCell, SampleBlock
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import load_cell_from, samples_from
+from checkweigher_recording.pacing import Pacer
 
 _PATIENCE = 5.0  # s without a sample
 
@@ -84,15 +84,15 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
     """Give the samples of a running line."""
     with spinning(namespace) as spinner:
         node = Node('calibrate')
-        feed = SampleFeed(node.resolve_topic_name(topics.LOAD_CELL_SAMPLES.name))
+        feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
 
-        def listen(topic: topics.Topic, read: Any) -> None:
+        def listen(topic: ports.Topic, read: Any) -> None:
             node.create_subscription(
                 topic.type, topic.name, lambda message: feed.put(read(message)), topic.qos
             )
 
-        listen(topics.LOAD_CELL_INFO, load_cell_from)
-        listen(topics.LOAD_CELL_SAMPLES, samples_from)
+        listen(ports.LOAD_CELL_INFO, load_cell_from)
+        listen(ports.LOAD_CELL_SAMPLES, samples_from)
         spinner.add(node)
         yield feed
 

@@ -6,8 +6,8 @@ import re
 from typing import TypeVar
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_dsp.estimators import ESTIMATORS
-from checkweigher_dsp.line import LineParameters
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.pipeline.line import LineParameters
 
 N = TypeVar('N', int, float)
 

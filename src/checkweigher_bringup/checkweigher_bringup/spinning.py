@@ -9,8 +9,8 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from checkweigher_dsp.nodes.delivery import Delivery, delivering
-from checkweigher_dsp.nodes.executor import make_executor
+from checkweigher_dsp.ros.delivery import Delivery, delivering
+from checkweigher_dsp.ros.executor import make_executor
 
 _PATIENCE = 10.0  # s
 _END_PATIENCE = 2.0  # s

@@ -10,10 +10,10 @@ from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import warn_unfinished
-from checkweigher_driver.bag_reading import read_bag
-from checkweigher_driver.block_cutting import JoinedSignal
-from checkweigher_dsp.segmentation import SegmenterParameters
-from checkweigher_validation.passes import KnownPass, known_passes
+from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.block_cutting import JoinedSignal
+from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 
 
 def read_passes(

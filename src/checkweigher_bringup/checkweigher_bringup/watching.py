@@ -12,8 +12,8 @@ from typing import Any
 from rclpy.node import Node
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.health import Level
-from checkweigher_dsp.nodes import topics
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.ros import ports
 
 _NEEDED = ('segmenter', 'denoise', 'identifier', 'reject')
 _OURS = (*_NEEDED, 'driver', 'product')
@@ -163,7 +163,7 @@ def watch(
     shown, rows = 0, seen.rows(began)
     with spinning() as spinner:
         node = Node('status')
-        topic = topics.DIAGNOSTICS
+        topic = ports.DIAGNOSTICS
         node.create_subscription(
             topic.type, topic.name, lambda m: seen.add(time.monotonic(), m.status), topic.qos
         )

@@ -11,23 +11,23 @@ from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
-from checkweigher_driver.block_cutting import cut_for_pace
-from checkweigher_driver.calibration_services import CalibrationServices
-from checkweigher_driver.calibration_session import CalibrationParameters
-from checkweigher_driver.driver_health import DriverWatch
-from checkweigher_driver.driver_parameters import DriverParameters
+from checkweigher_driver.calibration.services import CalibrationServices
+from checkweigher_driver.calibration.session import CalibrationParameters
+from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.line_io import prepare_outputs
-from checkweigher_driver.line_outputs import LineOutputs
-from checkweigher_driver.pacing import FlowControl, Pacer
-from checkweigher_driver.recording import Event
+from checkweigher_driver.line_io.line_outputs import LineOutputs
+from checkweigher_driver.parameters import DriverParameters
 from checkweigher_driver.sources import Source, source_maker
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_driver.stream_memory import StreamMemory
 from checkweigher_driver.stream_report import StreamReport
-from checkweigher_dsp.health import Finding
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.connections import has_matched_all
-from checkweigher_dsp.nodes.conversion import (
+from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.parameters import ParameterError, Parameters
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.connections import has_matched_all
+from checkweigher_dsp.ros.conversion import (
     edge_to,
     fill_history,
     load_cell_to,
@@ -35,12 +35,12 @@ from checkweigher_dsp.nodes.conversion import (
     samples_to,
     verdict_from,
 )
-from checkweigher_dsp.nodes.managed import ManagedStageNode
-from checkweigher_dsp.nodes.shell import declare, run
-from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import EyeEdge, Reference, SampleBlock
+from checkweigher_dsp.ros.managed_node import ManagedStageNode
+from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.stage_node import declare, run
+from checkweigher_recording.block_cutting import cut_for_pace
+from checkweigher_recording.pacing import FlowControl, Pacer
+from checkweigher_recording.recording import Event
 
 _PATIENCE = 5.0  # s without the line behind it before that is said
 _LOOK_PERIOD = 0.05  # s, in which trouble of the machine is told at the latest
@@ -73,19 +73,19 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._waits = StoppableWaits()
         self._thread: threading.Thread | None = None
         self._reject_ready = False
-        self._info = self._publisher_of(topics.LOAD_CELL_INFO)
-        self._samples = self._publisher_of(topics.LOAD_CELL_SAMPLES)
-        self._eyes = self._publisher_of(topics.PHOTO_EYES)
-        self._references = self._publisher_of(topics.REFERENCE_MASS)
-        self._status = self._publisher_of(topics.DRIVER_STATUS)
+        self._info = self._publisher_of(ports.LOAD_CELL_INFO)
+        self._samples = self._publisher_of(ports.LOAD_CELL_SAMPLES)
+        self._eyes = self._publisher_of(ports.PHOTO_EYES)
+        self._references = self._publisher_of(ports.REFERENCE_MASS)
+        self._status = self._publisher_of(ports.DRIVER_STATUS)
         self._begin_stream(0)
         self._streams = (self._samples, self._eyes, self._references, self._status)
-        self.subscribe(topics.SEGMENTER_STATUS, self._on_segmenter_status)
-        self.subscribe(topics.VERDICT, self._on_verdict, needed=False)
-        self.subscribe(topics.STOP_REQUEST, self._on_stop_request, needed=False)
-        self.create_service(LineHistoryService, topics.LINE_HISTORY, self._on_line_history)
+        self.subscribe(ports.SEGMENTER_STATUS, self._on_segmenter_status)
+        self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
+        self.subscribe(ports.STOP_REQUEST, self._on_stop_request, needed=False)
+        self.create_service(LineHistoryService, ports.LINE_HISTORY, self._on_line_history)
         if self._outputs.exist:
-            self.create_service(Trigger, topics.RESET_OUTPUTS, self._reset_outputs)
+            self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         self._calibration = CalibrationServices(
             self, calibration, self.parameters.source, lambda: self._memory, self._stream_anew
         )
@@ -208,7 +208,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             return
         failed = self._failure or source.trouble
         self._outputs.hold(bool(failed))
-        name = self.resolve_topic_name(topics.STOP_REQUEST.name)
+        name = self.resolve_topic_name(ports.STOP_REQUEST.name)
         if self._outputs.exist and self.count_publishers(name) == 0:
             self._outputs.nobody_requests()
         trouble = self._outputs.trouble(failed)
@@ -320,7 +320,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Tell whether a reject node says that it is active, and takes the edges."""
         return (
             self._reject_ready
-            and self.count_publishers(self.resolve_topic_name(topics.STOP_REQUEST.name)) > 0
+            and self.count_publishers(self.resolve_topic_name(ports.STOP_REQUEST.name)) > 0
             and has_matched_all(self, self._eyes)
         )
 

@@ -6,9 +6,9 @@ import time
 from checkweigher_msgs.msg import StreamStatus
 from rclpy.publisher import Publisher
 
-from checkweigher_driver.pacing import FlowControl
 from checkweigher_driver.stream_memory import StreamMemory
-from checkweigher_dsp.nodes.conversion import header_to
+from checkweigher_dsp.ros.conversion import header_to
+from checkweigher_recording.pacing import FlowControl
 
 # s from the beginning on. A reader that DDS shows to be there may not know the writer yet, and then
 # hears of a stream with the next heartbeat, after 3 s: its first items it takes for other ones.

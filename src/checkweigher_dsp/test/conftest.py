@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from checkweigher_dsp.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 
 START = 1_700_000_000 * NANOSECONDS
 CELL = LoadCell(

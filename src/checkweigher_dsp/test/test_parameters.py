@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_dsp.estimation import IdentifierParameters
-from checkweigher_dsp.line import LineParameters
+from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.parameters import (
     ParameterError,
     Parameters,
     parameter,
     read_parameter_file,
 )
+from checkweigher_dsp.pipeline.line import LineParameters
 
 
 @dataclass(frozen=True)

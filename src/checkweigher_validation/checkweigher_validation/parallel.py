@@ -5,7 +5,7 @@ from concurrent.futures import BrokenExecutor, as_completed
 import os
 from typing import Generic, Protocol, TypeVar
 
-from checkweigher_dsp.side_processes import SideProcesses
+from checkweigher_dsp.pipeline.side_processes import SideProcesses
 
 R_co = TypeVar('R_co', covariant=True)
 

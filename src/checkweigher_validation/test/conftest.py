@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_validation.accuracy import ConditionResult, Evaluation, Example
+from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, Example
 
 
 def make_condition(

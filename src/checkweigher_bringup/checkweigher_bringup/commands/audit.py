@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Show the changes; 1 if the chain is broken."""
     from checkweigher_bringup.auditing import as_json, as_table, conclusion
-    from checkweigher_dsp.audit_log import read_log
+    from checkweigher_dsp.production.audit_log import read_log
 
     found = read_log(arguments.log, arguments.hash.strip().lower())
     if arguments.json:

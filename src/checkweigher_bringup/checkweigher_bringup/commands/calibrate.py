@@ -8,7 +8,10 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from checkweigher_bringup.sample_feed import SampleFeed
-    from checkweigher_driver.static_calibration import CalibrationPoint, StaticCalibration
+    from checkweigher_driver.calibration.static_calibration import (
+        CalibrationPoint,
+        StaticCalibration,
+    )
     from checkweigher_dsp.records import LoadCell
 
 
@@ -85,12 +88,12 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.calibrating import guided_points
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_positive
-    from checkweigher_driver.calibration_file import (
+    from checkweigher_driver.calibration.file import (
         calibration_table,
         check_calibration_file,
         write_version,
     )
-    from checkweigher_driver.static_calibration import Steadiness
+    from checkweigher_driver.calibration.static_calibration import Steadiness
 
     if arguments.source is None:
         raise UserError('--source: must name the source whose calibration it is, such as aed')
@@ -126,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _calibration(points: 'list[CalibrationPoint]', load_cell: 'LoadCell') -> 'StaticCalibration':
-    from checkweigher_driver.static_calibration import calibrate, zero_only
+    from checkweigher_driver.calibration.static_calibration import calibrate, zero_only
 
     if len(points) > 1:
         return calibrate(points)
@@ -137,7 +140,7 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
     """Return where the samples come from."""
     from checkweigher_bringup.sample_feed import line_feed, source_feed
     from checkweigher_bringup.settings import check_namespace
-    from checkweigher_driver.calibration_file import check_calibrated_source, source_values
+    from checkweigher_driver.calibration.file import check_calibrated_source, source_values
     from checkweigher_driver.sources import source_class
 
     check_calibrated_source(arguments.source)

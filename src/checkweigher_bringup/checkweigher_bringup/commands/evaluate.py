@@ -65,10 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.evaluation import evaluate_bags, evaluate_simulation
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_positive
-    from checkweigher_driver.whole_file import write_whole
-    from checkweigher_dsp.prepackages import limits
-    from checkweigher_validation.accuracy_classes import AccuracyClass
-    from checkweigher_validation.accuracy_tables import text_table, write_csv, write_json
+    from checkweigher_dsp.production.prepackages import limits
+    from checkweigher_recording.whole_file import write_whole
+    from checkweigher_validation.accuracy.classes import AccuracyClass
+    from checkweigher_validation.accuracy.tables import text_table, write_csv, write_json
     from checkweigher_validation.tuning.parameter_file import parameter_file
 
     if bool(arguments.bags) == bool(arguments.protocol):

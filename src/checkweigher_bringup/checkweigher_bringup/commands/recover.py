@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the bag; what is there stays as it is."""
-    from checkweigher_driver.bag_recovery import recover_bag
+    from checkweigher_recording.bags.recovery import recover_bag
 
     count = recover_bag(arguments.bag, arguments.output)
     print(f'{arguments.output}: {count} messages')

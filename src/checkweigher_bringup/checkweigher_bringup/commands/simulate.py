@@ -42,9 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate the line and write the bag."""
     from checkweigher_bringup.errors import UserError
-    from checkweigher_driver.bag_writing import write_bag
-    from checkweigher_driver.progress import with_progress
-    from checkweigher_driver.simulation import Simulation, SimulationParameters
+    from checkweigher_recording.bags.writing import write_bag
+    from checkweigher_recording.progress import with_progress
+    from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
     given: dict[str, object] = {
         name: getattr(arguments, name)
@@ -76,8 +76,8 @@ def _to_si(option: str, value: float) -> float:
     from dataclasses import fields
 
     from checkweigher_bringup.errors import UserError
-    from checkweigher_driver.simulation import SimulationParameters
     from checkweigher_dsp.parameters import describe
+    from checkweigher_recording.simulation.simulator import SimulationParameters
 
     name, unit, per_si = _CONVERTED[option]
     allowed = describe(next(entry for entry in fields(SimulationParameters) if entry.name == name))

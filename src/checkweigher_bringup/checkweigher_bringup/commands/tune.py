@@ -38,8 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
     from checkweigher_bringup.training import ProgressBars, read_passes
-    from checkweigher_driver.whole_file import write_whole
-    from checkweigher_validation.passes import group_by_speed
+    from checkweigher_recording.whole_file import write_whole
+    from checkweigher_validation.accuracy.passes import group_by_speed
     from checkweigher_validation.tuning.parameter_file import parameter_file
     from checkweigher_validation.tuning.search import BUDGET
     from checkweigher_validation.tuning.tuner import tune
@@ -63,6 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _is_of_table(line: str) -> bool:
-    from checkweigher_dsp.estimators import ESTIMATORS
+    from checkweigher_dsp.estimation.estimators import ESTIMATORS
 
     return line.startswith('# ') and line.split()[1] in ('estimator', *ESTIMATORS)

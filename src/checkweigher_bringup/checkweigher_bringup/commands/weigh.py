@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from checkweigher_driver.recording import Recording
-    from checkweigher_dsp.side_processes import SideProcesses
+    from checkweigher_dsp.pipeline.side_processes import SideProcesses
+    from checkweigher_recording.recording import Recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Weigh the bag and show each item."""
-    from checkweigher_dsp.side_processes import SideProcesses, spare_cores
+    from checkweigher_dsp.pipeline.side_processes import SideProcesses, spare_cores
 
     # They start while this process is still at its own imports, and one of them reads the bag.
     count = spare_cores() if _size(arguments.bag) >= _LONG else 0
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
         reading = _begin_reading(arguments, processes) if count else None
         from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
         from checkweigher_bringup.settings import line_parameters
-        from checkweigher_validation.offline import weigh
+        from checkweigher_validation.accuracy.offline import weigh
 
         parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
         output = CsvOutput(arguments.csv, arguments.overwrite)
@@ -53,10 +53,14 @@ def _begin_reading(
     arguments: argparse.Namespace, processes: 'SideProcesses'
 ) -> 'Future[Recording]':
     reading = processes.submit_by_name(
-        'checkweigher_driver.bag_reading', 'read_bag', arguments.bag, arguments.lane, progress=True
+        'checkweigher_recording.bags.reading',
+        'read_bag',
+        arguments.bag,
+        arguments.lane,
+        progress=True,
     )
     # Behind the reading, for what they get to do then.
-    processes.load('checkweigher_dsp.mass_stages')
+    processes.load('checkweigher_dsp.pipeline.mass_stages')
     return reading
 
 
@@ -68,7 +72,7 @@ def _recording(arguments: argparse.Namespace, reading: 'Future[Recording] | None
 
         with suppress(BrokenExecutor):
             return reading.result()
-    from checkweigher_driver.bag_reading import read_bag
+    from checkweigher_recording.bags.reading import read_bag
 
     return read_bag(arguments.bag, arguments.lane, progress=True)
 

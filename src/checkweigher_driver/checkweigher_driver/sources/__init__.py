@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
-from checkweigher_driver.recording import Event
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import EyeEdge, LoadCell, SampleBlock
+from checkweigher_recording.recording import Event
 
 # Name and class. A class is imported when it is asked for, so that a machine needs only what its
 # own source needs.

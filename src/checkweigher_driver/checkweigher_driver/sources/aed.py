@@ -5,11 +5,11 @@ from typing import ClassVar
 
 import serial
 
-from checkweigher_driver.aed_dialogue import AedDialogue
-from checkweigher_driver.decoding import Decoder
-from checkweigher_driver.frame_decoder import TRAILERS, FrameDecoder
-from checkweigher_driver.serial_port import SerialError
-from checkweigher_driver.serial_source import SerialParameters, SerialSource
+from checkweigher_driver.serial.aed_dialogue import AedDialogue
+from checkweigher_driver.serial.decoding import Decoder
+from checkweigher_driver.serial.frame_decoder import TRAILERS, FrameDecoder
+from checkweigher_driver.serial.port import SerialError
+from checkweigher_driver.serial.source import SerialParameters, SerialSource
 from checkweigher_dsp.parameters import ParameterError, parameter
 
 _AS_IT_IS = -1

@@ -5,9 +5,9 @@ from typing import ClassVar
 
 import serial
 
-from checkweigher_driver.decoding import Decoder
-from checkweigher_driver.line_decoder import LineDecoder
-from checkweigher_driver.serial_source import SerialParameters, SerialSource
+from checkweigher_driver.serial.decoding import Decoder
+from checkweigher_driver.serial.line_decoder import LineDecoder
+from checkweigher_driver.serial.source import SerialParameters, SerialSource
 from checkweigher_dsp.parameters import ParameterError, parameter
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from checkweigher_driver.bag_reading import read_bag
-from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.recording import Event
 
 
 @dataclass(frozen=True)

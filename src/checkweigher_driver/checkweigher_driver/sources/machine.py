@@ -6,10 +6,10 @@ import threading
 from typing import Any, ClassVar
 
 from checkweigher_driver.prompt_threads import be_prompt
-from checkweigher_driver.recording import Event
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
 from checkweigher_dsp.parameters import Parameters
 from checkweigher_dsp.records import SampleBlock
+from checkweigher_recording.recording import Event
 
 _END_PATIENCE = 2.0  # s for a thread to end
 

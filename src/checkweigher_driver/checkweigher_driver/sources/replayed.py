@@ -6,10 +6,10 @@ from pathlib import Path
 import threading
 from typing import ClassVar
 
-from checkweigher_driver.bag_reading import read_bag
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
+from checkweigher_recording.bags.reading import read_bag
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from checkweigher_driver.recording import Event
-from checkweigher_driver.simulation import Simulation, SimulationParameters
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_recording.recording import Event
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 
 class SimulatorSource(Source):

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
-from checkweigher_dsp.denoising import DenoiseParameters, Denoiser
-from checkweigher_dsp.health import Finding
-from checkweigher_dsp.item_health import WorkloadWatch
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import window_from, window_to
-from checkweigher_dsp.nodes.held_publisher import HeldPublisher
-from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.health.items import WorkloadWatch
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import window_from, window_to
+from checkweigher_dsp.ros.held_publisher import HeldPublisher
+from checkweigher_dsp.ros.stage_node import StageNode, run
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):
@@ -18,10 +18,10 @@ class DenoiseNode(StageNode[DenoiseParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DenoiseParameters, overrides=overrides)
-        self._windows = HeldPublisher(self, topics.DENOISED_WINDOW, topics.MASS_ESTIMATE)
+        self._windows = HeldPublisher(self, ports.DENOISED_WINDOW, ports.MASS_ESTIMATE)
         self._workload = WorkloadWatch()
         self.on_parameters()
-        self.subscribe(topics.WEIGH_WINDOW, self._on_window)
+        self.subscribe(ports.WEIGH_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
         """Begin to use a changed table."""

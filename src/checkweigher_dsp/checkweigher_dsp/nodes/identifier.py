@@ -4,14 +4,14 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
-from checkweigher_dsp.estimation import Identifier, IdentifierParameters
-from checkweigher_dsp.health import Finding
-from checkweigher_dsp.item_health import ConvergenceWatch, WorkloadWatch
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import estimate_to, window_from
-from checkweigher_dsp.nodes.held_publisher import HeldPublisher
-from checkweigher_dsp.nodes.shell import StageNode, run
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import estimate_to, window_from
+from checkweigher_dsp.ros.held_publisher import HeldPublisher
+from checkweigher_dsp.ros.stage_node import StageNode, run
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):
@@ -19,10 +19,10 @@ class IdentifierNode(StageNode[IdentifierParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(IdentifierParameters, overrides=overrides)
-        self._estimates = HeldPublisher(self, topics.MASS_ESTIMATE, topics.VERDICT)
+        self._estimates = HeldPublisher(self, ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
         self.on_parameters()
-        self.subscribe(topics.DENOISED_WINDOW, self._on_window)
+        self.subscribe(ports.DENOISED_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
         """Begin to use a changed estimator."""

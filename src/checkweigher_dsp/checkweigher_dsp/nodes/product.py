@@ -12,32 +12,32 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import qos_profile_parameter_events
 
-from checkweigher_dsp import audit_trail
-from checkweigher_dsp.audit_log import AuditError, AuditLog
-from checkweigher_dsp.audit_trail import AuditTrail
-from checkweigher_dsp.health import Concern, Finding, Level, conclude
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.conversion import (
+from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.production import audit_trail
+from checkweigher_dsp.production.audit_log import AuditError, AuditLog
+from checkweigher_dsp.production.audit_trail import AuditTrail
+from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
+from checkweigher_dsp.production.statistics import ProductionRecord
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import (
     estimate_from,
     load_cell_from,
     statistics_to,
     verdict_from,
     zero_change_from,
 )
-from checkweigher_dsp.nodes.line_parameters import (
+from checkweigher_dsp.ros.line_parameters import (
     LineNodes,
     LineParametersClient,
     RefusedError,
     Values,
     python_value,
 )
-from checkweigher_dsp.nodes.shell import StageNode, run
-from checkweigher_dsp.nodes.topics import Topic
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.production_statistics import ProductionRecord
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.recipes import NODES, Product, RecipeError, read_recipes
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.stage_node import StageNode, run
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
@@ -89,15 +89,15 @@ class ProductNode(StageNode[ProductParameters]):
         self._line = LineParametersClient(self, _PATIENCE)
         self._nodes = LineNodes(self)
         self._statistics = self.create_publisher(
-            topics.STATISTICS.type, topics.STATISTICS.name, topics.STATISTICS.qos
+            ports.STATISTICS.type, ports.STATISTICS.name, ports.STATISTICS.qos
         )
-        self.subscribe(topics.VERDICT, self._on_verdict)
-        self.subscribe(topics.MASS_ESTIMATE, self._on_estimate)
+        self.subscribe(ports.VERDICT, self._on_verdict)
+        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self._serve()
         if self._log is not None:
             self.subscribe(_PARAMETER_EVENTS, self._on_parameter_event)
-            self.subscribe(topics.LOAD_CELL_INFO, self._on_load_cell)
-            self.subscribe(topics.ZERO_SETTING, self._on_zero_setting)
+            self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
+            self.subscribe(ports.ZERO_SETTING, self._on_zero_setting)
             self.create_timer(
                 _POLL_PERIOD, self._take_inventory, callback_group=MutuallyExclusiveCallbackGroup()
             )
@@ -308,11 +308,11 @@ class ProductNode(StageNode[ProductParameters]):
 
     def _on_load_cell(self, message: Any) -> None:
         cell = asdict(load_cell_from(message))
-        self._trail.state(self._now(), audit_trail.CALIBRATION, topics.LOAD_CELL_INFO.name, cell)
+        self._trail.state(self._now(), audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name, cell)
 
     def _on_zero_setting(self, message: Any) -> None:
         change = asdict(zero_change_from(message))
-        self._trail.state(self._now(), audit_trail.ZERO, topics.ZERO_SETTING.name, change)
+        self._trail.state(self._now(), audit_trail.ZERO, ports.ZERO_SETTING.name, change)
 
     async def _take_inventory(self) -> None:
         """Compare the parameters of nodes that were started with those that they had last."""

@@ -9,22 +9,9 @@ from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp.health import Finding
-from checkweigher_dsp.item_health import RejectorWatch, VerdictWatch
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.alarm import Alarm
-from checkweigher_dsp.nodes.conversion import (
-    edge_from,
-    estimate_from,
-    history_from,
-    load_cell_from,
-    stop_request_to,
-    verdict_to,
-)
-from checkweigher_dsp.nodes.held_publisher import HeldPublisher
-from checkweigher_dsp.nodes.managed import ManagedStageNode
+from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.health.items import RejectorWatch, VerdictWatch
 from checkweigher_dsp.nodes.recall import Recall
-from checkweigher_dsp.nodes.shell import run
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -34,10 +21,23 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
 )
-from checkweigher_dsp.reject_monitoring import RejectMonitor
-from checkweigher_dsp.reject_parameters import RejectParameters
-from checkweigher_dsp.reject_timing import StreamClock
-from checkweigher_dsp.rejection import RejectStage
+from checkweigher_dsp.rejection.monitoring import RejectMonitor
+from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.reject_stage import RejectStage
+from checkweigher_dsp.rejection.timing import StreamClock
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.alarm import Alarm
+from checkweigher_dsp.ros.conversion import (
+    edge_from,
+    estimate_from,
+    history_from,
+    load_cell_from,
+    stop_request_to,
+    verdict_to,
+)
+from checkweigher_dsp.ros.held_publisher import HeldPublisher
+from checkweigher_dsp.ros.managed_node import ManagedStageNode
+from checkweigher_dsp.ros.stage_node import run
 
 _TICK = 0.005  # s, well below verdict_margin
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
@@ -52,7 +52,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(RejectParameters, overrides=overrides)
-        self._verdicts = HeldPublisher(self, topics.VERDICT)
+        self._verdicts = HeldPublisher(self, ports.VERDICT)
         self._stage = RejectStage(self.parameters)
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
@@ -60,19 +60,19 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_ended = False
         self._active = False
         self._recall: Recall | None = None
-        self._history = self.create_client(LineHistoryService, topics.LINE_HISTORY)
+        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
         self._stop_requests = self.create_publisher(
-            topics.STOP_REQUEST.type, topics.STOP_REQUEST.name, topics.STOP_REQUEST.qos
+            ports.STOP_REQUEST.type, ports.STOP_REQUEST.name, ports.STOP_REQUEST.qos
         )
         self._shown: StopRequest | None = None
-        self.create_service(Trigger, topics.RESET_STOP_REQUEST, self._reset)
+        self.create_service(Trigger, ports.RESET_STOP_REQUEST, self._reset)
         self._alarm = Alarm(self, self._tick)
-        self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
-        self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
-        self.subscribe(topics.PHOTO_EYES, self._on_edge)
-        self.subscribe(topics.MASS_ESTIMATE, self._on_estimate)
-        self.subscribe(topics.REJECT_EYE, self._on_reject_eye)
+        self.subscribe(ports.LOAD_CELL_INFO, self._on_info)
+        self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
+        self.subscribe(ports.PHOTO_EYES, self._on_edge)
+        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
+        self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
         self.begin()
         if self.state == 'unconfigured':
             self._show_stop_request()
@@ -181,7 +181,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if recall is None or recall.released:
             return False
         if not recall.waiting:
-            name = self.resolve_topic_name(topics.DRIVER_STATUS.name)
+            name = self.resolve_topic_name(ports.DRIVER_STATUS.name)
             if self.count_publishers(name) == 0:
                 return False
             recall.begin()
@@ -207,7 +207,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         try:
             recall.answer(history_from(answer.result()))
         except Exception as error:
-            self.warn(f'{topics.LINE_HISTORY}: {type(error).__name__}: {error}')
+            self.warn(f'{ports.LINE_HISTORY}: {type(error).__name__}: {error}')
             recall.answer(None)
         self._wake()
 
@@ -303,7 +303,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         known = self.parameters
         watch = self._verdict_watch
         confirmed = known.confirmation_time > 0
-        no_masses = self.diagnostics.connections.lacks_input(topics.MASS_ESTIMATE.name)
+        no_masses = self.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE.name)
         return [
             watch.verdicts(now, known.verdict_margin, deadlines=known.deadlines),
             watch.line(now, 'identifier' if no_masses else ''),

@@ -10,10 +10,13 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp.health import Finding
-from checkweigher_dsp.nodes import topics
-from checkweigher_dsp.nodes.alarm import Alarm
-from checkweigher_dsp.nodes.conversion import (
+from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.health.segmenter import SegmenterWatch
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.alarm import Alarm
+from checkweigher_dsp.ros.conversion import (
     edge_from,
     header_to,
     load_cell_from,
@@ -21,12 +24,9 @@ from checkweigher_dsp.nodes.conversion import (
     window_to,
     zero_change_to,
 )
-from checkweigher_dsp.nodes.held_publisher import HeldPublisher
-from checkweigher_dsp.nodes.shell import StageNode, run
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
-from checkweigher_dsp.segmentation import Segmenter, SegmenterParameters
-from checkweigher_dsp.segmenter_health import SegmenterWatch
+from checkweigher_dsp.ros.held_publisher import HeldPublisher
+from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 
 # Samples and edges that come before load_cell/info are kept: it is latched and soon there.
 _MAX_EARLY = 10_000
@@ -54,19 +54,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._stream = 0
         self._announced = False
         self._end: tuple[int, int] | None = None
-        self._windows = HeldPublisher(self, topics.WEIGH_WINDOW, topics.DENOISED_WINDOW)
+        self._windows = HeldPublisher(self, ports.WEIGH_WINDOW, ports.DENOISED_WINDOW)
         self._status = self.create_publisher(
-            topics.SEGMENTER_STATUS.type, topics.SEGMENTER_STATUS.name, topics.SEGMENTER_STATUS.qos
+            ports.SEGMENTER_STATUS.type, ports.SEGMENTER_STATUS.name, ports.SEGMENTER_STATUS.qos
         )
         self._zero_settings = self.create_publisher(
-            topics.ZERO_SETTING.type, topics.ZERO_SETTING.name, topics.ZERO_SETTING.qos
+            ports.ZERO_SETTING.type, ports.ZERO_SETTING.name, ports.ZERO_SETTING.qos
         )
-        self.subscribe(topics.LOAD_CELL_INFO, self._on_info)
+        self.subscribe(ports.LOAD_CELL_INFO, self._on_info)
         self._inputs = (
-            self.subscribe(topics.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m))),
-            self.subscribe(topics.PHOTO_EYES, lambda m: self._on_event(edge_from(m))),
+            self.subscribe(ports.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m))),
+            self.subscribe(ports.PHOTO_EYES, lambda m: self._on_event(edge_from(m))),
         )
-        self.subscribe(topics.DRIVER_STATUS, self._on_driver_status)
+        self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
         self._answer_alarm = Alarm(self, self._answer)
         self._end_alarm = Alarm(self, self._finish_incomplete)
         self._zero_requests: list[Future] = []

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
-from checkweigher_validation.accuracy import Average, Evaluation, average, coverage
-from checkweigher_validation.accuracy_classes import (
+from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
     Judgement,
     judge,
@@ -13,14 +12,15 @@ from checkweigher_validation.accuracy_classes import (
     max_std_dev,
     weighings_required,
 )
-from checkweigher_validation.accuracy_tables import (
+from checkweigher_validation.accuracy.errors import Average, Evaluation, average, coverage
+from checkweigher_validation.accuracy.tables import (
     GRAMS,
     LEVELS,
     METRES_PER_MINUTE,
     has_paper_masses,
     has_paper_speeds,
 )
-from checkweigher_validation.paper_table import paper_index, paper_result
+from checkweigher_validation.protocol.paper_table import paper_index, paper_result
 from checkweigher_validation.report.palette import looks_of
 
 NONE = '–'

@@ -8,13 +8,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimators.gauss_markov import (
+from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkov,
     GaussMarkovParameters,
     stretch_of,
 )
-from checkweigher_dsp.line import LineParameters
-from checkweigher_validation.passes import SpeedGroup, spread
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import SpeedGroup, spread
 from checkweigher_validation.tuning.calibration import folds, held_out_errors, index
 from checkweigher_validation.tuning.machine_model import fit_noise, fit_platform
 from checkweigher_validation.tuning.search import Values

@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising import DenoiseParameters, denoise_stack
-from checkweigher_dsp.line import LineParameters
-from checkweigher_dsp.pass_stack import stack_passes
-from checkweigher_dsp.window_identification import WindowNoise, identify_window
-from checkweigher_validation.passes import SpeedGroup
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, denoise_stack
+from checkweigher_dsp.denoising.window_batch import stack_passes
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.signal.window_identification import WindowNoise, identify_window
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.search import Axis
 from checkweigher_validation.tuning.tunable import Tunable
 

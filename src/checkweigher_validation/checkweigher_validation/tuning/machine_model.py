@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from checkweigher_dsp.estimators.gauss_markov import (
+from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkovParameters,
     Stretch,
     stretch_of,
 )
-from checkweigher_dsp.platform_response import responses
-from checkweigher_dsp.prewhitening import Prewhitener, pooled_reflections
-from checkweigher_validation.passes import SpeedGroup, spread
+from checkweigher_dsp.signal.platform_response import responses
+from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
+from checkweigher_validation.accuracy.passes import SpeedGroup, spread
 from checkweigher_validation.tuning.tunable import TuningError
 
 _FIRST_ORDER = 40

@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimators.base import raw_plateau
-from checkweigher_dsp.line import LineParameters
-from checkweigher_validation.passes import SpeedGroup
+from checkweigher_dsp.estimation.estimators.base import raw_plateau
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.search import Axis, Values, search
 
 

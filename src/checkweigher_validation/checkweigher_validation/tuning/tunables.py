@@ -5,17 +5,17 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.adaptive_identification import (
+from checkweigher_dsp.estimation.estimators.adaptive_identification import (
     AdaptiveSettings,
     FilterNoise,
     identify_adaptive,
     identify_adaptive_by_ekf,
 )
-from checkweigher_dsp.averaging import hann_mean, window_mean
-from checkweigher_dsp.estimators.base import raw_plateau
-from checkweigher_dsp.estimators.tvlpf import decay_of
-from checkweigher_dsp.fir_model import fir_estimate, fit_fir
-from checkweigher_dsp.lowpass import time_varying_lowpass
+from checkweigher_dsp.estimation.estimators.base import raw_plateau
+from checkweigher_dsp.estimation.estimators.fir_weights import fir_estimate, fit_fir
+from checkweigher_dsp.estimation.estimators.lowpass import time_varying_lowpass
+from checkweigher_dsp.estimation.estimators.tvlpf import decay_of
+from checkweigher_dsp.signal.averages import hann_mean, window_mean
 from checkweigher_validation.tuning.calibration import folds
 from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
 from checkweigher_validation.tuning.iswd_eksi import TunedIswdEksi

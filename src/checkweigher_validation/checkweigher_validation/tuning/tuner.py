@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising import Denoiser
-from checkweigher_dsp.estimators import ESTIMATORS
-from checkweigher_dsp.line import LineParameters
+from checkweigher_dsp.denoising.denoiser import Denoiser
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.parallel import run_all
-from checkweigher_validation.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import (
     Calibration,
     Uncertainty,

@@ -1,0 +1,214 @@
+"""A shift of products through the real graph: nothing lost, nothing doubled, nothing leaked."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+import gc
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StreamStatus
+import numpy as np
+from processes import LINE, MODULES, Process, command, parameter_file, started
+import pytest
+from rclpy.node import Node
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.records import Reference, Verdict
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+
+# 90 m/min, and each product enters soon after the one before it has left the belt.
+CLOSE: dict[str, object] = {'speed': 1.5, 'spacing': 0.35, 'lead_in': 2.0}
+# Not as fast as it goes: the diagnostics remember a minute, and by then a shift would be over.
+RATE = 20.0
+SETTLED = 7_000  # items, 80 s: results are kept for 1,000, and the reject stage remembers as many
+# kB from then to the end. An entry in a dict that is kept of each of 18,000 items is 1,800,
+# a record 9,000; an allocator that takes another piece now and then comes to some hundreds.
+MAX_GROWTH = 1_500
+PATIENCE = 60.0  # s without a verdict
+PERIOD = 1.0  # s, between two looks at the memory
+
+
+class Witness(Node):
+    """Keep the verdicts of a line and how many there should be."""
+
+    def __init__(self) -> None:
+        super().__init__('witness')
+        self.verdicts: list[Verdict] = []
+        self.expected: int | None = None
+        self._listen(ports.VERDICT, lambda m: self.verdicts.append(verdict_from(m)))
+        self._listen(ports.SEGMENTER_STATUS, self._on_status)
+
+    def _listen(self, topic: ports.Topic, callback: Any) -> None:
+        self.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def _on_status(self, message: Any) -> None:
+        if message.state == StreamStatus.FINISHED:
+            self.expected = int(message.items)
+
+    @property
+    def finished(self) -> bool:
+        return self.expected is not None and len(self.verdicts) >= self.expected
+
+
+class Memory:
+    """Resident memory of processes against the number of items that passed, kB."""
+
+    def __init__(self, processes: dict[str, Process]) -> None:
+        self._processes = processes
+        self.items: list[int] = []
+        self.resident: dict[str, list[int]] = {name: [] for name in processes}
+
+    def look(self, items: int) -> None:
+        """Note what each process has now."""
+        self.items.append(items)
+        for name, process in self._processes.items():
+            status = Path(f'/proc/{process.pid}/status').read_text(encoding='ascii')
+            fields = dict(line.split(':', 1) for line in status.splitlines())
+            self.resident[name].append(int(fields['VmRSS'].split()[0]))
+
+    def growth(self, name: str) -> int:
+        """Return the growth from the settled line to the end, kB."""
+        return self.resident[name][-1] - self.resident[name][self._settled]
+
+    @property
+    def _settled(self) -> int:
+        return int(np.searchsorted(self.items, SETTLED))
+
+    def report(self) -> str:
+        """Return one line a process."""
+        # That of a line that only takes longer to settle ends level, that of a leak does not.
+        shown = np.unique(np.linspace(self._settled, len(self.items) - 1, 5).astype(int))
+        passed = self.items[-1] - self.items[self._settled]
+        return '\n'.join(
+            f'  {name:10} RSS {values[0]} kB after {self.items[0]} items, '
+            + ', '.join(f'{values[n]} after {self.items[n]}' for n in shown)
+            + f'; {1000 * self.growth(name) / passed:+.1f} kB per 1,000 items'
+            for name, values in self.resident.items()
+        )
+
+
+@contextmanager
+def line(folder: Path, count: int, *, one_process: bool) -> Iterator[dict[str, Process]]:
+    """Run the line on the simulator, faster than real time."""
+    source = {f'simulator.{name}': value for name, value in CLOSE.items()}
+    file = parameter_file(
+        folder / 'parameters.yaml',
+        {
+            'driver': {'rate': RATE, 'simulator.count': count, **source},
+            'reject': {'deadlines': False},
+        },
+    )
+    modules = {'line': LINE} if one_process else MODULES
+    with started({name: command(module, file) for name, module in modules.items()}) as processes:
+        yield processes
+
+
+def offline(count: int) -> Iterator[Verdict]:
+    """Weigh the same line without the graph."""
+    simulation = Simulation(SimulationParameters.from_mapping({**CLOSE, 'count': count}))
+    weighing = WeighingLine(simulation.load_cell, LineParameters())
+    for event in simulation:
+        if not isinstance(event, Reference):
+            for result in weighing.add(event):
+                yield result.verdict
+    for result in weighing.finish():
+        yield result.verdict
+
+
+def shift(folder: Path, count: int, *, one_process: bool) -> tuple[list[Verdict], Memory]:
+    """Run the line to its end and return its verdicts in order of entry."""
+    begin = time.monotonic()
+    with spinning() as spinner:
+        witness = Witness()
+        spinner.add(witness)
+        with line(folder, count, one_process=one_process) as processes:
+            memory = Memory(processes)
+            judged, heard = 0, time.monotonic()
+            while not witness.finished:
+                time.sleep(PERIOD)
+                if len(witness.verdicts) > judged:
+                    judged, heard = len(witness.verdicts), time.monotonic()
+                    memory.look(judged)
+                assert time.monotonic() - heard < PATIENCE, f'silent after {judged} verdicts'
+                ended = [name for name, process in processes.items() if process.poll() is not None]
+                assert not ended, f'{ended} ended after {judged} verdicts'
+        verdicts = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)
+
+    times = Counter(verdict.item_id for verdict in verdicts)
+    missing = set(range(1, count + 1)) - set(times)
+    doubled = [item for item, found in times.items() if found > 1]
+    print(
+        f'\n{count} items in {time.monotonic() - begin:.0f} s, {len(verdicts)} verdicts, '
+        f'{len(missing)} missing, {len(doubled)} doubled, '
+        f'{dict(Counter(verdict.decision.name for verdict in verdicts))}'
+    )
+    assert (missing, doubled, len(verdicts)) == (set(), [], count)
+    return verdicts, memory
+
+
+def test_150_items_have_the_verdicts_of_weigh(tmp_path: Path):
+    verdicts, _ = shift(tmp_path, 150, one_process=True)
+    assert verdicts == list(offline(150))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ('one_process', 'count'), [(True, 20_000), (False, 12_000)], ids=['one-process', 'processes']
+)
+def test_a_shift_has_the_verdicts_of_weigh_and_leaks_nothing(
+    tmp_path: Path, one_process: bool, count: int
+):
+    verdicts, memory = shift(tmp_path, count, one_process=one_process)
+    print(memory.report())
+    assert verdicts == list(offline(count))
+    for name in memory.resident:
+        assert memory.growth(name) < MAX_GROWTH, f'{name} grows\n{memory.report()}'
+
+
+@pytest.mark.soak
+def test_no_node_keeps_an_object_of_each_item():
+    count = 12_000
+    source = {f'simulator.{name}': value for name, value in CLOSE.items()}
+    judged = np.zeros(count + 1, int)
+
+    def on_verdict(message: Any) -> None:
+        judged[message.item_id] += 1
+
+    with spinning() as spinner:
+        listener = Node('listener')
+        listener.create_subscription(
+            ports.VERDICT.type, ports.VERDICT.name, on_verdict, ports.VERDICT.stage_qos
+        )
+        spinner.add(listener)
+        for name, make in STAGE_NODES.items():
+            spinner.add(make({'deadlines': False} if name == 'reject' else {}))
+        spinner.add(ProductNode())
+        spinner.add(DriverNode({'rate': RATE, 'simulator.count': count, **source}))
+        items, objects = np.empty(100_000), np.empty(100_000)
+        looks, heard = 0, time.monotonic()
+        while (passed := int(judged.sum())) < count:
+            time.sleep(PERIOD)
+            if passed == judged.sum():
+                assert time.monotonic() - heard < PATIENCE, f'silent after {passed} verdicts'
+                continue
+            heard = time.monotonic()
+            gc.collect()
+            items[looks], objects[looks] = judged.sum(), sys.getallocatedblocks()
+            looks += 1
+    settled = np.flatnonzero(items[:looks] >= SETTLED)
+    slope = float(np.polyfit(items[settled], objects[settled], 1)[0])
+    print(
+        f'\n{count} items: {objects[settled[0]]:.0f} objects after {items[settled[0]]:.0f}, '
+        f'{objects[looks - 1]:.0f} at the end; {slope:+.4f} for each item'
+    )
+    assert (judged[1:] == 1).all()
+    assert slope < 0.1  # what is kept of each item is at least 1

@@ -1,0 +1,75 @@
+"""Each of the six nodes killed and stopped in turn while products pass: a campaign of minutes."""
+
+import os
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import Verdict
+import pytest
+from test_run import RunningLine, line  # noqa: F401
+
+from checkweigher_bringup.running_line import MODULES
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros.conversion import stamp_from
+
+pytestmark = pytest.mark.soak
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
+@pytest.mark.parametrize('name', MODULES)
+def test_every_item_has_one_verdict_whichever_node_dies(
+    line: RunningLine,  # noqa: F811
+    name: str,
+    number: signal.Signals,
+    record_property: Any,
+):
+    line.judge_until(Verdict.ACCEPT)
+    line.found.clear()  # with lossless: false, items pass before the line is there
+    line.judge_until(Verdict.ACCEPT)
+    victim = line.pid(name)
+    sent = time.monotonic_ns()
+    os.kill(victim, number)
+    if name in ('product', 'driver'):  # without whom no item need be a FAULT
+        _wait_until_gone(victim)
+    else:
+        line.judge_until(Verdict.FAULT)
+    seconds = (line.judge_until(Verdict.ACCEPT) - sent) / NANOSECONDS
+    for _ in range(5):
+        line.judge_until(Verdict.ACCEPT)
+    faults = sum(verdict.decision == Verdict.FAULT for verdict in line.found)
+    record_property(f'{name} {number.name}', f'{seconds:.1f} s, {faults} FAULT')
+    print(f'{name} {number.name}: weighed again after {seconds:.1f} s; {faults} FAULT')
+    assert line.end() == 130
+    assert len({verdict.item_id for verdict in line.found}) == len(line.found)
+    entered = _entered(line)
+    judged = _streams([stamp_from(verdict.t1) for verdict in line.found], entered[0])
+    streams = _streams(entered, entered[0])
+    assert len(streams) == len(judged) == (2 if name == 'driver' else 1)
+    for items, verdicts in zip(streams, judged, strict=True):
+        last = items[-1] if verdicts is not judged[-1] else max(verdicts)
+        assert sorted(verdicts) == [t1 for t1 in items if min(verdicts) <= t1 <= last]
+
+
+def _entered(line: RunningLine) -> list[int]:  # noqa: F811
+    """Return t1 of all items in order of entry."""
+    edges = []
+    while not line.edges.empty():
+        edges.append(line.edges.get()[1])
+    return [
+        stamp_from(edge.header.stamp) for edge in edges if edge.eye == edge.INFEED and edge.blocked
+    ]
+
+
+def _streams(stamps: list[int], first: int) -> list[list[int]]:
+    """Split at the first item of a simulation that has begun anew, and with it its stamps."""
+    begins = [n for n, stamp in enumerate(stamps) if n > 0 and stamp == first]
+    return [stamps[i:j] for i, j in zip([0, *begins], [*begins, None], strict=True)]
+
+
+def _wait_until_gone(pid: int) -> None:
+    end = time.monotonic() + 30
+    while Path(f'/proc/{pid}').exists():
+        assert time.monotonic() < end, 'the process was not ended'
+        time.sleep(0.05)

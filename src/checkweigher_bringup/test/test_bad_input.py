@@ -1,0 +1,167 @@
+"""Bad input: one line that says what and where, exit status 2, nothing half-written."""
+
+from pathlib import Path
+import shutil
+
+from lines import simulated
+import pytest
+from running import BAGS, run_command
+
+from checkweigher_recording.bags.writing import write_bag
+
+BAG = BAGS / 'paper_90'
+
+
+def refused(*arguments: object) -> str:
+    """Run a command that must be refused and return its line."""
+    done = run_command(*arguments)
+    assert done.returncode == 2, done.stderr
+    lines = done.stderr.strip().splitlines()
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+def copy_of_bag(tmp_path: Path) -> Path:
+    return shutil.copytree(BAG, tmp_path / 'bag')
+
+
+def the_mcap(bag: Path) -> Path:
+    (path,) = bag.glob('*.mcap')
+    return path
+
+
+@pytest.mark.parametrize('command', ['weigh', 'replay'])
+class TestBags:
+    def test_missing(self, command: str, tmp_path: Path):
+        assert 'there is no such' in refused(command, tmp_path / 'nothing')
+
+    def test_a_folder_that_is_no_bag(self, command: str, tmp_path: Path):
+        assert 'not a bag' in refused(command, tmp_path)
+
+    def test_a_file_that_is_no_bag(self, command: str):
+        assert 'not a bag' in refused(command, __file__)
+
+    def test_truncated(self, command: str, tmp_path: Path):
+        bag = copy_of_bag(tmp_path)
+        data = the_mcap(bag).read_bytes()
+        the_mcap(bag).write_bytes(data[: len(data) // 2])
+        assert str(the_mcap(bag)) in refused(command, bag)
+
+    def test_a_byte_flipped(self, command: str, tmp_path: Path):
+        bag = copy_of_bag(tmp_path)
+        data = bytearray(the_mcap(bag).read_bytes())
+        data[len(data) // 3] ^= 0x10
+        the_mcap(bag).write_bytes(data)
+        assert str(bag) in refused(command, bag)
+
+    def test_an_empty_file(self, command: str, tmp_path: Path):
+        bag = copy_of_bag(tmp_path)
+        the_mcap(bag).write_bytes(b'')
+        assert str(bag) in refused(command, bag)
+
+    def test_no_samples(self, command: str, tmp_path: Path):
+        line = simulated(count=2)
+        write_bag(tmp_path / 'bag', line.load_cell, line.edges)
+        assert 'samples' in refused(command, tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('command', ['weigh', 'replay'])
+@pytest.mark.parametrize(
+    ('text', 'names'),
+    [
+        ('/**/reject:\n  ros__parameters: {lower_limit: .nan}', 'reject.lower_limit'),
+        ('/**/reject:\n  ros__parameters: {lower_limit: -0.1}', 'reject.lower_limit'),
+        ('/**/segmenter:\n  ros__parameters: {zero_time: -1.0}', 'segmenter.zero_time'),
+        ('/**/segmenter:\n  ros__parameters: {zero_tme: 1.0}', 'segmenter.zero_tme'),
+        ('/**/denoise:\n  ros__parameters: {gamma5: [0.1]}', 'denoise.speeds'),
+        ('/**/identifier:\n  ros__parameters: {estimator: best}', 'identifier.estimator'),
+        ('/**/typo:\n  ros__parameters: {}', 'typo'),
+        ('/**:\n  ros__parameters: {no_such_name: 1}', 'no_such_name'),
+        ('just text', 'not a parameter file'),
+        ('a: [', 'not a YAML file'),
+    ],
+)
+def test_parameters(command: str, text: str, names: str, tmp_path: Path):
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(text)
+    line = refused(command, BAG, '--params', path)
+    assert names in line
+    assert str(path) in line
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        ('weigh', BAG, '--estimator', 'best'),
+        ('weigh', BAG, '--params', '/no/such/file'),
+        ('weigh', BAG, '--lane', 'other'),
+        ('replay', BAG, '--listeners', '-1'),
+        ('replay', BAG, '--rate', '-1'),
+        ('replay', BAG, '--rate', 'nan'),
+        ('replay', BAG, '--rate', 'fast'),
+        ('replay', BAG, '--namespace', '1lane'),
+        ('echo', '--count', '0'),
+        ('polish',),
+        (),
+    ],
+)
+def test_options(arguments: tuple[object, ...]):
+    assert refused(*arguments).startswith('checkweigher')
+
+
+@pytest.mark.parametrize(
+    ('option', 'value'),
+    [
+        ('--speed', 'nan'),
+        ('--speed', '-60'),
+        ('--mass', '-1'),
+        ('--mass', 'nan'),
+        ('--count', '0'),
+        ('--count', '-3'),
+        ('--profile', 'moon'),
+        ('--seed', '-1'),
+        ('--spacing', '0.05'),
+    ],
+)
+def test_simulations(option: str, value: str, tmp_path: Path):
+    given = {'--speed': '60', '--mass': '100', '--count': '2', option: value}
+    arguments = [part for pair in given.items() for part in pair]
+    refused('simulate', *arguments, '--output', tmp_path / 'bag')
+    assert list(tmp_path.iterdir()) == []
+
+
+class TestOutputs:
+    def test_a_bag_that_exists(self, tmp_path: Path):
+        before = sorted(tmp_path.iterdir())
+        assert 'exists already' in refused(
+            'simulate', '--speed', '60', '--mass', '1', '--output', tmp_path
+        )
+        assert sorted(tmp_path.iterdir()) == before
+
+    @pytest.mark.parametrize('command', ['weigh', 'replay'])
+    def test_a_csv_that_exists(self, command: str, tmp_path: Path):
+        path = tmp_path / 'masses.csv'
+        path.write_text('mine')
+        assert 'exists already' in refused(command, BAG, '--csv', path)
+        assert path.read_text() == 'mine'
+
+    @pytest.mark.parametrize('command', ['weigh', 'replay'])
+    def test_a_csv_in_a_folder_that_is_not_there(self, command: str, tmp_path: Path):
+        assert 'there is no folder' in refused(command, BAG, '--csv', tmp_path / 'a' / 'b.csv')
+
+    @pytest.mark.parametrize(
+        'arguments',
+        [
+            ('simulate', '--speed', '60', '--mass', '1', '--count', '1', '--output'),
+            ('weigh', BAG, '--csv'),
+            ('record', '--duration', '0.1', '--output'),
+        ],
+    )
+    def test_a_file_system_that_cannot_be_written(self, arguments: tuple[object, ...]):
+        # Root may write into any folder, but not even root into this file system.
+        assert '/proc/' in refused(*arguments, '/proc/checkweigher_output')
+
+    def test_a_recording_of_nothing(self, tmp_path: Path):
+        line = refused('record', '--duration', '0.5', '--output', tmp_path / 'bag')
+        assert 'nothing was recorded' in line
+        assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,148 @@
+"""A load cell on a port is calibrated by the services of the driver, on a line that runs."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import queue
+from typing import Any
+
+from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
+import pytest
+from rclpy.node import Node
+from serial_line import SerialDevice
+from std_srvs.srv import Trigger
+from test_nodes import call, wait_for
+import yaml
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_dsp.ros import ports
+
+TAKEN_FOR, SENSITIVITY, ZERO = 500_000.0, 480_000, 1_250_000  # of the device, which is the truth
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('calibrating') as running:
+        yield running
+
+
+class Technician:
+    """Calls the services, and hears what the load cell is."""
+
+    def __init__(self, spinner: Spinner) -> None:
+        self._node = Node('technician')
+        self.infos: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        topic = ports.LOAD_CELL_INFO
+        self._node.create_subscription(topic.type, topic.name, self.infos.put, topic.qos)
+        spinner.add(self._node)
+
+    def call(self, kind: type, name: str, **values: float) -> Any:
+        return call(self._node, kind, name, **values)
+
+    def zero(self) -> Any:
+        return self.call(Trigger, ports.CALIBRATE_ZERO)
+
+    def span(self, mass: float) -> Any:
+        return self.call(CalibrateSpan, ports.CALIBRATE_SPAN, mass=mass)
+
+    def finish(self, **values: float) -> Any:
+        return self.call(FinishCalibration, ports.FINISH_CALIBRATION, **values)
+
+
+def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tmp_path: Path):
+    port, path, log = tmp_path / 'port', tmp_path / 'cell.yaml', tmp_path / 'audit.log'
+    device = SerialDevice(port, '--signal', 'slow')
+    parameters = {
+        'source': 'aed', 'aed.port': str(port), 'aed.counts_per_kg': TAKEN_FOR,
+        'aed.capacity': 7.2, 'aed.weigh_length': 0.2, 'calibration.file': str(path),
+        'calibration.duration': 0.5, 'calibration.patience': 5.0,
+    }  # fmt: skip
+    try:
+        for make in STAGE_NODES.values():
+            spinner.add(make())
+        spinner.add(ProductNode({'audit_log': str(log)}))
+        spinner.add(DriverNode(parameters))
+        technician = Technician(spinner)
+        assert technician.infos.get(timeout=20).counts_per_kg == TAKEN_FOR
+
+        assert 'no load was read' in technician.finish().message
+        for mass in (0.0, 0.2, 1.0, 0.0):
+            device.tell(f'level {round(mass * SENSITIVITY)}')
+            done = technician.span(mass) if mass else technician.zero()
+            assert done.success, done.message
+        # The noise of the device is within 30 counts, so no mass is off by more than 0.1 g.
+        refused = technician.finish(max_residual=1e-9)
+        assert not refused.success
+        assert 'off the line' in refused.message
+        assert not path.exists()
+        done = technician.finish(max_residual=1e-4)
+
+        assert done.success, done.message
+        assert (done.file, done.version) == (str(path), 1)
+        assert done.counts_per_kg == pytest.approx(SENSITIVITY, rel=2e-5)
+        assert done.zero_counts == pytest.approx(ZERO, abs=10)
+        assert list(done.masses) == [0.0, 0.2, 1.0, 0.0]
+        info = technician.infos.get(timeout=20)
+        assert (info.counts_per_kg, info.zero_counts) == (done.counts_per_kg, done.zero_counts)
+        assert yaml.safe_load(path.read_text())['/**/driver']['ros__parameters']['aed'] == {
+            'counts_per_kg': done.counts_per_kg, 'zero_counts': done.zero_counts
+        }  # fmt: skip
+
+        def noted() -> list[Any]:
+            return [entry for entry in read_log(log).entries if entry.kind == 'calibration']
+
+        wait_for(lambda: len(noted()) == 2)
+        change = noted()[1]
+        assert change.old['counts_per_kg'] == TAKEN_FOR
+        assert change.new['counts_per_kg'] == done.counts_per_kg
+
+        # The new stream is read; the empty belt alone leaves the sensitivity as it is.
+        device.tell('level 5000')
+        assert technician.zero().success
+        again = technician.finish()
+        assert again.success, again.message
+        assert again.version == 2
+        assert again.counts_per_kg == done.counts_per_kg
+        assert again.zero_counts == pytest.approx(ZERO + 5000, abs=10)
+    finally:
+        device.end()
+
+
+def test_what_cannot_be_read_is_refused_with_what_to_do(spinner: Spinner, tmp_path: Path):
+    path = tmp_path / 'cell.yaml'
+    line = {'lossless': False, 'simulator.count': 0, 'simulator.lead_in': 0.5}
+    reading = {'calibration.file': str(path), 'calibration.duration': 3.0}
+    driver = DriverNode({**line, **reading})
+    spinner.add(driver)
+    technician = Technician(spinner)
+    technician.infos.get(timeout=20)
+    passing = technician.zero()
+    assert not passing.success
+    # A product is on its way, or there already.
+    assert 'eye' in passing.message
+    assert 'empty the belt' in passing.message or 'stop the feed' in passing.message
+    assert 'above 0' in technician.span(-1.0).message
+    spinner.remove(driver)
+
+    driver = DriverNode({**line, 'lossless': True})
+    spinner.add(driver)
+    assert 'calibration.file of the driver is empty' in technician.zero().message
+    spinner.remove(driver)
+
+    driver = DriverNode({**reading, 'autostart': False})
+    spinner.add(driver)
+    assert 'not active' in technician.zero().message
+    assert not path.exists()
+
+
+def test_a_file_that_is_no_calibration_of_the_source_does_not_start_it(
+    spinner: Spinner, tmp_path: Path
+):
+    path = tmp_path / 'cell.yaml'
+    path.write_text('/**/driver:\n  ros__parameters:\n    source: simulator\n')
+    with pytest.raises(ParameterError, match='is no calibration'):
+        DriverNode({'calibration.file': str(path)})

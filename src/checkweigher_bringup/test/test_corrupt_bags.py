@@ -1,0 +1,244 @@
+"""Damaged bags: one line that says so, or the right masses; never other ones."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+import csv
+import os
+from pathlib import Path
+import random
+import shutil
+
+from lines import simulated
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin
+from rosbags.rosbag2 import Writer as Bag
+from running import run_command
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_recording.bags.messages import BagError, typestore
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_validation.accuracy.offline import weigh
+
+EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
+PARAMETERS = LineParameters().with_estimator('mean')
+CUTS = 200
+CHUNK = 4096  # bytes, so that the file has several
+
+Damage = Callable[[bytes, random.Random], bytes]
+
+
+def masses_of(path: Path) -> list[tuple[object, ...]]:
+    """Return times, mass and reasons of each item of a bag."""
+    return [
+        (r.estimate.t1, r.estimate.t2, r.estimate.t3, repr(r.estimate.mass), r.estimate.reasons)
+        for r in weigh(read_bag(path), PARAMETERS)
+    ]
+
+
+def as_ros2_records(source: Path, path: Path) -> None:
+    """Write a file anew as the recorder of ROS 2 does: with check sums of the chunks only."""
+    with source.open('rb') as file, path.open('xb') as new:
+        writer = Writer(new, CHUNK, CompressionType.ZSTD)
+        writer.start(profile='ros2')
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, known, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time
+            )
+        writer.finish()
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a small bag with its masses in them."""
+    line = simulated(count=3, speed=1.5, spacing=0.5, lead_in=0.6, run_out=0.3)
+    path = tmp_path_factory.mktemp('whole') / 'bag'
+    write_bag(path, line.load_cell, line)
+    return path
+
+
+@pytest.fixture(scope='module')
+def whole(bag: Path) -> list[tuple[object, ...]]:
+    """Return the masses of the bag."""
+    masses = masses_of(bag)
+    assert len(masses) == 3
+    assert all(not reasons for *_, reasons in masses)
+    return masses
+
+
+@pytest.fixture(params=['folder', 'file', 'ros2'])
+def copy(request: pytest.FixtureRequest, bag: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """Return a bag to read and the file of it to damage.
+
+    A folder with metadata.yaml, its file alone, and a file as the recorder of ROS 2 writes it.
+    """
+    if request.param == 'folder':
+        path = shutil.copytree(bag, tmp_path / 'bag')
+        return path, path / 'line_0.mcap'
+    path = tmp_path / 'line.mcap'
+    if request.param == 'file':
+        shutil.copy(bag / 'line_0.mcap', path)
+    else:
+        as_ros2_records(bag / 'line_0.mcap', path)
+    return path, path
+
+
+def flipped(data: bytes, chance: random.Random) -> bytes:
+    """Return the data with one to three bits flipped."""
+    damaged = bytearray(data)
+    for _ in range(chance.choice([1, 1, 1, 2, 3])):
+        damaged[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    return bytes(damaged)
+
+
+def _range(data: bytes, chance: random.Random) -> tuple[int, int]:
+    begin = chance.randrange(len(data))
+    return begin, min(len(data), begin + chance.choice([1, 8, 40, 512, 4096]))
+
+
+def zeroed(data: bytes, chance: random.Random) -> bytes:
+    """Return the data with a stretch of zeros, as a lost sector leaves it."""
+    begin, end = _range(data, chance)
+    return data[:begin] + bytes(end - begin) + data[end:]
+
+
+def doubled(data: bytes, chance: random.Random) -> bytes:
+    """Return the data with a stretch twice."""
+    begin, end = _range(data, chance)
+    return data[:end] + data[begin:]
+
+
+def removed(data: bytes, chance: random.Random) -> bytes:
+    """Return the data without a stretch."""
+    begin, end = _range(data, chance)
+    return data[:begin] + data[end:]
+
+
+def record_bounds(data: bytes) -> Iterator[int]:
+    """Yield where the records of an MCAP file begin."""
+    position = 8
+    while position + 9 <= len(data) - 8:
+        yield position
+        position += 9 + int.from_bytes(data[position + 1 : position + 9], 'little')
+
+
+def outcome(path: Path, whole: list[tuple[object, ...]]) -> str:
+    """Read a damaged bag; return 'refused' or 'right', or fail on anything else."""
+    refusal = ''
+    masses: list[tuple[object, ...]] = []
+    try:
+        masses = masses_of(path)
+    except BagError as error:
+        refusal = str(error)
+    if refusal:
+        assert '\n' not in refusal
+        assert str(path) in refusal
+        return 'refused'
+    assert masses == whole
+    return 'right'
+
+
+def try_damages(
+    copy: tuple[Path, Path], whole: list[tuple[object, ...]], damage: Damage, count: int
+) -> Counter[str]:
+    """Damage a bag in `count` ways, the same ones in each run, and count what comes of it."""
+    path, file = copy
+    data = file.read_bytes()
+    chance = random.Random(f'{damage.__name__} {file.name}')
+    outcomes: Counter[str] = Counter()
+    for _ in range(count):
+        damaged = damage(data, chance)
+        file.write_bytes(damaged)
+        outcomes[outcome(path, whole) if damaged != data else 'not damaged'] += 1
+    file.write_bytes(data)
+    return outcomes
+
+
+def test_a_cut_bag_is_refused(copy: tuple[Path, Path], whole: list[tuple[object, ...]]):
+    path, file = copy
+    data = file.read_bytes()
+    bounds = [*record_bounds(data)]
+    cuts = {*bounds, *(bound + 9 for bound in bounds[:20]), *range(0, len(data), len(data) // CUTS)}
+    assert len(cuts) > CUTS
+    for cut in sorted(cuts):
+        file.write_bytes(data[:cut])
+        assert outcome(path, whole) == 'refused'
+
+
+def test_a_cut_sqlite_bag_is_refused_or_gives_the_right_masses(
+    bag: Path, whole: list[tuple[object, ...]], tmp_path: Path
+):
+    path = tmp_path / 'sqlite'
+    with Reader(bag) as reader, Bag(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as new:
+        known = {
+            c.id: new.add_connection(c.topic, c.msgtype, typestore=typestore())
+            for c in reader.connections
+        }
+        for connection, stamp, data in reader.messages():
+            new.write(known[connection.id], stamp, data)
+    assert outcome(path, whole) == 'right'
+    (file,) = path.glob('*.db3')
+    data = file.read_bytes()
+    for cut in range(0, len(data), len(data) // 50):
+        file.write_bytes(data[:cut])
+        # A last page that SQLite has left empty is no loss.
+        assert outcome(path, whole) in ('refused', 'right')
+
+
+@pytest.mark.parametrize(
+    ('damage', 'count'), [(flipped, 60), (zeroed, 20), (doubled, 20), (removed, 20)]
+)
+def test_no_damage_gives_other_masses(
+    copy: tuple[Path, Path], whole: list[tuple[object, ...]], damage: Damage, count: int
+):
+    outcomes = try_damages(copy, whole, damage, EXAMPLES or count)
+
+    assert outcomes['refused'] > outcomes['right']
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ('damage', 'count'), [(flipped, 2000), (zeroed, 500), (doubled, 500), (removed, 500)]
+)
+def test_no_damage_of_many_gives_other_masses(
+    request: pytest.FixtureRequest,
+    copy: tuple[Path, Path],
+    whole: list[tuple[object, ...]],
+    damage: Damage,
+    count: int,
+):
+    outcomes = try_damages(copy, whole, damage, EXAMPLES or count)
+    print(f'\n{request.node.callspec.id}: {dict(outcomes)}')
+
+
+@pytest.mark.parametrize('damage', [flipped, None])
+def test_weigh_says_so_in_one_line_or_writes_the_same_table(
+    bag: Path, tmp_path: Path, damage: Damage | None
+):
+    path = shutil.copytree(bag, tmp_path / 'bag')
+    file = path / 'line_0.mcap'
+    data = file.read_bytes()
+    file.write_bytes(data[:-100] if damage is None else damage(data, random.Random(1)))
+
+    done = run_command('weigh', path, '--csv', tmp_path / 'damaged.csv')
+
+    if done.returncode == 0:
+        assert run_command('weigh', bag, '--csv', tmp_path / 'whole.csv').returncode == 0
+        one, other = (
+            list(csv.reader((tmp_path / f'{name}.csv').open(encoding='utf-8', newline='')))
+            for name in ('damaged', 'whole')
+        )
+        assert one == other
+    else:
+        assert done.returncode == 2
+        assert len(done.stderr.strip().splitlines()) == 1
+        assert not (tmp_path / 'damaged.csv').exists()

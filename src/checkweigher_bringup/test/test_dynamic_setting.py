@@ -1,0 +1,179 @@
+"""The dynamic setting of a simulated line: passes of a known mass at two speeds, then training."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import math
+from pathlib import Path
+import queue
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import DynamicSetting
+from checkweigher_msgs.srv import RecordPasses
+from lines import simulated
+import numpy as np
+import pytest
+from rclpy.node import Node
+import running  # noqa: F401  sets the domain
+from std_srvs.srv import Trigger
+from test_calibrate import Dialogue
+from test_nodes import call
+
+from checkweigher_bringup.dynamic_setting import DynamicSettingNode
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.ros import ports
+from checkweigher_recording.bags.writing import write_bag
+
+Rows = Callable[..., list[dict[str, str]]]
+
+MASS, PASSES = 0.1645, 12
+LINE = {
+    'simulator.profile': 'soft', 'simulator.masses': [MASS], 'simulator.count': 0,
+    'simulator.seed': 3, 'rate': 6.0,
+}  # fmt: skip
+
+
+@contextmanager
+def line(spinner: Spinner, speed: float) -> Iterator[None]:
+    """Run a line on which a product of one mass passes again and again."""
+    nodes = [make({'deadlines': False} if name == 'reject' else None)
+             for name, make in STAGE_NODES.items()]  # fmt: skip
+    nodes.append(DriverNode({**LINE, 'simulator.speed': speed}))
+    for node in nodes:
+        spinner.add(node)
+    try:
+        yield
+    finally:
+        for node in reversed(nodes):
+            spinner.remove(node)
+
+
+class Technician:
+    """Calls the services of the dynamic setting, and hears how far it is."""
+
+    def __init__(self, spinner: Spinner) -> None:
+        self._node = Node('technician')
+        self._said: queue.SimpleQueue[DynamicSetting] = queue.SimpleQueue()
+        topic = ports.DYNAMIC_SETTING
+        self._node.create_subscription(topic.type, topic.name, self._said.put, topic.qos)
+        spinner.add(self._node)
+
+    def call(self, kind: type, name: str, **values: object) -> Any:
+        return call(self._node, kind, name, **values)
+
+    def wait(self, condition: Callable[[DynamicSetting], bool]) -> list[DynamicSetting]:
+        """Return what was said up to what meets a condition."""
+        heard = []
+        while not heard or not condition(heard[-1]):
+            heard.append(self._said.get(timeout=90))
+            assert heard[-1].state != DynamicSetting.FAILED, heard[-1].text
+        return heard
+
+
+@pytest.mark.parametrize(
+    ('estimator', 'speeds'),
+    [('tvlpf', (1.5,)), pytest.param('iswd_eksi', (1.0, 1.5), marks=pytest.mark.soak)],
+)
+def test_passes_at_each_speed_make_parameters_that_weigh_better(
+    rows: Rows, tmp_path: Path, estimator: str, speeds: tuple[float, ...]
+):
+    folder = tmp_path / 'setting'
+    folder.mkdir()
+    with spinning('setting') as spinner:
+        parameters = {'folder': str(folder), 'budget': 16, 'estimator': estimator}
+        spinner.add(DynamicSettingNode(parameters))
+        technician = Technician(spinner)
+        assert 'no passes' in technician.call(Trigger, ports.TUNE_PASSES).message
+        for speed in speeds:
+            with line(spinner, speed):
+                asked = {'mass': MASS, 'passes': PASSES}
+                begun = technician.call(RecordPasses, ports.RECORD_PASSES, **asked)
+                assert begun.success, begun.message
+                again = technician.call(RecordPasses, ports.RECORD_PASSES, **asked)
+                assert again.message.startswith('busy')
+                heard = technician.wait(lambda said: said.passes == PASSES and not said.state)
+                assert max(said.passes for said in heard) == PASSES
+        assert [Path(bag).name for bag in heard[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
+        assert technician.call(Trigger, ports.TUNE_PASSES).success
+        learned = technician.wait(lambda said: said.file != '')[-1]
+    assert learned.file == str(folder / 'machine.yaml')
+
+    for speed in speeds:  # other passes of other masses than those it was trained on
+        recording = simulated(
+            profile='soft', masses=(0.1, 0.2), count=12, speed=speed, seed=int(10 * speed)
+        )
+        bag = tmp_path / f'test_{speed}'
+        write_bag(bag, recording.load_cell, recording)
+        before, after = (
+            rms(rows('weigh', bag, *how))
+            for how in (('--estimator', estimator), ('--params', learned.file))
+        )
+        print(f'{speed} m/s: {before:.3f} g before, {after:.3f} g after')
+        assert after < 0.8 * before
+
+
+def rms(rows: list[dict[str, str]]) -> float:
+    """Return the root mean square error in g."""
+    errors = [float(row['mass_g']) - float(row['reference_g']) for row in rows]
+    return math.sqrt(np.mean(np.square(errors)))
+
+
+def test_a_recording_that_is_cancelled_before_a_pass_leaves_nothing(tmp_path: Path):
+    with spinning('cancelled') as spinner:
+        spinner.add(DynamicSettingNode({'folder': str(tmp_path)}))
+        technician = Technician(spinner)
+        for values in ({'mass': -1.0, 'passes': 3}, {'mass': 0.1, 'passes': 0}):
+            refused = technician.call(RecordPasses, ports.RECORD_PASSES, **values)
+            assert 'must be above 0' in refused.message
+        assert technician.call(Trigger, ports.CANCEL_PASSES).message == 'nothing is under way'
+        assert technician.call(RecordPasses, ports.RECORD_PASSES, mass=0.1, passes=3).success
+        assert technician.call(Trigger, ports.CANCEL_PASSES).success
+        technician.wait(lambda said: '0 of 3' in said.text)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.soak
+def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Path):
+    for number, speed in ((1, 1.0), (2, 1.5)):  # two speeds, two workers
+        recording = simulated(masses=(MASS,), count=4, speed=speed)
+        write_bag(tmp_path / f'passes_{number}', recording.load_cell, recording)
+    with spinning('cancelled') as spinner:
+        spinner.add(DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000}))
+        technician = Technician(spinner)
+        assert technician.call(Trigger, ports.TUNE_PASSES).success
+        technician.wait(lambda said: said.state == DynamicSetting.TUNING)
+        time.sleep(5.0)  # in which its workers begin: no condition tells
+        assert technician.call(Trigger, ports.CANCEL_PASSES).success
+        technician.wait(lambda said: said.text == 'training cancelled')
+    assert not (tmp_path / 'machine.yaml').exists()
+
+
+def test_a_folder_has_to_be_given():
+    with spinning('without'), pytest.raises(ParameterError, match='is no folder'):
+        DynamicSettingNode()
+
+
+@pytest.mark.soak
+def test_the_command_guides_through_the_speeds(tmp_path: Path):
+    output = tmp_path / 'machine.yaml'
+    with spinning('guided') as spinner:
+        dialogue = Dialogue(
+            '--dynamic', '--reference', 1e3 * MASS, '--passes', 4, '--speeds', 90, '--output',
+            output, '--namespace', 'guided', '--estimator', 'tvlpf', '--budget', 8,
+        )  # fmt: skip
+        assert 'Set the belt to 90 m/min' in dialogue.asked()
+        with line(spinner, 1.0):
+            dialogue.answer()
+            assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
+        with line(spinner, 1.5):
+            dialogue.answer()
+            status, printed, errors = dialogue.end()
+    assert status == 0, errors
+    assert 'the belt ran at 60' in printed
+    assert 'version 1 written' in printed
+    assert LineParameters.from_file(output).identifier.estimator == 'tvlpf'
+    assert not output.with_name('machine.new.yaml').exists()

@@ -1,0 +1,79 @@
+"""A replay at full speed over a network that holds the edges up: it waits for them."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import asdict
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from processes import MODULES, command, parameter_file, started
+import pytest
+from rclpy.node import Node
+from running import BAGS
+from test_lane_hosts import offline
+from test_nodes import make_stages, wait_for
+
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_dsp.records import Verdict
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_recording.bags.reading import read_bag
+
+NAMESPACE = 'held_up'
+BAG = BAGS / 'paper_30'
+DELAY = 0.15  # s; at full speed that is ten seconds of signal, and edges may be 2 s late
+
+
+class Witness(Node):
+    """Hears the verdicts."""
+
+    def __init__(self) -> None:
+        super().__init__('witness')
+        topic = ports.VERDICT
+        self.verdicts: list[Verdict] = []
+        self.create_subscription(
+            topic.type, topic.name, lambda m: self.verdicts.append(verdict_from(m)), topic.qos
+        )
+
+
+class SlowEdges(Node):
+    """Passes edges on, each DELAY after it has come."""
+
+    def __init__(self) -> None:
+        super().__init__('slow_edges')
+        topic = ports.PHOTO_EYES
+        self._edges: deque[tuple[float, Any]] = deque()
+        self._eyes = self.create_publisher(topic.type, topic.name, topic.qos)
+        self.create_subscription(topic.type, 'camera/photo_eyes', self._on_edge, topic.qos)
+        self.create_timer(0.005, self._pass_on)
+
+    def _on_edge(self, edge: Any) -> None:
+        self._edges.append((time.monotonic() + DELAY, edge))
+
+    def _pass_on(self) -> None:
+        while self._edges and self._edges[0][0] < time.monotonic():
+            self._eyes.publish(self._edges.popleft()[1])
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning(NAMESPACE) as running:
+        yield running
+
+
+def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: Path):
+    witness = Witness()
+    for node in (*make_stages(), witness, SlowEdges()):
+        spinner.add(node)
+    file = parameter_file(
+        tmp_path / 'driver.yaml',
+        {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
+    )
+    driver = [*command(MODULES['driver'], file, NAMESPACE), '-r', 'photo_eyes:=camera/photo_eyes']
+    expected = offline(read_bag(BAG))
+    with started({'driver': driver}):
+        wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)
+    found = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)
+    assert [json.loads(json.dumps(asdict(verdict))) for verdict in found] == expected

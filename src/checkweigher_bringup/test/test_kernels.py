@@ -1,0 +1,136 @@
+"""Whole windows against the plain path, and windows at once against windows one by one."""
+
+from concurrent.futures import BrokenExecutor
+from dataclasses import astuple, replace
+import os
+from pathlib import Path
+
+from lines import simulated
+import numpy as np
+import plain_path
+import pytest
+
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
+from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
+from checkweigher_dsp.pipeline import line
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.pipeline.side_processes import ALONE, SideProcesses
+from checkweigher_dsp.records import Reference, SampleBlock
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.signal.window_identification import WindowNoise
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.block_cutting import JoinedSignal
+
+BAGS = Path(__file__).parents[3] / 'bags'
+COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+TABLES = {
+    'default': DenoiseParameters(),
+    'thresholds': DenoiseParameters(
+        threshold_unit=1e-6,
+        **dict(zip(COLUMNS, (*TABLE_1.gains, *TABLE_1.thresholds), strict=True)),
+    ),
+}
+
+
+def _windows(recording):
+    segmenter = Segmenter(recording.load_cell, SegmenterParameters())
+    windows = []
+    for event in recording:
+        if isinstance(event, SampleBlock):
+            windows += segmenter.add_samples(event)
+        elif not isinstance(event, Reference):
+            windows += segmenter.add_edge(event)
+    return windows + segmenter.finish()
+
+
+@pytest.mark.parametrize('table', TABLES)
+@pytest.mark.parametrize('speed', [0.5, 0.8, 1.5])
+def test_a_window_weighs_what_pywavelets_and_filterpy_make_of_it(speed, table):
+    windows = _windows(simulated(speed=speed, count=3, seed=3))
+    parameters = TABLES[table]
+    estimator = ESTIMATORS['iswd_eksi'](IdentifierParameters().iswd_eksi)
+
+    for window in windows:
+        found = estimator.estimate(Denoiser(parameters).denoise(window))
+
+        expected = plain_path.weigh_window(window, parameters, WindowNoise())
+        assert (found.mass, found.variance) == pytest.approx(expected, rel=1e-10)
+    assert len(windows) == 3
+
+
+@pytest.mark.parametrize('bag', sorted(path.name for path in BAGS.glob('paper_*')))
+def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
+    recording = read_bag(BAGS / bag)
+    events = [event for event in recording if not isinstance(event, Reference)]
+    one_by_one = WeighingLine(recording.load_cell, LineParameters())
+    expected = [weighing for event in events for weighing in one_by_one.add(event)]
+    expected += one_by_one.finish()
+
+    found = WeighingLine(recording.load_cell, LineParameters()).weigh_all(events)
+
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
+    assert len(found) == 25
+
+
+def _weighed(recording, processes=ALONE):
+    line = WeighingLine(recording.load_cell, LineParameters())
+    return line.weigh_all(JoinedSignal(recording), processes)
+
+
+def test_processes_beside_this_one_make_the_same_bits(monkeypatch):
+    # Batches of a few items: some for the other process, some for this one.
+    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
+    recording = simulated(speed=1.0, count=30, seed=6)
+    expected = _weighed(recording)
+    with SideProcesses(1) as processes:
+        found = _weighed(recording, processes)
+
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
+    assert len(found) == 30
+
+
+def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
+    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
+    recording = simulated(speed=1.0, count=30, seed=6)
+    expected = _weighed(recording)
+    with SideProcesses(1) as processes:
+        lost = processes.submit(os._exit, 9)
+        found = _weighed(recording, processes)
+
+    assert isinstance(lost.exception(), BrokenExecutor)
+    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
+
+
+@pytest.mark.parametrize(('table', 'uncertain'), [*((t, 0.0) for t in TABLES), ('default', 1.3e-3)])
+def test_many_windows_at_once_have_the_same_bits_as_each_alone(table, uncertain):
+    # Three speeds, shapes of their own; enough of each to be identified at once.
+    random = np.random.default_rng(7)
+    windows = [
+        replace(window, counts=window.counts + random.integers(-200, 200, len(window.counts)))
+        for speed in (0.5, 1.0, 1.5)
+        for window in _windows(simulated(speed=speed, count=4, seed=1)) * 25
+    ]
+    windows[5] = replace(windows[5], zero=float('nan'))
+    windows[6] = replace(windows[6], reasons=('DistanceFault',))
+    denoiser = Denoiser(replace(TABLES[table], edge_uncertainty=uncertain))
+    identifier = Identifier(IdentifierParameters())
+
+    together = identifier.estimate_all(denoiser.denoise_all(windows))
+
+    assert sum(each.weighed for each in together) >= 290
+    for number in (*range(12), *range(12, 300, 7)):
+        alone = identifier.estimate(denoiser.denoise(windows[number]))
+        assert repr(together[number]) == repr(alone)
+
+
+@pytest.mark.parametrize('estimator', sorted(ESTIMATORS))
+def test_estimators_that_weigh_the_raw_signal_do_not_read_the_denoised_one(estimator):
+    identifier = Identifier(replace(IdentifierParameters(), estimator=estimator))
+    (window,) = _windows(simulated(speed=1.0, count=1, seed=1))
+    denoised = Denoiser(DenoiseParameters()).denoise(window)
+
+    without, with_it = identifier.estimate(window), identifier.estimate(denoised)
+
+    assert with_it.weighed
+    assert (repr(without) == repr(with_it)) != identifier.needs_denoised

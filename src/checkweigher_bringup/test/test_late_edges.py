@@ -1,0 +1,30 @@
+"""Edges that are held up on their way to the reject node: the products go on."""
+
+from collections.abc import Iterator
+import time
+
+import pytest
+from test_nodes import publish
+from test_reject_graph import Line, estimate
+
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import estimate_to
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('late_edges') as running:
+        yield running
+
+
+def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner):
+    # 1 s behind the outfeed eye. Item 1 is judged after 0.1 s, on a busy machine later.
+    line = Line(spinner, rejector_distance=0.5, verdict_margin=0.9)
+    line.pass_item(1)
+    assert not line.verdict().late
+    time.sleep(2.5)  # item 2 passes 1 s after item 1; its edges do not
+    line.pass_item(2)
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    verdict = line.verdict()
+    assert (verdict.item_id, verdict.late) == (2, True)

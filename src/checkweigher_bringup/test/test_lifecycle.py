@@ -1,0 +1,252 @@
+"""Driver and reject as managed nodes over real DDS: safe when inactive, in order, and recalled."""
+
+from collections.abc import Iterator
+import queue
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from checkweigher_msgs.msg import StopRequest, StreamStatus, Verdict
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
+from rclpy.node import Node
+from test_nodes import wait_for
+from test_reject_graph import Line, estimate, heard
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import stamp_from
+
+CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
+ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE
+# Three products a second, to be judged half a second after they have left the belt.
+FAST = {'simulator.count': 0, 'simulator.spacing': 0.4, 'simulator.lead_in': 0.5, 'lossless': False}
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('rejecting') as running:
+        yield running
+
+
+class Manager:
+    """A lifecycle manager of one node."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._change = node.create_client(ChangeState, f'{name}/change_state')
+        self._state = node.create_client(GetState, f'{name}/get_state')
+
+    def change(self, transition: int) -> bool:
+        """Ask for a transition and return whether it was made."""
+        return bool(
+            _call(self._change, ChangeState.Request(transition=Transition(id=transition))).success
+        )
+
+    def state(self) -> str:
+        """Return the state by its name."""
+        return str(_call(self._state, GetState.Request()).current_state.label)
+
+
+def _call(client: Any, request: Any) -> Any:
+    wait_for(client.service_is_ready)
+    answer = client.call_async(request)
+    wait_for(answer.done)
+    return answer.result()
+
+
+def next_of(messages: 'queue.SimpleQueue[Any]') -> Any:
+    return messages.get(timeout=20.0)[1]
+
+
+def test_a_reject_node_that_is_not_active_stops_the_line_and_judges_nothing(spinner: Spinner):
+    line = Line(spinner, autostart=False, rejector_distance=0.1)
+    manager = Manager(line.node, 'reject')
+    request = line.stop()
+    assert (request.state, request.reason) == (StopRequest.STOP, 'NotReady')
+    assert request.hint
+    line.pass_item(1)
+    assert manager.change(CONFIGURE)
+    assert line.stops.empty()
+
+    assert manager.change(ACTIVATE)
+
+    assert line.stop().state == StopRequest.RUN
+    line.pass_item(2)
+    assert stamp_from(line.verdict().t1) == estimate(2, 0.1).t1  # nobody told of the first
+    assert line.verdicts.empty()
+
+
+def test_deactivating_reject_gives_what_is_on_its_way_a_fault(spinner: Spinner):
+    line = Line(spinner, rejector_distance=100.0)
+    manager = Manager(line.node, 'reject')
+    assert line.stop().state == StopRequest.RUN
+    line.pass_item(1)
+    line.pass_item(2)
+    wait_for(lambda: len(line.reject._stage._items.pending) == 2)
+
+    assert manager.change(DEACTIVATE)
+
+    assert [list(line.verdict().reasons), list(line.verdict().reasons)] == [['NoEstimate']] * 2
+    assert line.stop().reason == 'NotReady'
+    assert manager.change(ACTIVATE)
+    assert line.stop().state == StopRequest.RUN
+
+
+def test_a_transition_that_the_state_lacks_is_refused_and_the_node_lives(spinner: Spinner):
+    node = Node('manager')
+    spinner.add(node)
+    spinner.add(RejectNode({'autostart': False}))
+    manager = Manager(node, 'reject')
+    assert not manager.change(ACTIVATE)
+    assert not manager.change(99)
+    assert manager.state() == 'unconfigured'
+    assert manager.change(CONFIGURE)
+    assert not manager.change(CONFIGURE)
+    assert manager.state() == 'inactive'
+    assert manager.change(CLEANUP)
+    assert spinner.alive
+
+
+def test_a_source_that_cannot_be_opened_leaves_the_driver_unconfigured(spinner: Spinner):
+    node = Node('manager')
+    spinner.add(node)
+    spinner.add(DriverNode({'source': 'bag', 'bag.path': '/nowhere', 'autostart': False}))
+    manager = Manager(node, 'driver')
+    assert not manager.change(CONFIGURE)
+    assert manager.state() == 'unconfigured'
+    with pytest.raises(ParameterError, match='there is no such'):
+        DriverNode({'source': 'bag', 'bag.path': '/nowhere'})
+
+
+def test_each_activation_of_the_driver_is_a_stream_that_has_its_end(spinner: Spinner):
+    node = Node('manager')
+    status = heard(node, ports.DRIVER_STATUS, latched=True)
+    spinner.add(node)
+    spinner.add(DriverNode({**FAST, 'autostart': False}))
+    manager = Manager(node, 'driver')
+    assert manager.change(CONFIGURE)
+    streams = []
+    for _ in range(2):
+        assert manager.change(ACTIVATE)
+        running = next_of(status)
+        assert running.state == StreamStatus.RUNNING
+        assert manager.change(DEACTIVATE)
+        while (finished := next_of(status)).state == StreamStatus.RUNNING:
+            assert finished.stream == running.stream  # said again
+        assert finished.state == StreamStatus.FINISHED
+        assert running.stream == finished.stream
+        streams.append(running.stream)
+    assert streams[0] != streams[1]
+    assert manager.change(CLEANUP)
+
+
+def test_a_stream_is_announced_more_than_once(spinner: Spinner):
+    # Who finds the writer of the first word late would have it from DDS only after seconds.
+    node = Node('manager')
+    status = heard(node, ports.DRIVER_STATUS)
+    spinner.add(node)
+    spinner.add(DriverNode(FAST))
+    said = [next_of(status) for _ in range(3)]
+    assert {message.state for message in said} == {StreamStatus.RUNNING}
+    assert len({message.stream for message in said}) == 1
+
+
+def test_a_stream_begins_when_reject_is_active(spinner: Spinner):
+    node = Node('manager')
+    samples = heard(node, ports.LOAD_CELL_SAMPLES)
+    spinner.add(node)
+    for name, make in STAGE_NODES.items():
+        spinner.add(make({'autostart': False} if name == 'reject' else None))
+    driver = DriverNode({'simulator.count': 0})
+    spinner.add(driver)
+    manager = Manager(node, 'reject')
+    assert manager.change(CONFIGURE)
+    wait_for(driver._has_listeners)
+    assert samples.empty()
+    assert manager.change(ACTIVATE)
+    assert next_of(samples).first_index == 0
+
+
+def start_reject() -> 'subprocess.Popen[bytes]':
+    return subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'checkweigher_dsp.nodes.reject'),
+            *('--ros-args', '-r', '__ns:=/rejecting', '-p', 'rejector_distance:=1.0'),
+        ]
+    )
+
+
+def judge_until(verdicts: 'queue.SimpleQueue[Any]', found: list[Verdict], decision: int) -> None:
+    while not found or found[-1].decision != decision:
+        found.append(next_of(verdicts))
+
+
+def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
+    """Check that all items from the first one to the last have one verdict, under one number."""
+    starts = [stamp_from(verdict.t1) for verdict in found]
+    entered = []
+    while not edges.empty():
+        _, edge = edges.get()
+        if edge.eye == edge.INFEED and edge.blocked:
+            entered.append(stamp_from(edge.header.stamp))
+    assert sorted(starts) == [t1 for t1 in entered if min(starts) <= t1 <= max(starts)]
+    assert len({verdict.item_id for verdict in found}) == len(found)
+
+
+def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinner):
+    node = Node('listener')
+    verdicts = heard(node, ports.VERDICT, latched=True)
+    edges = heard(node, ports.PHOTO_EYES)
+    stops = heard(node, ports.STOP_REQUEST, latched=True)
+    for each in (node, *(STAGE_NODES[n]() for n in ('segmenter', 'denoise', 'identifier'))):
+        spinner.add(each)
+    reject = start_reject()
+    found: list[Verdict] = []
+    try:
+        spinner.add(DriverNode({**FAST, 'lossless': True}))
+        judge_until(verdicts, found, Verdict.ACCEPT)
+        said = [next_of(stops)]
+        reject.send_signal(signal.SIGKILL)
+        reject.wait()
+        reject = start_reject()
+        judge_until(verdicts, found, Verdict.FAULT)
+        judge_until(verdicts, found, Verdict.ACCEPT)
+        judge_until(verdicts, found, Verdict.ACCEPT)
+        said.append(next_of(stops))
+    finally:
+        reject.terminate()
+        reject.wait(timeout=20)
+    said.append(next_of(stops))
+    assert [each.state for each in said] == [StopRequest.RUN, StopRequest.RUN, StopRequest.STOP]
+    assert said[-1].reason == 'NotReady'
+    while not verdicts.empty():  # those on their way when it ended
+        found.append(next_of(verdicts))
+    assert_one_verdict_each(edges, found)
+    for verdict in found:
+        assert list(verdict.reasons) == ([] if verdict.decision else ['NoEstimate'])
+
+
+def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
+    node = Node('manager')
+    verdicts, edges = heard(node, ports.VERDICT), heard(node, ports.PHOTO_EYES)
+    for each in (node, *(make() for make in STAGE_NODES.values())):
+        spinner.add(each)
+    manager = Manager(node, 'reject')
+    driver = DriverNode(FAST | {'lossless': True})
+    spinner.add(driver)
+    found: list[Verdict] = []
+    judge_until(verdicts, found, Verdict.ACCEPT)
+    assert manager.change(DEACTIVATE)
+    begin = driver._memory.edges_sent
+    wait_for(lambda: driver._memory.edges_sent >= begin + 12)  # three items that nobody judges
+    assert manager.change(ACTIVATE)
+    judge_until(verdicts, found, Verdict.FAULT)
+    judge_until(verdicts, found, Verdict.ACCEPT)
+    assert_one_verdict_each(edges, found)
+    assert sum(verdict.decision == Verdict.FAULT for verdict in found) >= 3

@@ -1,0 +1,236 @@
+"""Random messages, bytes, calls and parameters: no node dies, and the line weighs after it."""
+
+from collections import Counter
+from collections.abc import Iterator
+import math
+import os
+import random
+import time
+from typing import Any
+
+from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+from test_nodes import make_stages, play, wait_for
+
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.ros import ports
+
+EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
+BURST = 50  # messages, after which all must have arrived
+INTEGERS = {
+    kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if kind[0] == 'i' else (0, 2**bits - 1)
+    for bits in (8, 16, 32, 64)
+    for kind in (f'int{bits}', f'uint{bits}')
+}
+FLOATS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf, 0.2, 960.0, 5e5)
+TEXTS = ('', 'a', '\n', 'ß' * 300, '../..', *(reason.value for reason in Reason))
+
+
+def spoil(message: Any, chance: random.Random) -> Any:
+    """Fill a message with whatever its types allow, and sometimes leave a field as it is."""
+    for name, kind in message.get_fields_and_field_types().items():
+        if chance.random() < 0.1:
+            continue
+        old = getattr(message, name)
+        if kind.startswith('sequence<'):
+            inner = kind[len('sequence<') : -1]
+            length = chance.choice([0, 1, 2, 20, 20, 200, 3000])
+            if '/' in inner:
+                continue  # of diagnostics only, which the nodes do not read
+            setattr(message, name, [_value(inner, chance) for _ in range(length)])
+        elif '/' in kind:
+            spoil(old, chance)
+        else:
+            setattr(message, name, _value(kind, chance))
+    return message
+
+
+def _value(kind: str, chance: random.Random) -> Any:
+    if kind == 'boolean':
+        return chance.random() < 0.5
+    if kind == 'string':
+        return chance.choice(TEXTS)
+    if kind in ('float', 'double'):
+        return chance.choice([*FLOATS, chance.gauss(0, 1)])
+    if kind == 'octet':
+        return chance.randbytes(1)
+    low, high = INTEGERS[kind]
+    near = [low, high, 0, 1, 2, 1_700_000_000, chance.randrange(1000), chance.randint(low, high)]
+    return min(max(chance.choice(near), low), high)
+
+
+def garbage_bytes(kind: type, chance: random.Random) -> bytes:
+    """Return bytes that are no message: cut, overwritten, random, with senseless lengths."""
+    data = bytes(serialize_message(spoil(kind(), chance)))
+    begin = chance.randrange(len(data))
+    return chance.choice(
+        [
+            data[:begin],
+            data[:begin] + chance.randbytes(8) + data[begin + 8 :],
+            data[:4] + chance.randbytes(chance.randrange(80)),
+            data[:4] + b'\xff' * 40,
+            chance.randbytes(chance.randrange(60)),
+        ]
+    )
+
+
+class Tormentor(Node):
+    """Sends what nobody should."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__('tormentor')
+        self.counts: Counter[str] = Counter()
+        self._chance = random.Random(seed)
+        self._to = [
+            (topic, self.create_publisher(topic.type, topic.name, topic.qos)) for topic in ports.ALL
+        ]
+        self._servers = [
+            (self.create_client(kind, name), kind.Request)
+            for kind, name in (
+                (Trigger, 'zero'), (Trigger, ports.RESET_STOP_REQUEST),
+                (SelectProduct, 'select_product'), (NewBatch, 'new_batch'),
+                (ResetStatistics, 'reset_statistics'),
+            )
+        ]  # fmt: skip
+        self._targets: list[tuple[Any, list[str]]] = []
+        self._calls: list[Future] = []
+        self._zeroing: list[Future] = []
+
+    def know(self, nodes: list[Node]) -> None:
+        """Take the parameters of nodes as targets."""
+        for node in nodes:
+            client = self.create_client(SetParameters, f'{node.get_name()}/set_parameters')
+            names = [name for name in node.get_parameters_by_prefix('') if name != 'use_sim_time']
+            self._targets.append((client, names))
+
+    def is_heard(self) -> bool:
+        """Whether all subscribers have been found."""
+        heard = sum(publisher.get_subscription_count() > 0 for _, publisher in self._to)
+        return heard >= 9 and all(client.service_is_ready() for client, _ in self._servers)
+
+    def torment(self) -> None:
+        """Send one thing, mostly a message."""
+        kind = self._chance.choices(
+            ['message', 'bytes', 'service', 'parameter'], weights=[80, 10, 5, 5]
+        )[0]
+        self.counts[kind] += 1
+        if kind == 'service':
+            client, request = self._chance.choice(self._servers)
+            call = client.call_async(spoil(request(), self._chance))
+            # That of zero is answered when the belt has been empty, or after 15 s.
+            (self._zeroing if client.srv_name.endswith('zero') else self._calls).append(call)
+        elif kind == 'parameter':
+            client, names = self._chance.choice(self._targets)
+            name = self._chance.choice([*names, 'no_such_name'])
+            value = spoil(ParameterValue(), self._chance)
+            value.type = self._chance.randrange(ParameterType.PARAMETER_STRING_ARRAY + 2)
+            parameter = ParameterMessage(name=name, value=value)
+            request = SetParameters.Request(parameters=[parameter])
+            self._calls.append(client.call_async(request))
+        else:
+            topic, publisher = self._chance.choice(self._to)
+            if kind == 'bytes':
+                publisher.publish(garbage_bytes(topic.type, self._chance))
+            else:
+                publisher.publish(spoil(topic.type(), self._chance))
+
+    def wait(self) -> None:
+        """Wait until all subscribers have what was sent, and the calls have been answered."""
+        for _, publisher in self._to:
+            assert publisher.wait_for_all_acked()
+        wait_for(lambda: all(call.done() for call in self._calls), timeout=60.0)
+        self._calls.clear()
+
+    def finish(self) -> None:
+        """Wait until nothing that was asked for can still happen."""
+        self.wait()
+        wait_for(lambda: all(call.done() for call in self._zeroing), timeout=60.0)
+
+
+class Counters:
+    """What nodes count of the messages that they handle, as their diagnostics tell it.
+
+    Acknowledged is not yet handled: a stream that begins now would take the rest for its own.
+    """
+
+    def __init__(self, node: Node, names: list[str]) -> None:
+        self._told: dict[str, list[dict[str, int]]] = {name: [] for name in names}
+        topic = ports.DIAGNOSTICS
+        node.create_subscription(topic.type, topic.name, self._on_diagnostics, topic.qos)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        if message.status and message.status[0].name in self._told:
+            pairs = ((pair.key, pair.value) for pair in message.status[0].values)
+            counted = {key: int(value) for key, value in pairs if value.isdigit()}
+            self._told[message.status[0].name].append(counted)
+
+    def settle(self) -> int:
+        """Wait until no node has counted more for a second; return how many were refused."""
+        for told in self._told.values():
+            told.clear()
+        wait_for(
+            lambda: all(len(t) > 1 and t[-1] == t[-2] for t in self._told.values()), timeout=120.0
+        )
+        last = [told[-1] for told in self._told.values()]
+        return sum(n for counted in last for key, n in counted.items() if key.endswith('refused'))
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('fuzz') as running:
+        yield running
+
+
+def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:
+    """Send `count` things to a line, check that it lives and weighs a bag; return the counts."""
+    stages = make_stages()
+    product = ProductNode()
+    listener = ResultListener('listener', from_start=False)
+    tormentor = Tormentor(seed)
+    counters = Counters(listener, [f'fuzz/{node.get_name()}' for node in (*stages, product)])
+    for node in (*stages, product, listener, tormentor):
+        spinner.add(node)
+    tormentor.know([*stages, product])
+    before = [[*node.get_parameters_by_prefix('').values()] for node in stages]
+    wait_for(tormentor.is_heard)
+    for sent in range(1, count + 1):
+        tormentor.torment()
+        if sent % BURST == 0:
+            tormentor.wait()
+            assert spinner.alive
+    tormentor.finish()
+    tormentor.counts['refused'] = counters.settle()
+    for node, parameters in zip(stages, before, strict=True):
+        if node.get_name() != 'segmenter':  # its parameters are read-only
+            names = node.parameters.as_mapping()
+            own = [Parameter(p.name, p.type_, p.value) for p in parameters if p.name in names]
+            assert node.set_parameters_atomically(own).successful
+    masses = [weighing.estimate.mass for weighing in play(spinner, listener)]
+    assert spinner.alive
+    assert masses == pytest.approx([0.0745, 0.1345, 0.1645, 0.1945, 0.2545] * 5, rel=0.03)
+    return tormentor.counts
+
+
+def test_no_random_message_ends_a_node_or_spoils_the_next_line(spinner: Spinner):
+    counts = torment_line(spinner, EXAMPLES or 400, 1)
+
+    assert min(counts.values()) > 0
+
+
+@pytest.mark.soak
+def test_many_random_messages(spinner: Spinner):
+    begin = time.monotonic()
+    counts = torment_line(spinner, EXAMPLES or 20_000, 2)
+    print(f'\n{dict(counts)} in {time.monotonic() - begin:.0f} s; all nodes live, 25 of 25 weighed')

@@ -1,0 +1,164 @@
+"""The whole graph with its rejector over Modbus TCP."""
+
+from pathlib import Path
+import queue
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StopRequest
+from checkweigher_msgs.msg import Verdict as VerdictMessage
+from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, wait_for
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_driver.sources import SOURCES
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import verdict_from
+
+ITEMS = 8
+
+
+def outputs_of(plc: Plc) -> dict[str, object]:
+    return {
+        'outputs': 'modbus',
+        'modbus_outputs.host': '127.0.0.1',
+        'modbus_outputs.port': plc.port,
+        'modbus_outputs.stop': RELEASE,
+        'modbus_outputs.watchdog': 0,
+        # However busy the machine is on which the test runs.
+        'modbus_outputs.timeout': 2.0,
+        'rejector.late_tolerance': 2.0,
+        'rejector.verdict_timeout': 5.0,
+    }
+
+
+class Line:
+    """The graph on a bag that is played at true time, with outputs; verdicts and stops of it."""
+
+    def __init__(self, spinner: Spinner, plc: Plc, monkeypatch: Any, **limits: float) -> None:
+        # Under a name that the parameter allows.
+        monkeypatch.setitem(SOURCES, 'simulator', 'live_bag:LiveBag')
+        self._node = Node('listener')
+        self._heard: queue.SimpleQueue[VerdictMessage] = queue.SimpleQueue()
+        self.stops: list[StopRequest] = []
+        for topic, take in (
+            (ports.VERDICT, self._heard.put), (ports.STOP_REQUEST, self.stops.append)
+        ):  # fmt: skip
+            self._node.create_subscription(topic.type, topic.name, take, topic.stage_qos)
+        spinner.add(self._node)
+        self.reject = RejectNode(overrides=limits)
+        spinner.add(self.reject)
+        for name in ('identifier', 'denoise', 'segmenter'):
+            spinner.add(STAGE_NODES[name]())
+        source = {'source': 'simulator', 'live.path': str(BAG)}
+        self.driver = DriverNode({**source, **outputs_of(plc)})
+        spinner.add(self.driver)
+
+    def verdict(self) -> Verdict:
+        return verdict_from(self._heard.get(timeout=30))
+
+    def verdict_after(self, time: int) -> Verdict:
+        """Return the next verdict on a product that left the belt after a time, ns."""
+        while (verdict := self.verdict()).t3 is None or verdict.t3 < time:
+            pass
+        return verdict
+
+    def reset(self) -> bool:
+        client = self._node.create_client(Trigger, ports.RESET_STOP_REQUEST)
+        assert client.wait_for_service(10.0)
+        done = client.call_async(Trigger.Request())
+        wait_for(done.done, 'the answer to the reset')
+        return bool(done.result().success)
+
+
+def test_the_line_rejects_over_modbus_and_stops_when_nobody_gives_verdicts(
+    tmp_path: Path, monkeypatch: Any
+):
+    plc = Plc(tmp_path)
+    plc.start()
+    try:
+        with spinning('ejecting') as spinner:
+            # The rejector is 1.5 s behind the outfeed eye, for a machine that is busy.
+            limits = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 2.25}
+            line = Line(spinner, plc, monkeypatch, **limits)
+            verdicts = [line.verdict() for _ in range(ITEMS)]
+            last = max(due for each in verdicts if (due := each.reject_at) is not None)
+            wait_for(lambda: time.time_ns() > last + 150 * MS, 'the last item')
+            assert plc.state(RELEASE) is True
+            figures = line.driver._outputs.figures()
+            spinner.remove(line.reject)
+            wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
+    finally:
+        plc.kill()
+    _check(plc, verdicts, figures)
+
+
+def _check(plc: Plc, verdicts: list[Verdict], figures: dict[str, float]) -> None:
+    # 74.5, 134.5, 164.5, 194.5 and 254.5 g in turn.
+    assert [each.decision for each in verdicts] == [
+        Decision.UNDER, Decision.ACCEPT, Decision.ACCEPT, Decision.ACCEPT, Decision.OVER,
+        Decision.UNDER, Decision.ACCEPT, Decision.ACCEPT,
+    ]  # fmt: skip
+    dues = [each.reject_at for each in verdicts if each.decision != Decision.ACCEPT]
+    # The first one ends the safe state.
+    ons = [when for when, on in plc.switches(REJECTOR) if on][1 : 1 + len(dues)]
+    late = [when - due for when, due in zip(ons, dues, strict=True)]
+    print(f'rejected {[f"{each / MS:.2f}" for each in late]} ms after the reject time; {figures}')
+    stated = figures['largest switch error ms'] + figures['switch uncertainty ms']
+    assert 0 < min(late) <= max(late) <= (stated + 0.5) * MS
+
+
+def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
+    tmp_path: Path, monkeypatch: Any
+):
+    plc = Plc(tmp_path)
+    plc.start()
+    try:
+        with spinning('missing') as spinner:
+            # All are rejected, far enough behind the belt for a busy machine.
+            line = Line(spinner, plc, monkeypatch, upper_limit=0.01, rejector_distance=1.5)
+            line.verdict()
+            wait_for(lambda: plc.state(RELEASE) is True, 'the release')
+            plc.kill()
+            wait_for(lambda: 'not reached' in line.stops[-1].hint, 'the stop request')
+            assert line.stops[-1].reason == 'DriverTrouble'
+            assert not line.reset()  # they still are not reached
+            down = line.verdict()
+            wait_for(lambda: time.time_ns() > down.reject_at, 'the reject time')
+
+            plc.start()
+
+            wait_for(
+                lambda: 'behind the rejector' in line.stops[-1].hint, 'the product that was missed'
+            )
+            assert line.stops[-1].state == StopRequest.STOP
+            assert line.driver.diagnose(time.monotonic())[-1].level == Level.ERROR
+            wait_for(lambda: plc.state(RELEASE) is False, 'the outputs')
+            wait_for(lambda: line.driver._outputs.ready, 'the end of the trouble')
+            line.verdict_after(time.time_ns())  # nothing changes by itself
+            assert plc.state(RELEASE) is False
+            assert line.reset()
+            wait_for(lambda: plc.state(RELEASE) is True, 'the release after the reset')
+            wait_for(lambda: line.stops[-1].state == StopRequest.RUN, 'the end of the request')
+            verdict = line.verdict_after(time.time_ns())
+            wait_for(
+                lambda: any(on and when >= verdict.reject_at
+                            for when, on in plc.switches(REJECTOR)),
+                'the next reject',
+            )  # fmt: skip
+            assert plc.state(RELEASE) is True
+    finally:
+        plc.kill()
+
+
+def test_a_bad_output_parameter_is_refused(tmp_path: Path):
+    plc = Plc(tmp_path)
+    with spinning('refused'), pytest.raises(ValueError, match='coil 0 is the rejector as well'):
+        DriverNode({**outputs_of(plc), 'modbus_outputs.stop': 0})

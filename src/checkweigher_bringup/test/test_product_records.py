@@ -1,0 +1,157 @@
+"""The product node over real DDS: statistics and audit log of a running line."""
+
+from collections.abc import Iterator
+import csv
+from dataclasses import asdict
+import json
+import math
+from pathlib import Path
+import queue
+import statistics
+
+from checkweigher_msgs.msg import StreamStatus
+from checkweigher_msgs.srv import NewBatch, ResetStatistics
+from product_line import Line
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from running import BAGS, run_command
+from test_nodes import wait_for
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    ZeroChange,
+)
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import (
+    zero_change_to,
+)
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('lane1') as running:
+        yield running
+
+
+def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path)
+    change = ZeroChange(1_700_000_000 * NANOSECONDS, 0.001, 0.0002, 1e-5)
+    publisher = line.operator.create_publisher(
+        ports.ZERO_SETTING.type, ports.ZERO_SETTING.name, ports.ZERO_SETTING.qos
+    )
+    for _ in range(2):  # what is latched comes again
+        publisher.publish(zero_change_to(change))
+    out = ('ZeroOutOfRange',)
+    for reasons in ((), out, out, ('MissingEdge',), ()):
+        line.judge(math.nan if reasons else 0.1, reasons=reasons)
+    wait_for(lambda: len(line.entries('zero')) == 3)
+
+    setting, *range_ = sorted(line.entries('zero'), key=lambda entry: entry.subject, reverse=True)
+
+    assert (setting.subject, setting.old, setting.new) == ('zero_setting', None, asdict(change))
+    assert [(e.subject, e.old, e.new) for e in range_] == [
+        ('ZeroOutOfRange', False, True),
+        ('ZeroOutOfRange', True, False),
+    ]
+
+
+def test_a_start_with_a_bad_recipe_is_refused(spinner: Spinner, tmp_path: Path):
+    path = tmp_path / 'recipes.yaml'
+    path.write_text('products: {crisps: {nominal: -1}}', encoding='utf-8')
+    with pytest.raises(ParameterError, match=r'recipes\.yaml: crisps\.nominal: -1'):
+        ProductNode({'recipes': str(path), 'product': 'crisps'})
+
+
+def test_a_log_that_was_tampered_with_is_not_continued(spinner: Spinner, tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    path.write_text('{"sequence":7}\n', encoding='utf-8')
+    with pytest.raises(ParameterError, match=r'audit\.log: line 1: changed'):
+        ProductNode({'audit_log': str(path)})
+
+
+def test_a_change_of_a_parameter_is_in_the_log_with_its_old_and_its_new_value(
+    spinner: Spinner, tmp_path: Path
+):
+    line = Line(spinner, tmp_path)
+    wait_for(lambda: len(line.entries('found')) == len(STAGE_NODES) + 1)
+    values = [Parameter('lower_limit', value=0.13), Parameter('lower_limit', value=0.14)]
+    for value in values:
+        line.call(SetParameters, 'reject/set_parameters', parameters=[value.to_parameter_msg()])
+    wait_for(lambda: len(line.entries('parameter')) == 2)
+    changes = [(e.source, e.subject, e.old, e.new) for e in line.entries('parameter')]
+    assert changes == [
+        ('/lane1/product', '/lane1/reject.lower_limit', '-inf', 0.13),
+        ('/lane1/product', '/lane1/reject.lower_limit', 0.13, 0.14),
+    ]
+    done = run_command('audit', line.log)
+    assert done.returncode == 0
+    assert '/lane1/reject.lower_limit: 0.13 -> 0.14' in done.stdout
+    # What was changed in the file is told with its line.
+    count = len(read_log(line.log).entries)
+    line.log.write_bytes(line.log.read_bytes().replace(b'"new":0.14', b'"new":0.13'))
+    done = run_command('audit', line.log, '--json')
+    assert done.returncode == 1
+    told = json.loads(done.stdout)
+    assert (told['problem'], told['bad_line']) == ('changed', count)
+    assert run_command('audit', tmp_path / 'nothing').returncode == 2
+
+
+def test_a_batch_and_a_reset_end_a_count_and_are_in_the_log(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path, batch='monday')
+    line.judge(0.1)
+    assert not line.call(NewBatch, 'new_batch', batch='monday').success
+    assert not line.call(NewBatch, 'new_batch', batch=' ').success
+    ended = line.call(NewBatch, 'new_batch', batch='tuesday')
+    assert (ended.success, ended.finished.batch, ended.finished.items) == (True, 'monday', 1)
+    line.judge(0.1)
+    line.judge(0.1)
+    ended = line.call(ResetStatistics, 'reset_statistics')
+    assert (ended.success, ended.finished.batch, ended.finished.items) == (True, 'tuesday', 2)
+    wait_for(lambda: line.statistics[-1].items == 0)
+    assert [(e.kind, e.old['items'], e.new) for e in line.entries('batch', 'reset')] == [
+        ('batch', 1, 'tuesday'),
+        ('reset', 2, None),
+    ]
+
+
+def test_the_statistics_of_a_bag_are_those_of_its_csv(spinner: Spinner, tmp_path: Path):
+    bag, path, parameters = BAGS / 'paper_90', tmp_path / 'masses.csv', tmp_path / 'limits.yaml'
+    parameters.write_text(
+        '/**/reject:\n  ros__parameters: {lower_limit: 0.14725, upper_limit: 0.169}\n'
+        '/**/identifier:\n  ros__parameters: {estimator: hann}\n'
+    )
+    run_command('weigh', bag, '--params', parameters, '--csv', path)
+    with path.open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    line = Line(spinner, tmp_path)
+    assert line.select('crisps').success
+    ends: queue.SimpleQueue[int] = queue.SimpleQueue()
+    line.listen(ports.SEGMENTER_STATUS, lambda m: ends.put(m.state))
+    spinner.add(DriverNode({'source': 'bag', 'bag.path': str(bag), 'rate': 0.0}))
+    while ends.get(timeout=20.0) != StreamStatus.FINISHED:
+        pass
+    wait_for(lambda: line.statistics[-1].items == len(rows))
+    counted = line.statistics[-1]
+    decisions = [row['decision'] for row in rows]
+    assert [counted.accepted, counted.under, counted.over, counted.faults] == [
+        decisions.count(name) for name in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
+    ]
+    masses = [float(r['mass_g']) / 1000 - 0.004 for r in rows if r['decision'] == 'ACCEPT']
+    assert len(masses) == 5
+    assert counted.mean == pytest.approx(statistics.fmean(masses), abs=1e-12)
+    assert counted.std_dev == pytest.approx(statistics.stdev(masses), abs=1e-12)
+    assert counted.giveaway == pytest.approx(statistics.fmean(masses) - 0.15, abs=1e-12)
+    assert counted.share_below_tu1 == 0.0
+    ends_at = [float(row['t3']) for row in rows]
+    span = max(ends_at) - min(ends_at)
+    assert counted.throughput == pytest.approx((len(rows) - 1) * 60 / span, rel=1e-6)
+    assert not math.isnan(counted.throughput)
+    (calibration,) = line.entries('calibration')
+    assert calibration.new['counts_per_kg'] == 500000.0

@@ -1,0 +1,278 @@
+"""Recording and listening to a running graph, each in a process of its own."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+import csv
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+
+from lines import counts_of, simulated
+import numpy as np
+import pytest
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from running import run_command
+from test_nodes import wait_for
+import yaml
+
+from checkweigher_bringup.spinning import spinning
+from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import edge_to, load_cell_to, reference_to, samples_to
+from checkweigher_recording.bags.messages import BagError
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.recording import Event, Recording
+
+MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
+
+RATE = 4
+COUNT = 12
+BEYOND = 40  # events that come when a recorder is killed
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    line = simulated(count=COUNT)
+    path = tmp_path_factory.mktemp('line') / 'bag'
+    write_bag(path, line.load_cell, line)
+    return path
+
+
+@contextmanager
+def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Have a command running for as long as the block lasts."""
+    process = subprocess.Popen(
+        [*MODULE, *map(str, arguments)], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize('processes', [False, True])
+def test_a_recording_of_a_replay_is_whole(
+    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path, processes: bool
+):
+    flags = ['--processes'] if processes else []
+    with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:
+        replayed = rows(
+            'replay', bag, '--rate', RATE, '--namespace', 'taped', '--listeners', 1, *flags
+        )
+        recorder.send_signal(signal.SIGINT)
+        output, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, errors
+    assert 'messages' in output
+    recording, original = read_bag(tmp_path / 'bag'), read_bag(bag)
+    assert np.array_equal(counts_of(recording), counts_of(original))
+    assert (recording.edges, recording.references) == (original.edges, original.references)
+    assert rows('weigh', tmp_path / 'bag') == replayed
+    information = yaml.safe_load((tmp_path / 'bag/metadata.yaml').read_text())
+    topics = information['rosbag2_bagfile_information']['topics_with_message_count']
+    counts = {each['topic_metadata']['name']: each['message_count'] for each in topics}
+    if not processes:  # the driver is with the recorder; the other processes may be later
+        for name in ('weigh_window', 'denoised_window', 'mass_estimate', 'verdict'):
+            assert counts[f'/taped/{name}'] == COUNT
+    assert counts['/diagnostics'] > 0
+    assert {'/taped/statistics', '/taped/zero_setting', '/taped/reject_eye'} <= set(counts)
+
+
+def check_killed(line: Recording, folder: Path, moments: Sequence[int]) -> list[int]:
+    """Send a line, kill a recorder with SIGKILL at each moment, and weigh what it has left.
+
+    A moment is a number of events of the line: a recorder is killed when it has written so many,
+    while further ones come. Return for each the items that could be weighed afterwards.
+    """
+    write_bag(folder / 'line', line.load_cell, line)
+    events = list(line)
+    with ExitStack() as stack:
+        recorders = [
+            stack.enter_context(
+                started('record', '--output', folder / f'killed{n}', '--namespace', 'killed')
+            )
+            for n in range(len(moments))
+        ]
+        spinner = stack.enter_context(spinning('killed'))
+        feeder = Feeder(line.load_cell)
+        spinner.add(feeder)
+        wait_for(lambda: feeder.listeners() == len(moments), 60.0)
+        feeder.begin()
+        sent = 0
+        for n, moment in enumerate(moments):
+            feeder.send(events[sent:moment])
+            wait_for(lambda: written(folder / f'killed{n}') >= moment, 60.0)  # noqa: B023
+            sent = moment + BEYOND
+            feeder.send(events[moment:sent])
+            recorders[n].kill()
+    whole = read_rows(weigh(folder / 'line', folder)[0])
+    weighed = []
+    for n in range(len(moments)):
+        path, notice = weigh(folder / f'killed{n}', folder)
+        assert f'{folder / f"killed{n}"}: the recording broke off' in notice
+        rows = read_rows(path)
+        weighed.append(sum('StreamEnded' not in row['reasons'] for row in rows))
+        check_beginning(rows, whole, weighed[-1])
+    return weighed
+
+
+class Feeder(Node):
+    """The driver of a line whose events come when the test wants them."""
+
+    def __init__(self, load_cell: LoadCell) -> None:
+        super().__init__('feeder')
+        self._info = load_cell_to(load_cell, 0)
+        self._begin = self._publisher_of(ports.LOAD_CELL_INFO)
+        self._of = {
+            SampleBlock: (self._publisher_of(ports.LOAD_CELL_SAMPLES), samples_to),
+            EyeEdge: (self._publisher_of(ports.PHOTO_EYES), edge_to),
+            Reference: (self._publisher_of(ports.REFERENCE_MASS), reference_to),
+        }
+
+    def _publisher_of(self, topic: ports.Topic) -> Publisher:
+        return self.create_publisher(topic.type, topic.name, topic.qos)
+
+    def listeners(self) -> int:
+        """Return how many take all of it."""
+        publishers = [self._begin, *(publisher for publisher, _ in self._of.values())]
+        return min(publisher.get_subscription_count() for publisher in publishers)
+
+    def begin(self) -> None:
+        self._begin.publish(self._info)
+
+    def send(self, events: Sequence[Event]) -> None:
+        for event in events:
+            publisher, message_of = self._of[type(event)]
+            publisher.publish(message_of(event))
+
+
+def written(folder: Path) -> int:
+    """Return how many events a recorder has written up to now."""
+    try:
+        return sum(1 for _ in read_bag(folder))
+    except BagError:
+        return 0
+
+
+def weigh(bag: Path, folder: Path) -> tuple[Path, str]:
+    """Weigh a bag and return the CSV and what was said on stderr."""
+    path = folder / f'{bag.name}.csv'
+    done = run_command('weigh', bag, '--csv', path)
+    assert done.returncode == 0, done.stderr
+    return path, done.stderr
+
+
+def check_beginning(rows: list[dict[str, str]], whole: list[dict[str, str]], count: int) -> None:
+    """Check that rows are the first `count` of the whole line, and then what was on the belt."""
+    assert all('StreamEnded' in row['reasons'] for row in rows[count:])
+    assert all(not row['mass_g'] and row['decision'] == 'FAULT' for row in rows[count:])
+    assert len(rows) - count <= 2
+    expected = [dict(row) for row in whole[:count]]
+    if rows[:count]:
+        for last in (rows[count - 1], expected[-1]):
+            del last['t4']  # which may lie behind the cut
+    assert rows[:count] == expected
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding='utf-8', newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def passed(line: Recording, moment: int) -> int:
+    """Return how many items have come to the outfeed eye, and their samples, by a moment."""
+    return sum(
+        isinstance(event, EyeEdge) and event.eye is Eye.OUTFEED and event.blocked
+        for event in list(line)[: moment - 5]
+    )
+
+
+def test_a_recording_that_was_killed_weighs_up_to_the_cut(tmp_path: Path):
+    line = simulated(count=10, run_out=0.5)
+    count = len(list(line))
+    moments = [count // 3, count // 2, count - BEYOND]
+
+    weighed = check_killed(line, tmp_path, moments)
+
+    expected = [passed(line, moment) for moment in moments]
+    assert all(found >= least for found, least in zip(weighed, expected, strict=True))
+    assert expected[0] < expected[1] < expected[2]
+
+
+@pytest.mark.soak
+def test_recordings_killed_at_many_moments_weigh_up_to_the_cut(tmp_path: Path):
+    chance = random.Random(3)
+    for number in range(8):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        line = simulated(count=15, spacing=0.4, seed=number)
+        moments = sorted(chance.sample(range(BEYOND, len(list(line)) - BEYOND, BEYOND), 3))
+        weighed = check_killed(line, folder, moments)
+        expected = [passed(line, moment) for moment in moments]
+        print(f'\nitems that had passed, and items weighed after the kill: {expected}, {weighed}')
+        assert all(found >= least for found, least in zip(weighed, expected, strict=True))
+
+
+def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
+    with (
+        started('echo', '--namespace', 'seen', '--count', '5') as seen,
+        started('echo', '--namespace', 'other') as other,
+    ):
+        wait_for_node('/seen/echo', '/other/echo')
+        done = run_command('replay', bag, '--rate', RATE, '--namespace', 'seen')
+        assert done.returncode == 0, done.stderr
+        output, errors = seen.communicate(timeout=60)
+        assert seen.returncode == 0, errors
+        lines = output.splitlines()
+        # From when DDS has brought the two together.
+        first = int(lines[1].split()[0])
+        assert [int(line.split()[0]) for line in lines[1:6]] == list(range(first, first + 5))
+        assert lines[6].startswith('5 items, 5 ACCEPT')
+        assert other.stderr is not None
+        silence = other.stderr.readline()
+        other.send_signal(signal.SIGINT)
+        rows_of_other, _ = other.communicate(timeout=60)
+    assert rows_of_other == ''
+    assert 'nobody publishes /other/load_cell/samples' in silence
+
+
+def test_passes_of_a_known_mass_are_recorded_with_it(
+    bag: Path, rows: Callable[..., list[dict[str, str]]], tmp_path: Path
+):
+    with started(
+        'record', '--output', tmp_path / 'bag', '--namespace', 'known', '--reference', 150,
+        '--passes', 3,
+    ) as recorder:  # fmt: skip
+        replayed = rows('replay', bag, '--rate', RATE, '--namespace', 'known', '--listeners', 1)
+        output, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, errors
+    assert '3 passes' in output
+    assert 'pass 3 of 3' in output + errors
+    # What the line itself says of its masses is not in the bag.
+    masses = [(row['t1'], row['reference_g']) for row in rows('weigh', tmp_path / 'bag')]
+    known = [t1 for t1, reference in masses if reference]
+    assert [reference for _, reference in masses if reference] == ['150.000000'] * 3
+    times = [row['t1'] for row in replayed]
+    assert known == times[times.index(known[0]) :][:3]
+
+
+def wait_for_node(*names: str) -> None:
+    with spinning() as spinner:
+        node = Node('watcher')
+        spinner.add(node)
+        wait_for(
+            lambda: (
+                set(names)
+                <= {
+                    f'{space.rstrip("/")}/{own}'
+                    for own, space in node.get_node_names_and_namespaces()
+                }
+            ),
+            30.0,
+        )

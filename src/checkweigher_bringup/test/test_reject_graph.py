@@ -1,0 +1,277 @@
+"""The reject node over real DDS when masses do not come, and what it asks of the line."""
+
+from collections.abc import Iterator
+import queue
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StopRequest, Verdict
+import pytest
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+from test_nodes import publish, wait_for
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import edge_to, estimate_to, load_cell_to, stamp_from
+from checkweigher_dsp.ros.ports import Topic
+
+CELL = LoadCell(
+    sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
+    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
+)  # fmt: skip
+START = 1_700_000_000 * NANOSECONDS
+# An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector. Both are for
+# a machine that is busy with something else.
+IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('rejecting') as running:
+        yield running
+
+
+def heard(node: Node, topic: Topic, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
+    """Return where a topic's messages come, each with its time of arrival in ns."""
+    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    node.create_subscription(
+        topic.type,
+        topic.name,
+        lambda message: messages.put((time.monotonic_ns(), message)),
+        topic.qos if latched else topic.stage_qos,
+    )
+    return messages
+
+
+def edges(number: int) -> list[EyeEdge]:
+    """Edges of an item of 0.1 m at 0.5 m/s."""
+    t1 = START + number * NANOSECONDS
+    steps = ((0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True))
+    return [EyeEdge(t1 + step * NANOSECONDS // 10, eye, blocked) for step, eye, blocked in steps]
+
+
+def estimate(number: int, mass: float) -> MassEstimate:
+    """The estimate of an item, numbered from 1."""
+    t1, t2, t3 = (edge.stamp for edge in edges(number))
+    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5)
+
+
+class Line:
+    """A reject node and whatever the test says in the name of the others."""
+
+    def __init__(self, spinner: Spinner, **parameters: object) -> None:
+        self.node = Node('others')
+        self.verdicts = heard(self.node, ports.VERDICT)
+        self.stops = heard(self.node, ports.STOP_REQUEST, latched=True)
+        self.reset = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
+        self.edges = self.node.create_publisher(
+            ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
+        )
+        spinner.add(self.node)
+        self.reject = RejectNode(parameters)
+        spinner.add(self.reject)
+        wait_for(lambda: self.edges.get_subscription_count() > 0)
+        publish(self.node, ports.LOAD_CELL_INFO, load_cell_to(CELL, START))
+        # Edges come on another topic: they must not overtake it.
+        wait_for(lambda: self.reject._stage.weigh_length is not None)
+
+    def pass_item(self, number: int) -> None:
+        """Have an item pass the eyes."""
+        for edge in edges(number):
+            self.edges.publish(edge_to(edge))
+
+    def verdict(self) -> Verdict:
+        """Return the next verdict."""
+        return self.verdicts.get(timeout=20.0)[1]
+
+    def stop(self) -> StopRequest:
+        """Return the next word on whether to stop."""
+        return self.stops.get(timeout=20.0)[1]
+
+
+def start(stage: str) -> 'subprocess.Popen[bytes]':
+    return subprocess.Popen(
+        [
+            *(sys.executable, '-m', f'checkweigher_dsp.nodes.{stage}'),
+            *('--ros-args', '-r', '__ns:=/rejecting'),
+        ]
+    )
+
+
+def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
+    listener = ResultListener('listener', from_start=False)
+    eyes, verdicts = heard(listener, ports.PHOTO_EYES), heard(listener, ports.VERDICT)
+    reject = RejectNode(IN_TIME)
+    for node in (listener, STAGE_NODES['segmenter'](), STAGE_NODES['denoise'](), reject):
+        spinner.add(node)
+    identifier = start('identifier')
+    try:
+        spinner.add(DriverNode({'simulator.count': 0}))
+
+        def judged(decision: int) -> tuple[int, Verdict]:
+            while True:
+                came, verdict = verdicts.get(timeout=20.0)
+                if verdict.decision == decision:
+                    return came, verdict
+
+        judged(Verdict.ACCEPT)
+        identifier.send_signal(signal.SIGKILL)
+        identifier.wait()
+        faults = [judged(Verdict.FAULT) for _ in range(2)]
+        identifier = start('identifier')
+        _, weighed = judged(Verdict.ACCEPT)
+    finally:
+        identifier.kill()
+        identifier.wait()
+    seen = {}
+    while not eyes.empty():
+        came, edge = eyes.get()
+        seen[stamp_from(edge.header.stamp)] = came
+    for came, verdict in faults:
+        assert (list(verdict.reasons), verdict.late) == (['NoEstimate'], False)
+        t3 = stamp_from(verdict.header.stamp)
+        assert came < seen[t3] + stamp_from(verdict.reject_at) - t3
+    assert weighed.item_id > faults[-1][1].item_id
+    # Whoever listens hears of what was not weighed as well.
+    shown = []
+    while not listener.weighings.empty():
+        shown.append(listener.weighings.get().verdict.item_id)
+    assert {verdict.item_id for _, verdict in faults} <= set(shown)
+    assert len(set(shown)) == len(shown)
+
+
+def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: Spinner):
+    node = Node('others')
+    eyes, verdicts = heard(node, ports.PHOTO_EYES), heard(node, ports.VERDICT)
+    reject = RejectNode(IN_TIME)
+    for each in (node, STAGE_NODES['denoise'](), STAGE_NODES['identifier'](), reject):
+        spinner.add(each)
+    segmenter = start('segmenter')
+    judged: list[Verdict] = []
+    items: dict[int, int] = {}
+
+    def judged_items() -> list[int]:
+        # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
+        while not eyes.empty():
+            _, edge = eyes.get()
+            if edge.blocked:
+                items[stamp_from(edge.header.stamp)] = len(items) // 2
+        stamps = [stamp_from(each.header.stamp) or stamp_from(each.t1) for each in judged]
+        return sorted(items[stamp] for stamp in stamps)
+
+    def judge_until(decision: int) -> None:
+        judged.append(verdicts.get(timeout=20.0)[1])
+        while judged[-1].decision != decision:
+            judged.append(verdicts.get(timeout=20.0)[1])
+
+    try:
+        spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
+        judge_until(Verdict.ACCEPT)
+        judge_until(Verdict.ACCEPT)
+        segmenter.send_signal(signal.SIGKILL)
+        segmenter.wait()
+        judge_until(Verdict.FAULT)
+        judge_until(Verdict.FAULT)
+        segmenter = start('segmenter')
+        judge_until(Verdict.ACCEPT)
+        judge_until(Verdict.ACCEPT)
+        weighed = judged[-1]
+        # Those that it has missed last may still have to be judged.
+        while len(found := judged_items()) < 1 + found[-1] - found[0] and len(judged) < 60:
+            judged.append(verdicts.get(timeout=20.0)[1])
+    finally:
+        segmenter.kill()
+        segmenter.wait()
+    numbers = [verdict.item_id for verdict in judged]
+    assert len(set(numbers)) == len(numbers)
+    # It counts from 1 again, its items are numbered on.
+    before = [verdict.item_id for verdict in judged[: judged.index(weighed)]]
+    assert weighed.estimate_id < weighed.item_id
+    assert weighed.item_id > max(before)
+    found = judged_items()
+    assert found == list(range(found[0], found[-1] + 1))  # each has one verdict, and only one
+
+
+def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
+    line = Line(spinner)
+    diagnostics = heard(line.node, ports.DIAGNOSTICS)
+    line.pass_item(1)
+    assert list(line.verdict().reasons) == ['NoEstimate']
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+
+    counted: dict[str, str] = {}
+    while 'late estimates' not in counted:
+        _, message = diagnostics.get(timeout=10.0)
+        counted = {value.key: value.value for value in message.status[0].values}
+
+    assert counted['late estimates'] == '1'
+    assert line.verdicts.empty()
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    assert line.verdict().decision == Verdict.ACCEPT
+
+
+def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner: Spinner):
+    line = Line(spinner, min_belt_speed=0.4, edge_lateness=0.2, rejector_distance=10.0)
+    for edge in edges(1)[:2]:
+        line.edges.publish(edge_to(edge))
+
+    verdict = line.verdict()
+
+    assert list(verdict.reasons) == ['MissingEdge', 'NoEstimate']
+    assert stamp_from(verdict.t1) == edges(1)[0].stamp
+    line.pass_item(2)  # the first one has not stopped the line
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    assert line.verdict().decision == Verdict.ACCEPT
+
+
+def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
+    line = Line(spinner, deadlines=False, rejector_distance=0.0)
+    line.pass_item(1)
+    line.pass_item(2)
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+
+    assert [line.verdict().item_id, line.verdict().item_id] == [2, 1]
+
+
+def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinner):
+    line = Line(spinner, max_rejects_in_a_row=2)
+    assert line.stop().state == StopRequest.RUN
+    for number in (1, 2):
+        line.pass_item(number)
+
+    request = line.stop()
+
+    assert (request.state, request.reason) == (StopRequest.STOP, 'TooManyRejects')
+    assert request.item_id == 2
+    assert request.hint
+    assert line.reset.wait_for_service(timeout_sec=10.0)
+    answer = line.reset.call_async(Trigger.Request())
+    assert line.stop().state == StopRequest.RUN
+    wait_for(answer.done)
+    assert answer.result().success
+
+
+def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
+    line = Line(spinner, confirmation_time=2.0, rejector_distance=0.5)
+    assert line.stop().state == StopRequest.RUN
+    line.pass_item(1)
+    # The eye is told of at once: a busy machine must not make it too late. Whichever comes first,
+    # edges or eye, it waits longer for the verdict than that takes.
+    reject_at = edges(1)[-1].stamp + NANOSECONDS
+    publish(line.node, ports.REJECT_EYE, edge_to(EyeEdge(reject_at, Eye.INFEED, True)))
+    assert stamp_from(line.verdict().reject_at) == reject_at
+    line.pass_item(4)  # whose reject time is not near that of the first one
+
+    request = line.stop()
+
+    assert (request.reason, request.item_id) == ('UnconfirmedReject', 2)

@@ -1,0 +1,57 @@
+"""The graph on a serial load cell: the masses of the recording that the device sends."""
+
+from pathlib import Path
+
+from checkweigher_msgs.msg import Verdict
+import pytest
+from running import ROOT  # noqa: F401  sets the domain
+from serial_line import SerialDevice
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
+
+COUNT = 2
+
+
+def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Path):
+    recording = simulate(SimulationParameters(count=COUNT, lead_in=1.1, run_out=0.3))
+    cell, port, bag = recording.load_cell, tmp_path / 'port', tmp_path / 'bag'
+    write_bag(bag, cell, recording)
+    line = WeighingLine(cell, LineParameters())
+    events = [*recording.blocks, *recording.edges]
+    expected = [done.estimate.mass for event in events for done in line.add(event)]
+    device = SerialDevice(port, '--bag', bag)
+    try:
+        with spinning('serial') as spinner:
+            listener = ResultListener('listener', from_start=False)
+            spinner.add(listener)
+            for name, make in STAGE_NODES.items():
+                # However long a busy machine takes for a mass.
+                spinner.add(make({'deadlines': False} if name == 'reject' else None))
+            driver = DriverNode(
+                {
+                    'source': 'aed',
+                    'eyes': 'replayed',
+                    'aed.port': str(port),
+                    'aed.counts_per_kg': cell.counts_per_kg,
+                    'aed.zero_counts': cell.zero_counts,
+                    'aed.capacity': cell.capacity,
+                    'aed.weigh_length': cell.weigh_length,
+                    'replayed.path': str(bag),
+                }
+            )
+            spinner.add(driver)
+            weighings = [listener.weighings.get(timeout=30) for _ in range(COUNT)]
+    finally:
+        device.end()
+
+    assert [w.verdict.decision for w in weighings] == [Verdict.ACCEPT] * COUNT
+    # Samples and windows are the same; the times are those of this machine's clock, which goes
+    # into the mass by a tenth of what it is off during a pass, in the first second of the stream.
+    masses = [w.estimate.mass for w in weighings]
+    assert masses == pytest.approx(expected, rel=1e-3, abs=1 / cell.counts_per_kg)

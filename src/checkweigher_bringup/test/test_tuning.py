@@ -1,0 +1,310 @@
+"""`tune` and `evaluate` as a user runs them."""
+
+from collections.abc import Callable
+import csv
+import json
+from pathlib import Path
+
+from lines import simulated
+import numpy as np
+import pytest
+from running import run_command
+
+from checkweigher_bringup.cli import main
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_validation.protocol.paper_protocol import Protocol, evaluate_protocol
+
+Rows = Callable[..., list[dict[str, str]]]
+
+MASSES = (0.0745, 0.1645, 0.2545)  # kg
+SPEEDS = (1.0, 1.5)  # m/s
+BUDGET = 16
+FAST = ('--budget', BUDGET, '--jobs', 1)
+
+
+def bag_of(folder: Path, name: str, **parameters: object) -> Path:
+    """Write a bag of a simulated soft machine."""
+    line = simulated(**{'profile': 'soft', 'masses': MASSES, 'count': 18, **parameters})
+    write_bag(folder / name, line.load_cell, line)
+    return folder / name
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """Bags to train on and others to test on, at two speeds."""
+    folder = tmp_path_factory.mktemp('bags')
+    return {
+        part: [bag_of(folder, f'{part}_{speed}', speed=speed, seed=seed) for speed in SPEEDS]
+        for part, seed in (('train', 1), ('test', 2))
+    }
+
+
+@pytest.fixture(scope='module')
+def tuned(bags: dict[str, list[Path]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tune both estimators; the file selects iswd_eksi."""
+    path = tmp_path_factory.mktemp('tuned') / 'machine.yaml'
+    done = run_command(
+        'tune', *bags['train'], '--estimator', 'iswd_eksi', 'tvlpf', '--output', path, *FAST
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    table = done.stdout.splitlines()
+    rows = [line.split() for line in table[1:5]]
+    assert [row[0] for row in rows] == ['iswd_eksi', 'iswd_eksi', 'tvlpf', 'tvlpf']
+    assert [float(row[1]) for row in rows] == pytest.approx([60.0, 90.0] * 2, abs=0.2)
+    assert {row[2] for row in rows} == {'18'}
+    return path
+
+
+def errors(rows: list[dict[str, str]]) -> np.ndarray:
+    """Return mass less reference in g."""
+    assert all(row['mass_g'] for row in rows)
+    return np.array([float(row['mass_g']) - float(row['reference_g']) for row in rows])
+
+
+@pytest.mark.parametrize('estimator', ['iswd_eksi', 'tvlpf'])
+def test_what_was_tuned_on_some_passes_weighs_others_better(
+    bags: dict[str, list[Path]], tuned: Path, rows: Rows, tmp_path: Path, estimator: str
+):
+    for bag in bags['test']:
+        chosen = ('--estimator', estimator)
+        before = errors(rows('weigh', bag, *chosen))
+        after = errors(rows('weigh', bag, *chosen, '--params', tuned))
+        assert np.sqrt(np.mean(after**2)) < 0.8 * np.sqrt(np.mean(before**2))
+
+
+def test_the_file_says_how_far_to_trust_a_mass(
+    bags: dict[str, list[Path]], tuned: Path, rows: Rows
+):
+    both = [row for bag in bags['test'] for row in rows('weigh', bag, '--params', tuned)]
+    inside = abs(errors(both)) < 2 * np.array([float(row['std_dev_g']) for row in both])
+    # 95 % if 18 passes of a speed told all; they do not.
+    assert np.mean(inside) > 0.75
+    assert len({row['std_dev_g'] for row in both}) > 1
+
+
+def test_the_graph_and_the_loop_give_the_same_masses_by_it(
+    bags: dict[str, list[Path]], tuned: Path, rows: Rows
+):
+    bag = bags['test'][1]
+    weighed = rows('weigh', bag, '--params', tuned)
+    assert len(weighed) == 18
+    assert rows('replay', bag, '--rate', '0', '--params', tuned) == weighed
+
+
+def test_between_the_speeds_it_weighs_and_outside_it_says_so(
+    tuned: Path, rows: Rows, tmp_path: Path
+):
+    between, outside = (
+        rows('weigh', bag_of(tmp_path, f'at_{speed}', speed=speed, count=3), '--params', tuned)
+        for speed in (1.2, 0.8)
+    )
+    assert np.max(abs(errors(between))) < 5.0
+    for row in outside:
+        assert (row['decision'], row['reasons']) == ('FAULT', 'SpeedNotTrained')
+        assert row['mass_g'] == ''
+
+
+Refused = Callable[..., str]
+
+
+@pytest.fixture
+def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
+    """Run a command that must be refused and leave nothing; its line is returned."""
+
+    def run(*arguments: object) -> str:
+        before = sorted(tmp_path.iterdir())
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        out, errors = capsys.readouterr()
+        assert end.value.code == 2
+        assert out == ''
+        (line,) = errors.strip().splitlines()
+        assert sorted(tmp_path.iterdir()) == before
+        return line
+
+    return run
+
+
+class TestRefusedTuning:
+    @pytest.mark.parametrize(
+        ('options', 'message'),
+        [
+            (('--estimator', 'best'), 'no such estimator; there are aeksi, aid'),
+            (('--estimator', 'all', 'best'), '--estimator best'),
+            (('--budget', '0'), '--budget 0: must be above 0'),
+            (('--jobs', '-1'), '--jobs -1: must be above 0'),
+            (('--params', '/no/such/file'), '/no/such/file'),
+            (('--lane', 'other'), 'other'),
+        ],
+    )
+    def test_options(
+        self,
+        bags: dict[str, list[Path]],
+        tmp_path: Path,
+        options: tuple[str, ...],
+        message: str,
+        refused: Refused,
+    ):
+        output = tmp_path / 'machine.yaml'
+        assert message in refused('tune', bags['train'][0], '--output', output, *options)
+
+    def test_an_output_that_exists(
+        self, bags: dict[str, list[Path]], tmp_path: Path, refused: Refused
+    ):
+        output = tmp_path / 'machine.yaml'
+        output.write_text('mine')
+        assert 'exists already' in refused('tune', bags['train'][0], '--output', output)
+        assert output.read_text() == 'mine'
+
+    def test_a_bag_without_known_masses(self, tmp_path: Path, refused: Refused):
+        line = simulated(count=4)
+        write_bag(tmp_path / 'bag', line.load_cell, (*line.blocks, *line.edges))
+        line = refused('tune', tmp_path / 'bag', '--output', tmp_path / 'machine.yaml')
+        assert 'no pass of known mass; the bag needs reference_mass' in line
+
+    def test_too_few_passes(self, bags: dict[str, list[Path]], tmp_path: Path, refused: Refused):
+        few = bag_of(tmp_path, 'few', speed=0.5, count=2)
+        assert '2 passes of known mass at 30.0 m/min' in refused(
+            'tune', bags['train'][0], few, '--output', tmp_path / 'machine.yaml'
+        )
+
+    def test_bags_of_different_rates(
+        self, bags: dict[str, list[Path]], tmp_path: Path, refused: Refused
+    ):
+        other = bag_of(tmp_path, 'other', sample_rate=1000.0, count=3)
+        line = refused('tune', bags['train'][0], other, '--output', tmp_path / 'machine.yaml')
+        assert 'sampled at 1000 Hz, the bags before it at 960 Hz' in line
+
+    @pytest.mark.parametrize('jobs', ['1', '2'])
+    def test_passes_that_an_estimator_cannot_be_tuned_on(
+        self, tmp_path: Path, jobs: str, refused: Refused
+    ):
+        # No stretch of it is long enough for the least noise model.
+        slow = bag_of(tmp_path, 'slow', sample_rate=100.0, speed=0.3, spacing=0.31, lead_in=0.1)
+        line = refused('tune', slow, '--estimator', 'hann', 'gauss_markov', '--jobs', jobs,
+            '--output', tmp_path / 'machine.yaml',
+        )  # fmt: skip
+        assert 'no stretch of noise is longer than 40 samples' in line
+
+
+class TestEvaluation:
+    def test_bags_after_training_on_others(
+        self, bags: dict[str, list[Path]], checkweigher: Callable[..., object], tmp_path: Path
+    ):
+        files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
+        done = checkweigher(
+            'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
+            *FAST, '--class', 'XIV',
+            *(part for kind, path in files.items() for part in (f'--{kind}', path)),
+        )  # fmt: skip
+        assert done.stderr == ''
+        assert 'tvlpf' in done.stdout
+        assert '<html' in files['html'].read_text()
+        with files['csv'].open(newline='') as file:
+            rows = list(csv.DictReader(file))
+        keys = [(row['part'], row['estimator'], row['mass_g'], row['count']) for row in rows]
+        expected = [
+            (part, estimator, mass, '6')
+            for part in ('test', 'train')
+            for _ in SPEEDS
+            for estimator in ('hann', 'tvlpf')
+            for mass in ('74.5', '164.5', '254.5')
+        ]
+        assert sorted(keys) == sorted(expected)
+        # Both parts stand under the same speeds.
+        assert len({row['belt_speed_m_per_s'] for row in rows}) == len(SPEEDS)
+        content = json.loads(files['json'].read_text())
+        assert len(content['conditions']) == len(rows)
+        assert {kind for kind, _ in content['provenance']} >= {'train', 'test', 'numpy'}
+        parameters = LineParameters.from_file(files['tuned'])
+        assert parameters.identifier.estimator == 'hann'
+        assert parameters.identifier.tvlpf.calibrated
+
+    def test_a_tuned_file_without_training(
+        self, bags: dict[str, list[Path]], tuned: Path, checkweigher: Callable[..., object]
+    ):
+        done = checkweigher('evaluate', *bags['test'], '--params', tuned, '--jobs', 1)
+        assert 'iswd_eksi' in done.stdout
+
+    def test_the_protocol_can_be_repeated(
+        self, checkweigher: Callable[..., object], tmp_path: Path
+    ):
+        path = tmp_path / 'result.csv'
+        done = checkweigher(
+            'evaluate', '--protocol', 'paper', '--passes', 12, '--estimator', 'mean', 'hann',
+            '--csv', path, '--jobs', 1,
+        )  # fmt: skip
+        assert 'bound' in done.stdout
+        with path.open(newline='') as file:
+            rows = list(csv.DictReader(file))
+        # Speeds, masses, parts, estimators.
+        assert len(rows) == 5 * 5 * 2 * 2
+        # Each speed draws numbers of its own, so that one alone has the same passes again; between
+        # two speeds, though, gain and offset are interpolated.
+        again, _ = evaluate_protocol(
+            Protocol(passes=12, speeds=(1.5,)), ['mean', 'hann'], LineParameters(), workers=1
+        )
+        for one in again:
+            (row,) = (
+                row
+                for row in rows
+                if (row['estimator'], row['part']) == (one.estimator, one.part)
+                and float(row['belt_speed_m_per_s']) == one.speed
+                and float(row['mass_g']) == pytest.approx(1000 * one.mass)
+            )
+            assert (int(row['count']), int(row['faults'])) == (one.count, one.faults) == (6, 0)
+            assert float(row['mean_error_g']) == pytest.approx(1000 * one.mean_error, abs=0.02)
+            assert float(row['std_dev_g']) == pytest.approx(1000 * one.std_dev, rel=0.02)
+            assert float(row['bound_g']) == pytest.approx(1000 * one.bound, abs=1e-6)
+
+    @pytest.mark.parametrize('name', ['XI', 'XII', 'XIII', 'XIV'])
+    def test_all_classes_are_known(
+        self, bags: dict[str, list[Path]], capsys: pytest.CaptureFixture[str], name: str
+    ):
+        bag = str(bags['test'][0])
+        with pytest.raises(SystemExit) as end:
+            main(['evaluate', bag, '--class', name, '--estimator', 'mean', '--jobs', '1'])
+        assert end.value.code == 0
+        assert f'{name}(1)' in capsys.readouterr().out
+
+    @pytest.mark.parametrize(
+        ('options', 'message'),
+        [
+            ((), 'name bags, or --protocol paper'),
+            (('BAG', '--protocol', 'paper'), 'name bags, or --protocol paper'),
+            (('--protocol', 'paper', '--passes', '3'), '--passes 3: must be even'),
+            (('--protocol', 'paper', '--passes', '0'), '--passes 0: must be even'),
+            (('--protocol', 'paper', '--seed', '-1'), '--seed -1: must not be negative'),
+            (('--protocol', 'paper', '--profile', 'moon'), '--profile moon: is none of paper'),
+            (('--protocol', 'paper', '--train', 'BAG'), '--train'),
+            (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIV"),
+            (('BAG', '--factor', '0'), 'class factor'),
+            (('BAG', '--interval', 'nan'), 'verification scale interval'),
+            (('BAG', '--nominal', '20000'), '--nominal'),
+            (('BAG', '--budget', '0'), '--budget 0: must be above 0'),
+            (('BAG', '--estimator', 'best'), 'no such estimator'),
+            (('BAG', '--tuned', 'OUT'), '--tuned: nothing would be tuned'),
+            (('BAG', '--csv', 'OUT', '--json', 'OUT'), 'two of the outputs'),
+            (('BAG', '--html', '/no/such/folder/report.html'), 'there is no folder'),
+        ],
+    )
+    def test_refused(
+        self,
+        bags: dict[str, list[Path]],
+        tmp_path: Path,
+        options: tuple[str, ...],
+        message: str,
+        refused: Refused,
+    ):
+        places = {'BAG': bags['test'][0], 'OUT': tmp_path / 'out'}
+        assert message in refused('evaluate', *(places.get(option, option) for option in options))
+
+    def test_training_at_another_rate_is_refused(
+        self, bags: dict[str, list[Path]], tmp_path: Path, refused: Refused
+    ):
+        other = bag_of(tmp_path, 'other', sample_rate=1000.0, count=3)
+        assert 'sampled at another rate' in refused(
+            'evaluate', bags['test'][0], '--train', other, '--estimator', 'mean'
+        )

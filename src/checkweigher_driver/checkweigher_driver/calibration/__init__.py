@@ -1,0 +1,1 @@
+"""Static calibration of a load cell."""

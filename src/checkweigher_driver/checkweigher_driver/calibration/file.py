@@ -1,0 +1,249 @@
+"""Calibrations as parameter files: each one a new version, the old ones kept beside it."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+import os
+from pathlib import Path
+import re
+import sysconfig
+from typing import Any
+
+from ament_index_python import get_packages_with_prefixes
+import yaml
+
+from checkweigher_driver.calibration.static_calibration import (
+    GRAMS,
+    CalibrationError,
+    CalibrationPoint,
+    StaticCalibration,
+)
+from checkweigher_driver.sources import source_class
+from checkweigher_dsp.parameters import flatten
+from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
+
+_FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
+_DRIVER = '/**/driver'
+
+
+def check_calibration_file(path: Path) -> None:
+    """Raise CalibrationError or OutputError if a calibration cannot be written: before the work.
+
+    Parameters
+    ----------
+    path : Path
+        A file that is there has to be a calibration, which then is kept as an older version. A file
+        in an installed package is refused: the next installation would replace it.
+    """
+    check_not_installed(path)
+    if path.is_dir():
+        raise CalibrationError(f'{path}: is a folder, not a file to write to')
+    check_folder_of(path)
+    if path.exists():
+        read_version(path)
+
+
+def check_not_installed(path: Path) -> None:
+    """Raise CalibrationError if a path lies in an installed package."""
+    for tree in _installed():
+        if any(each.is_relative_to(tree) for each in (path.absolute(), path.resolve())):
+            raise CalibrationError(
+                f'{path}: lies in the installed packages in {tree}; the next installation would '
+                'replace it, choose a place of the machine, such as /etc/checkweigher'
+            )
+
+
+def _installed() -> list[Path]:
+    packages = {Path(prefix) for prefix in get_packages_with_prefixes().values()}
+    trees = [Path(sysconfig.get_path('purelib')), Path('/opt/ros'), *packages]
+    return [each for tree in trees for each in {tree.absolute(), tree.resolve()}]
+
+
+def read_version(path: Path) -> int:
+    """Return which version a calibration file is, or raise CalibrationError if it is none."""
+    try:
+        with path.open(encoding='utf-8') as file:
+            first = file.readline()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f'{path}: cannot be read: {error}') from None
+    found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
+    if found is None:
+        raise CalibrationError(
+            f'{path}: exists already and is no calibration; choose another name for the calibration'
+        )
+    return int(found.group(1))
+
+
+def calibration_text(
+    version: int,
+    source: str,
+    calibration: StaticCalibration,
+    points: Sequence[CalibrationPoint],
+    sections: dict[str, Any],
+    made: datetime | None = None,
+) -> str:
+    """Return the text of a calibration file.
+
+    Parameters
+    ----------
+    version : int
+        From 1.
+    source : str
+        Whose parameters ``counts_per_kg`` and ``zero_counts`` are.
+    calibration : StaticCalibration
+        What they are.
+    points : sequence of CalibrationPoint
+        What it was made from.
+    sections : dict
+        Content of a parameter file to which they are added.
+    made : datetime, optional
+        When; by default now.
+    """
+    made = made or datetime.now(UTC)
+    lines = [
+        f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
+        f'# {made.isoformat(timespec="seconds")}',
+        *(f'# {line}' for line in calibration_table(calibration, points)),
+    ]
+    driver = sections.setdefault(_DRIVER, {}).setdefault('ros__parameters', {})
+    own = driver.setdefault(source, {})
+    own['counts_per_kg'] = calibration.counts_per_kg
+    own['zero_counts'] = calibration.zero_counts
+    return '\n'.join(lines) + '\n' + yaml.safe_dump(sections, sort_keys=False, width=100)
+
+
+def calibration_table(
+    calibration: StaticCalibration, points: Sequence[CalibrationPoint]
+) -> list[str]:
+    """Return what a calibration says and rests on, a line each."""
+    lines = [
+        f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
+        f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
+        f'{calibration.zero_counts:.2f} +- {calibration.zero_uncertainty:.2f} (standard '
+        'uncertainties)',
+        f'{"mass g":>12}{"reading":>14}{"+-":>9}{"residual g":>13}{"+- g":>9}',
+    ]
+    for point, residual in zip(points, calibration.residuals, strict=True):
+        uncertainty = abs(point.reading_uncertainty / calibration.counts_per_kg)
+        lines.append(
+            f'{GRAMS * point.mass:12.3f}{point.reading:14.2f}{point.reading_uncertainty:9.2f}'
+            f'{GRAMS * residual:13.4f}{GRAMS * uncertainty:9.4f}'
+        )
+    return lines
+
+
+def write_version(
+    path: Path,
+    source: str,
+    calibration: StaticCalibration,
+    points: Sequence[CalibrationPoint],
+    base: Path | None = None,
+) -> int:
+    """Write a calibration as the newest version of a file and return its number.
+
+    The version before is kept as ``NAME.vN.yaml``. What else stands in it, or in `base`, goes into
+    the new one.
+
+    Raises
+    ------
+    CalibrationError, OutputError
+        If it cannot be written; what is there then stays.
+    """
+    check_calibration_file(path)
+    old = read_version(path) if path.exists() else None
+    sections = _sections(base if base is not None else path if old else None)
+    version = max([old or 0, *_kept_versions(path)]) + 1
+    text = calibration_text(version, source, calibration, points, sections)
+    if old is not None:
+        _keep(path, old)
+    write_whole(path, text)
+    return version
+
+
+def replace_version(path: Path, new: Path) -> int:
+    """Put a new file in place of one that is kept as ``NAME.vN.yaml``, if there is one.
+
+    Returns
+    -------
+    int
+        Number of the new version.
+
+    Raises
+    ------
+    OutputError
+        If the old one cannot be kept; it stays then.
+    """
+    version = max([0, *_kept_versions(path)]) + 1
+    if path.exists():
+        _keep(path, version)
+        version += 1
+    os.replace(new, path)
+    return version
+
+
+def _keep(path: Path, version: int) -> None:
+    kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
+    try:
+        # It is there if an attempt before this one broke off here.
+        with suppress(FileExistsError):
+            os.link(path, kept)
+    except OSError as error:
+        raise output_error(kept, error) from None
+
+
+def _kept_versions(path: Path) -> list[int]:
+    pattern = re.compile(re.escape(path.stem) + r'\.v(\d+)' + re.escape(path.suffix))
+    found = (pattern.fullmatch(other.name) for other in path.parent.iterdir())
+    return [int(match.group(1)) for match in found if match]
+
+
+def _sections(path: Path | None) -> dict[str, Any]:
+    if path is None:
+        return {}
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise CalibrationError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
+    if not isinstance(content, dict) or not all(
+        isinstance(section, dict) and isinstance(section.get('ros__parameters'), dict)
+        for section in content.values()
+    ):
+        raise CalibrationError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
+    return content
+
+
+def source_values(path: Path, source: str) -> dict[str, object]:
+    """Return what a parameter file says of a source, by the names of its own set."""
+    found: dict[str, object] = {}
+    for address, section in _sections(path).items():
+        if str(address).rsplit('/', 1)[-1] in ('**', 'driver'):
+            found.update(flatten(section['ros__parameters']))
+    prefix = f'{source}.'
+    return {name[len(prefix) :]: found[name] for name in found if name.startswith(prefix)}
+
+
+def check_calibrated_source(source: str) -> None:
+    """Raise CalibrationError if a source has no calibration of its own, such as a bag."""
+    if not {'counts_per_kg', 'zero_counts'} <= set(source_class(source).parameters.entries()):
+        raise CalibrationError(f'source {source}: has its calibration in its data')
+
+
+def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
+    """Return counts_per_kg and zero_counts of a source, None while there is no file.
+
+    Raises
+    ------
+    CalibrationError
+        If the file is no calibration of this source.
+    """
+    if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
+        return None
+    read_version(path)
+    values = source_values(path, source)
+    found = []
+    for name in ('counts_per_kg', 'zero_counts'):
+        value = values.get(name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise CalibrationError(f'{path}: {source}.{name} is {value}, must be a number')
+        found.append(float(value))
+    return found[0], found[1]

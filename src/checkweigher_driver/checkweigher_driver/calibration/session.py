@@ -1,0 +1,229 @@
+"""A calibration on a line: points that are read one after the other, while nothing passes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import ClassVar
+
+from checkweigher_driver.calibration.static_calibration import (
+    GRAMS,
+    CalibrationError,
+    CalibrationPoint,
+    RestReading,
+    StaticCalibration,
+    StaticReading,
+    Steadiness,
+    calibrate,
+    zero_only,
+)
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+
+_QUIET = 2 * NANOSECONDS  # without an edge, before the stream may be interrupted
+_LONGEST = 3600.0  # s from the first point to the end: the zero drifts
+
+
+@dataclass(frozen=True)
+class CalibrationParameters(Parameters):
+    """Where the calibration of the machine is, and when a load counts as being at rest."""
+
+    node: ClassVar[str] = 'calibration'
+
+    file: str = parameter(
+        '', 'calibration of this machine: what stands in it goes before the parameters of the '
+        'source, and the services write it; empty for none',
+    )  # fmt: skip
+    duration: float = parameter(
+        5.0, 'for which each mass is read', unit='s', minimum=0.5, maximum=600
+    )
+    tolerance: float = parameter(
+        1e-4, 'by which a load at rest may still move', unit='kg', minimum=1e-9, maximum=1e6
+    )
+    patience: float = parameter(
+        30.0, 'after which a load that does not come to rest is given up', unit='s',
+        minimum=1, maximum=3600,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.patience <= self.duration:
+            raise ParameterError(
+                f'calibration.patience: {self.patience:g} s is not above calibration.duration '
+                f'{self.duration:g} s'
+            )
+
+    @property
+    def steadiness(self) -> Steadiness:
+        """When a load is at rest."""
+        return Steadiness(self.duration, self.tolerance, self.patience)
+
+    @property
+    def path(self) -> Path | None:
+        """The file, None without one."""
+        return Path(self.file) if self.file else None
+
+
+class CalibrationSession:
+    """Points of a calibration, and the reading of the next one.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        As it is calibrated now.
+    steadiness : Steadiness
+        When a load is at rest.
+
+    Attributes
+    ----------
+    points : list of CalibrationPoint
+        Read by now.
+    reading : bool
+        Whether a load is being read.
+    """
+
+    def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
+        self.load_cell = load_cell
+        self._steadiness = steadiness
+        self._began = math.nan
+        self.points: list[CalibrationPoint] = []
+        self._reading: RestReading | None = None
+        self._mass = self._uncertainty = 0.0
+        self._next: int | None = None
+
+    @property
+    def reading(self) -> bool:
+        """Whether a load is being read."""
+        return self._reading is not None
+
+    def begin(self, mass: float, uncertainty: float, edges: Sequence[EyeEdge]) -> None:
+        """Begin to read a load.
+
+        Parameters
+        ----------
+        mass, uncertainty : float
+            kg, of what is on the belt; both 0 if it is empty.
+        edges : sequence of EyeEdge
+            The latest of the line.
+
+        Raises
+        ------
+        CalibrationError
+            If it cannot be read now.
+        """
+        if self._reading is not None:
+            raise CalibrationError('a load is being read already; wait for the answer')
+        if not (math.isfinite(mass) and math.isfinite(uncertainty) and uncertainty >= 0):
+            raise CalibrationError(
+                f'mass {mass:g} kg, uncertainty {uncertainty:g} kg: both must be finite numbers, '
+                'the latter not negative'
+            )
+        if mass == 0 and (eye := blocked_eye(edges)) is not None:
+            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')
+        self._mass, self._uncertainty, self._next = mass, uncertainty, None
+        self._reading = RestReading(self.load_cell, self._steadiness)
+
+    def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
+        """Take what came of the stream, and return the reading of the point that it completes.
+
+        Parameters
+        ----------
+        event : SampleBlock or EyeEdge
+        now : float
+            s, on a clock that never steps back.
+
+        Raises
+        ------
+        CalibrationError
+            If the load cannot be read; there is no point then.
+        """
+        if self._reading is None:
+            return None
+        try:
+            found = self._take(self._reading, event)
+        except CalibrationError:
+            self._reading = None
+            raise
+        if found is not None:
+            self._reading = None
+            self._began = now if math.isnan(self._began) else self._began
+            self.points.append(
+                CalibrationPoint(self._mass, found.mean, found.std_error, self._uncertainty)
+            )
+        return found
+
+    def _take(self, reading: RestReading, event: SampleBlock | EyeEdge) -> StaticReading | None:
+        if isinstance(event, EyeEdge):
+            raise CalibrationError(
+                f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
+                'stop the feed, and keep clear of the belt'
+            )
+        whole = self._next is None or event.first_index == self._next
+        self._next = event.first_index + len(event.counts)
+        return reading.add(event.counts, whole=whole)
+
+    def cancel(self) -> None:
+        """Give up the reading."""
+        self._reading = None
+
+    def finish(
+        self, max_residual: float, edges: Sequence[EyeEdge], stamp: int, now: float
+    ) -> StaticCalibration:
+        """Return the calibration of the points; they are kept.
+
+        Parameters
+        ----------
+        max_residual : float
+            kg, by which a mass may be off the line; 0 for any.
+        edges : sequence of EyeEdge
+            The latest of the line.
+        stamp : int
+            ns, how far the stream has come.
+        now : float
+            s, on the clock of `add`.
+
+        Raises
+        ------
+        CalibrationError
+            If they make none, or a product may be on the belt.
+        """
+        if self._reading is not None:
+            raise CalibrationError('a load is being read; wait for its answer')
+        if not self.points:
+            raise CalibrationError('no load was read; call calibrate_zero and calibrate_span first')
+        if now - self._began > _LONGEST:
+            raise CalibrationError(
+                f'the first load was read more than {_LONGEST / 60:.0f} min ago, and the zero '
+                'drifts; call cancel_calibration and begin anew'
+            )
+        if (eye := blocked_eye(edges)) is not None:
+            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')
+        if edges and stamp - edges[-1].stamp < _QUIET:
+            raise CalibrationError(
+                f'an eye has switched within the last {_QUIET / NANOSECONDS:g} s; stop the feed, '
+                'and wait until nothing passes'
+            )
+        found = self._calibration()
+        if max_residual > 0 and found.largest_residual > max_residual:
+            raise CalibrationError(
+                f'a mass is {GRAMS * found.largest_residual:.3f} g off the line, more than '
+                f'{GRAMS * max_residual:g} g; check the masses and what touches the belt, then '
+                'call cancel_calibration and begin anew'
+            )
+        return found
+
+    def _calibration(self) -> StaticCalibration:
+        if any(point.mass for point in self.points):
+            return calibrate(self.points)
+        if len(self.points) > 1:
+            raise CalibrationError(
+                'the empty belt was read several times, and no mass; call calibrate_span, or '
+                'cancel_calibration and read it once'
+            )
+        return zero_only(self.points[0], self.load_cell.counts_per_kg)
+
+
+def blocked_eye(edges: Sequence[EyeEdge]) -> str | None:
+    """Return the name of an eye that is blocked after these edges, None if there is none."""
+    last = {edge.eye: edge.blocked for edge in edges}
+    return next((Eye(eye).name.lower() for eye, blocked in last.items() if blocked), None)

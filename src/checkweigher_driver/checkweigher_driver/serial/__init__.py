@@ -1,0 +1,1 @@
+"""Load cells on serial ports."""

@@ -1,0 +1,104 @@
+"""Readings from lines of text."""
+
+import math
+import re
+
+import numpy as np
+
+from checkweigher_driver.serial.decoding import Decoded
+
+_LONGEST_LINE = 256  # bytes, beyond which it is none
+_ENDS = re.compile(rb'[\r\n]+')
+_INT32 = np.iinfo(np.int32)
+
+
+class LineDecoder:
+    """Find the readings in a stream of lines; any cut of the stream gives the same.
+
+    Parameters
+    ----------
+    pattern : str
+        Regular expression of a whole line without its end; its first group is the number. There is
+        no checksum, so only what the pattern refuses is noticed: let it fix the number of digits,
+        or a lost digit makes another number.
+    decimals : int
+        Digits after the point that make up the counts: 1 of the last one is 1 count.
+
+    Raises
+    ------
+    ValueError
+        If the pattern is no regular expression or has no group.
+
+    Notes
+    -----
+    Lines end with CR, LF or both. A line that is no reading counts as one lost value, or as so many
+    as it is longer than the lines before. What comes before the first end of a line is passed over.
+    """
+
+    def __init__(self, pattern: str, decimals: int = 0) -> None:
+        try:
+            self._pattern = re.compile(pattern.encode())
+        except re.error as error:
+            raise ValueError(f'pattern: {pattern!r}: {error}') from None
+        if self._pattern.groups < 1:
+            raise ValueError(f'pattern: {pattern!r} has no group for the number')
+        self._scale = 10.0**decimals
+        self._data = b''
+        self._begun = False  # whether an end of a line has come
+        self._lost: int | None = None  # since the last reading, None before the first
+        self.frame_bytes = 0
+        self.skipped_bytes = 0
+        self.bad_frames = 0
+
+    @property
+    def waiting(self) -> int:
+        """Readings that have come but are not returned yet: none."""
+        return 0
+
+    @property
+    def missing(self) -> int:
+        """Bytes to come until the next line is whole, if it is as long as the one before."""
+        return max(self.frame_bytes - len(self._data), 1)
+
+    def feed(self, data: bytes) -> Decoded:
+        """Take the next bytes of the stream and return the readings that they complete."""
+        self._data += data
+        *lines, rest = _ENDS.split(self._data)
+        if lines and not self._begun:
+            self._begun = True
+            self.skipped_bytes += len(lines.pop(0))
+        # Of a line that is too long only its begin is kept, to be refused when it ends.
+        self._data = rest[: _LONGEST_LINE + 1]
+        self.skipped_bytes += len(rest) - len(self._data)
+        counts, lost = [], []
+        for line in lines:
+            if not line:
+                continue
+            count = self._count(line)
+            if count is None:
+                self.skipped_bytes += len(line)
+                self._refuse(line[: _LONGEST_LINE + 1])
+                continue
+            counts.append(count)
+            lost.append(self._lost or 0)
+            self._lost = 0
+            self.frame_bytes = len(line) + 2
+        return Decoded(
+            np.array(counts, np.int32), np.zeros(len(counts), bool), np.array(lost, np.int64)
+        )
+
+    def _refuse(self, line: bytes) -> None:
+        self.bad_frames += 1
+        if self._lost is not None:
+            length = self.frame_bytes or len(line)
+            self._lost += max(1, math.ceil(len(line) / length))
+
+    def _count(self, line: bytes) -> int | None:
+        found = self._pattern.fullmatch(line)
+        if found is None:
+            return None
+        try:
+            count = round(float(found.group(1)) * self._scale)
+        except (ValueError, OverflowError, TypeError):
+            return None
+        return count if _INT32.min <= count <= _INT32.max else None

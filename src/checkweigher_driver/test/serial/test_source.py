@@ -1,0 +1,352 @@
+"""Every serial source against a device on a pseudo-terminal, at the pace of its wire."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+import itertools
+import os
+import re
+
+import numpy as np
+import pytest
+from serial_device import number_of
+from serial_line import LINES, RATE, Reader, SerialDevice, make
+
+from checkweigher_driver.serial.port import SerialError, open_port
+from checkweigher_dsp.parameters import ParameterError
+
+
+@pytest.fixture
+def device(tmp_path):
+    """Return a function that starts a device."""
+    started = []
+
+    def start(*options):
+        started.append(SerialDevice(tmp_path / 'port', '--rate', RATE, *options))
+        return started[-1]
+
+    yield start
+    for each in started:
+        each.end()
+
+
+@dataclass
+class Journey:
+    """What a source did while its line was well, was disturbed and was unplugged."""
+
+    blocks: list = field(default_factory=list)
+    figures: dict = field(default_factory=dict)  # at each station
+    trouble: dict = field(default_factory=dict)
+    times: dict = field(default_factory=dict)
+    end: dict = field(default_factory=dict)  # index at each station
+    error: object = None
+
+    def until(self, station):
+        return [b for b in self.blocks if b.first_index < self.end[station]]
+
+
+def travel(name, values, options, link):
+    journey, device = Journey(), SerialDevice(link, '--rate', RATE, *options)
+
+    def note(station):
+        journey.figures[station] = reader.source.figures()
+        journey.trouble[station] = reader.source.trouble
+        journey.end[station] = reader.end_index
+
+    try:
+        reader = Reader(make(name, link, **values))
+        reader.wait_for_samples(2400)
+        note('well')
+        for command in ('lose 3', 'corrupt'):
+            lost = reader.source.figures()['samples lost']
+            device.tell(command)
+            if command == 'lose 3' or values.get('checksum', name == 'aed'):
+                reader.wait_for(lambda: reader.source.figures()['samples lost'] > lost)  # noqa: B023
+            reader.wait_for_samples(50)
+        note('disturbed')
+        device.tell('silence 1.3')
+        journey.times['to silence'] = reader.wait_for(lambda: reader.source.trouble)
+        note('silent')
+        reader.wait_for_samples(100)
+        note('heard again')
+        device.tell('unplug')
+        journey.times['to unplugged'] = reader.wait_for(lambda: reader.source.trouble)
+        note('unplugged')
+        device.tell('replug')
+        journey.times['to replugged'] = reader.wait_for_samples(100)
+        note('replugged')
+        journey.times['to end'] = reader.close()
+        port = open_port(str(link), 115_200)  # nobody holds it any more
+        journey.after = port.read(1)
+        port.close()
+        journey.blocks, journey.error = reader.events, reader.error
+    finally:
+        device.end()
+    return journey
+
+
+def stopped(link):
+    """Return the reader of a stream that somebody else stops."""
+    machine = SerialDevice(link, '--rate', RATE)
+    reader = Reader(make('aed', link))
+    reader.wait_for_samples(1)
+    machine.tell('stop')
+    reader.wait_for_samples(50)
+    reader.close()
+    machine.end()
+    return reader
+
+
+def replaced(link):
+    """Return the reader of a device in whose place another one is plugged in."""
+    machine = SerialDevice(link, '--rate', RATE)
+    reader = Reader(make('aed', link))
+    reader.wait_for_samples(1)
+    machine.tell('unplug')
+    machine.tell('identity HBM,FIT/5,9999999,P72')
+    machine.tell('replug')
+    reader.wait_for_end()
+    machine.end()
+    return reader
+
+
+def overflowing(link):
+    """Return the reader of a device whose status says overflow."""
+    machine = SerialDevice(link, '--rate', RATE, '--status', 0b0010)
+    reader = Reader(make('aed', link, checksum=False))
+    reader.wait_for_samples(20)
+    reader.close()
+    machine.end()
+    return reader
+
+
+def slower(link):
+    """Return what a source says of a device that is set to another rate."""
+    machine = SerialDevice(link, '--rate', 600)
+    reader = Reader(make('aed', link))
+    reader.wait_for(lambda: reader.source.trouble)
+    text = reader.source.trouble
+    reader.close()
+    machine.end()
+    return text
+
+
+@pytest.fixture(scope='module')
+def running(tmp_path_factory):
+    """Have all that takes long run side by side; for most of the time nobody does anything."""
+
+    def port():
+        return tmp_path_factory.mktemp('line') / 'port'
+
+    with ThreadPoolExecutor(8) as pool:
+        done = {name: pool.submit(travel, *line, port()) for name, line in LINES.items()}
+        for task in (stopped, replaced, overflowing, slower):
+            done[task] = pool.submit(task, port())
+        yield done
+
+
+@pytest.fixture
+def journeys(running):
+    return {name: running[name].result() for name in LINES}
+
+
+def numbers(block):
+    return [number_of(count) for count in block.counts.tolist()]
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_at_1200_values_a_second_nothing_is_lost(journeys, name):
+    journey = journeys[name]
+    blocks = journey.until('well')
+    counts = np.concatenate([block.counts for block in blocks])
+
+    assert journey.trouble['well'] == ''
+    assert journey.figures['well']['samples lost'] == journey.figures['well']['breaks'] == 0
+    assert len(counts) >= 2400
+    assert [b.first_index for b in blocks] == list(
+        np.cumsum([0] + [len(b.counts) for b in blocks[:-1]])
+    )
+    sent = np.array([number_of(count) for count in counts.tolist()])
+    np.testing.assert_array_equal(np.diff(sent), 1)
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_stamps_follow_the_samples(journeys, name):
+    blocks = journeys[name].until('well')
+    stamps = np.array([b.stamp for b in blocks])
+    indices = np.array([b.first_index for b in blocks])
+    assert np.all(np.diff(stamps) > 0)
+    off = (stamps - stamps[-1]) / 1e9 - (indices - indices[-1]) / RATE
+    assert np.max(np.abs(off)) < 0.05  # a busy machine reads late
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_whatever_happens_no_wrong_value_comes_through(journeys, name):
+    journey = journeys[name]
+    for block in journey.blocks:
+        sent = numbers(block)
+        bad = [n for n, after in itertools.pairwise(sent) if after != n + 1]
+        # Without a checksum the disturbed byte does come through: once.
+        assert len(bad) <= (0 if name in ('aed with CR LF', 'aed without CR LF') else 2)
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_what_is_lost_is_a_jump_of_the_index(journeys, name):
+    journey = journeys[name]
+    blocks = journey.blocks
+    gaps = [
+        after.first_index - before.first_index - len(before.counts)
+        for before, after in itertools.pairwise(blocks)
+    ]
+    assert min(gaps) >= 0
+    assert sum(gaps) == journey.figures['replugged']['samples lost']
+    assert journey.figures['disturbed']['bad frames'] >= 1
+    assert journey.figures['replugged']['breaks'] == 2
+    assert journey.error is None
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_after_a_break_the_index_is_that_of_the_time(journeys, name):
+    journey = journeys[name]
+    first, last = journey.blocks[0], journey.blocks[-1]
+    sent = numbers(last)[-1] - numbers(first)[0]
+    index = last.first_index + len(last.counts) - 1 - first.first_index
+    # A busy machine reads late.
+    assert abs(sent - index) < 0.1 * RATE
+    late = (last.stamp - first.stamp) / 1e9 - (last.first_index - first.first_index) / RATE
+    assert abs(late) < 0.1
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_trouble_is_said_in_words_and_ends(journeys, name):
+    trouble = journeys[name].trouble
+    assert 'no bytes come for 1 s; check its supply and the cable' in trouble['silent']
+    assert trouble['heard again'] == trouble['replugged'] == ''
+    assert 'is the device plugged in?' in trouble['unplugged']
+
+
+@pytest.mark.parametrize('name', LINES)
+def test_a_closed_source_ends_and_lets_go(journeys, name):
+    journey = journeys[name]
+    assert journey.times['to end'] < 2
+    if name != 'ascii':  # which sends unasked
+        assert journey.after == b''
+
+
+def test_the_device_says_who_it_is(device):
+    source = make('aed', device().link, address=21)
+    source.close()
+    assert (source.load_cell.model, source.load_cell.serial_number) == ('HBM FIT/5', '0123456')
+    assert source.load_cell.sample_rate == RATE
+
+
+def test_a_device_that_is_restarted_is_waited_for(device):
+    make('aed', device('--reset-time', 0.3).link, reset=True).close()
+
+
+def test_a_reply_that_comes_after_it_was_given_up_is_not_taken_for_the_next_one(device):
+    source = make('aed', device('--late', 0.6).link)
+    source.close()
+    assert source.load_cell.serial_number == '0123456'
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (('--mute',), r'no reply to IDN\? within 0.5 s; check the supply, the wires, baud_rate'),
+        (('--refuse', 'IDN'), r'the device does not know IDN\?'),
+        (
+            ('--identity', 'scale 3'),
+            r"replied 'scale 3' to IDN\?, which is no load cell of",
+        ),
+        (('--refuse', 'STR'), r"replies '\?' to STR 1; see aed\.termination"),
+        (('--refuse', 'CSM'), r"replies '\?' to CSM 1; see aed\.checksum"),
+        (('--refuse', 'ASF'), r"replies '\?' to ASF 5; see aed\.filter"),
+        (('--baud', '57600'), r'set to 57600 Bd, aed\.baud_rate is 115200'),
+    ],
+)
+def test_a_device_that_does_not_answer_as_it_should_is_refused(device, options, message):
+    with pytest.raises(SerialError, match=message):
+        make('aed', device(*options).link, filter=5)
+
+
+def test_another_device_in_its_place_ends_the_stream(running):
+    reader = running[replaced].result()
+    assert isinstance(reader.error, SerialError)
+    assert 'HBM FIT/5 9999999 answers, HBM FIT/5 0123456 did at the start' in str(reader.error)
+
+
+def test_a_stream_that_is_stopped_is_started_again(running):
+    figures = running[stopped].result().source.figures()
+    assert figures['breaks'] == 1
+    assert figures['samples lost'] > 1.0 * RATE
+
+
+def test_a_device_that_is_set_to_another_rate_is_said_to_be(running):
+    found = re.fullmatch(
+        r'the device sends (\d+) values a second, aed.sample_rate is 1200', running[slower].result()
+    )
+    assert found
+    assert float(found[1]) == pytest.approx(600, rel=0.1)
+
+
+def test_an_overflow_that_the_device_reports_is_a_saturated_reading(running):
+    counts = np.concatenate([block.counts for block in running[overflowing].result().events])
+    assert set(counts.tolist()) <= {-(2**23), 2**23 - 1}
+
+
+def test_a_port_that_cannot_be_opened_says_why(device, tmp_path):
+    with pytest.raises(SerialError, match='there is no such port; is the device plugged in'):
+        make('aed', tmp_path / 'none')
+    plain = tmp_path / 'plain'
+    plain.touch()
+    with pytest.raises(SerialError, match='is no serial port'):
+        make('aed', plain)
+    machine = device()
+    first = make('aed', machine.link)
+    with pytest.raises(SerialError, match='another program has the port open'):
+        make('aed', machine.link)
+    first.close()
+
+
+def test_a_port_without_permission_names_the_group(device, tmp_path):
+    target = device().link.resolve()
+    target.chmod(0)
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)  # root may open everything
+    try:
+        with pytest.raises(SerialError, match=r'no permission; add the user to the group \w+'):
+            make('aed', target)
+    finally:
+        os.seteuid(user)
+        target.chmod(0o600)
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'port': ''}, r'aed\.port: empty, must name a port such as /dev/ttyUSB0'),
+        ({'counts_per_kg': 0.0}, r'aed\.counts_per_kg: 0, must be given for this machine'),
+        ({'weigh_length': 0.0}, r'aed\.weigh_length: 0, must be given'),
+        (
+            {'sample_rate': 960.0, 'baud_rate': 38_400},
+            r'aed\.baud_rate: 38400 Bd is too slow for 960 values a second of 6 bytes; '
+            r'must be 57600 Bd or more',
+        ),
+        ({'trailer': 'none', 'checksum': False}, r'aed\.trailer: none without aed\.checksum'),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_port_is_opened(tmp_path, values, message):
+    with pytest.raises(ParameterError, match=message):
+        make('aed', tmp_path / 'none', **values)
+
+
+def test_960_values_a_second_fit_through_57600_baud(tmp_path):
+    for rate, trailer in ((57_600, 'auto'), (38_400, 'none')):
+        with pytest.raises(SerialError, match='there is no such port'):
+            make('aed', tmp_path / 'no', sample_rate=960.0, baud_rate=rate, trailer=trailer)
+
+
+def test_a_pattern_without_a_number_is_refused(tmp_path):
+    with pytest.raises(ParameterError, match=r'ascii\.pattern: .* has no group'):
+        make('ascii', tmp_path / 'none', pattern='S.*')

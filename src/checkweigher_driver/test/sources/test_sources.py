@@ -1,0 +1,104 @@
+"""The registry of sources and the sources themselves."""
+
+import subprocess
+import sys
+
+import pytest
+
+from checkweigher_driver.sources import (
+    EYES,
+    SOURCES,
+    EdgeSource,
+    Source,
+    eyes_class,
+    source_class,
+    source_maker,
+)
+from checkweigher_dsp.parameters import ParameterError, Parameters
+from checkweigher_dsp.records import LoadCell
+from checkweigher_recording.bags.messages import BagError
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.recording import canonical_order
+from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
+
+
+@pytest.mark.parametrize('name', SOURCES)
+def test_every_registered_source_keeps_the_interface(name):
+    found = source_class(name)
+
+    assert issubclass(found, Source)
+    assert issubclass(found.parameters, Parameters)
+    assert found.parameters.node == name
+    assert isinstance(found.paced, bool)
+
+
+@pytest.mark.parametrize('name', [name for name in EYES if name != 'none'])
+def test_all_registered_eyes_keep_the_interface(name):
+    found = eyes_class(name)
+
+    assert issubclass(found, EdgeSource)
+    assert issubclass(found.parameters, Parameters)
+    assert found.parameters.node == name
+
+
+def test_a_source_with_eyes_of_its_own_takes_no_others(tmp_path):
+    def read(kind):
+        return kind.from_mapping({'count': 1} if kind.node == 'simulator' else {})
+
+    assert source_maker('simulator', 'none', read)().paced
+    with pytest.raises(ParameterError, match="'replayed', but the source 'simulator' has eyes"):
+        source_maker('simulator', 'replayed', read)
+    with pytest.raises(ParameterError, match=r"eyes: 'laser' is not one of .*replayed"):
+        source_maker('aed', 'laser', read)
+
+
+def test_an_unknown_source_is_refused_with_the_list_of_known_ones():
+    with pytest.raises(ParameterError, match="'adc' is not one of simulator, bag, aed, ascii"):
+        source_class('adc')
+
+
+def test_the_simulator_delivers_its_line():
+    parameters = SimulationParameters(count=2)
+    source = source_class('simulator')(parameters)
+    events = list(source)
+    source.close()
+
+    assert source.paced
+    assert isinstance(source.load_cell, LoadCell)
+    assert source.start_stamp == events[0].stamp
+    assert [canonical_order(event) for event in events] == [
+        canonical_order(event) for event in simulate(parameters)
+    ]
+
+
+def test_the_bag_delivers_what_was_recorded(tmp_path):
+    recording = simulate(SimulationParameters(count=2))
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    found = source_class('bag')
+    source = found(found.parameters.from_mapping({'path': str(tmp_path / 'bag')}))
+
+    assert source.load_cell == recording.load_cell
+    assert source.start_stamp == recording.blocks[0].stamp
+    assert [canonical_order(event) for event in source] == [
+        canonical_order(event) for event in recording
+    ]
+
+
+def test_a_bag_that_is_not_named_or_not_there_is_refused(tmp_path):
+    found = source_class('bag')
+    with pytest.raises(ParameterError, match=r'bag\.path: empty'):
+        found(found.parameters())
+    with pytest.raises(BagError, match='there is no such file'):
+        found(found.parameters.from_mapping({'path': str(tmp_path / 'none')}))
+
+
+def test_no_source_loads_scipy_before_it_is_begun():
+    # It takes as long as all else that a line needs to start.
+    code = (
+        'import sys\n'
+        'from checkweigher_driver.sources import SOURCES, source_class\n'
+        'loaded = [source_class(name) for name in SOURCES]\n'
+        'assert loaded and "scipy" not in sys.modules'
+    )
+
+    subprocess.run([sys.executable, '-c', code], check=True)

@@ -1,0 +1,76 @@
+"""What the driver tells of a source that runs, is held back, ends or fails."""
+
+import pytest
+
+from checkweigher_driver.health import DriverWatch
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
+
+
+@pytest.fixture
+def running():
+    """A driver that has sent a line of 3 products in real time, and when it was done."""
+    line = simulate(SimulationParameters(count=3))
+    watch = DriverWatch('simulator')
+    watch.begin(line.load_cell, 100.0)
+    begin, now = line.blocks[0].stamp, 100.0
+    for event in sorted([*line.blocks, *line.edges], key=lambda event: event.stamp):
+        now = 100.0 + (event.stamp - begin) / NANOSECONDS
+        watch.add(now, event)
+    return watch, now
+
+
+def levels(watch, now):
+    return {finding.aspect: finding.level for finding in watch.findings(now, 0.0)}
+
+
+def test_a_source_that_runs_is_well_and_has_its_figures(running):
+    watch, now = running
+    assert set(levels(watch, now).values()) == {Level.OK}
+    source, samples, _, eyes = watch.findings(now, 0.0)
+    assert (source.values['source'], source.values['state']) == ('simulator', 'running')
+    assert samples.values['received_samples_per_s'] == pytest.approx(960.0, rel=1e-3)
+    assert (eyes.values['infeed_edges'], eyes.values['outfeed_edges']) == (6, 6)
+
+
+def test_a_source_that_hangs_is_an_error(running):
+    watch, now = running
+    assert levels(watch, now + 5.0)['Samples'] == Level.ERROR
+
+
+def test_a_source_that_is_held_back_or_has_ended_owes_no_samples(running):
+    watch, now = running
+    watch.waits_for('a segmenter')
+    later = levels(watch, now + 60.0)
+    assert (later['Source'], later['Samples']) == (Level.WARN, Level.OK)
+    watch.end()
+    later = levels(watch, now + 60.0)
+    assert (later['Source'], later['Samples']) == (Level.OK, Level.OK)
+
+
+def test_a_source_that_failed_says_why(running):
+    watch, now = running
+    watch.end('the port is gone')
+    source = watch.findings(now + 60.0, 0.0)[0]
+    assert (source.level, source.text) == (Level.ERROR, 'simulator failed: the port is gone')
+    assert source.hint
+
+
+def test_an_inactive_driver_says_so_and_owes_nothing(running):
+    watch, now = running
+    watch.stop()
+    (source,) = watch.findings(now + 60.0, 0.0)
+    assert (source.level, source.text) == (Level.WARN, 'the driver is inactive')
+    assert source.hint
+
+
+def test_trouble_of_a_source_is_an_error_with_its_figures(running):
+    watch, now = running
+    watch.look('the port is gone', {'samples lost': 7})
+    source = watch.findings(now, 0.0)[0]
+    assert (source.level, source.text) == (Level.ERROR, 'the port is gone')
+    assert 'reset_stop_request' in source.hint
+    assert source.values['samples_lost'] == 7
+    watch.look('', {})
+    assert watch.findings(now, 0.0)[0].level == Level.OK

@@ -1,0 +1,1 @@
+"""Denoising of weigh windows by stationary wavelet shrinkage."""

@@ -1,0 +1,177 @@
+r"""The times at which products enter, put right by the signal itself.
+
+Photo-eyes that are polled know t1 and t2 to a millisecond or so. A load that is taken out of the
+signal a millisecond early or late leaves a hump as long as the rise, and a low-pass takes that for
+load. The form of the hump is known, so its size can be fitted, as far as the disturbance n lets it
+be seen:
+
+.. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
+   + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
+
+y is the signal, M r what a load of about M makes of the platform's response r, and m what M is off,
+of which nothing is known. An edge that may lie anywhere within +-u has the variance u^2 / 3. All
+are means of blocks, and a prediction-error filter makes n white.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.extrapolation import block_means
+from checkweigher_dsp.denoising.load_rise import block_responses
+from checkweigher_dsp.denoising.window_batch import PassStack
+
+# White samples that three unknowns are fitted to, at least.
+_LEAST_SAMPLES = 8
+# The variance of n is at first that of the whole signal, then that of what the fit leaves of it.
+_ROUNDS = 2
+# No edge is taken to be further off than this multiple of the uncertainty.
+_FURTHEST = 2.0
+
+
+class EntryFit:
+    """Fit the times at which the passes of a stack enter.
+
+    Parameters
+    ----------
+    stack : PassStack
+        The passes.
+    uncertainty : float
+        u in s, half of the stretch that each of t1 and t2 may lie in, above 0.
+    level : ndarray, (passes, 1) float64
+        M, kg.
+    natural_frequency, damping_ratio : ndarray, (passes, 1) float64
+        Of the platform with that load, Hz and 1.
+    """
+
+    def __init__(
+        self,
+        stack: PassStack,
+        uncertainty: float,
+        level: NDArray[np.float64],
+        natural_frequency: NDArray[np.float64],
+        damping_ratio: NDArray[np.float64],
+    ) -> None:
+        self._stack = stack
+        self._uncertainty = uncertainty
+        # Columns before this one are before any t1.
+        self._first = int(np.count_nonzero((stack.time < -_FURTHEST * uncertainty).all(axis=0)))
+        blocks = block_means(stack.force, stack.block)
+        count = blocks.shape[-1]
+        self._rows = np.zeros((len(blocks), 4, count))
+        self._of_platforms = np.empty((0, 3))
+        if count < _LEAST_SAMPLES:
+            return
+        # The blocks end with the signal; those before the entry hold nothing of the load.
+        empty = max((stack.entry - stack.force.shape[-1]) // stack.block + count, 0)
+        interval = stack.time[:, 1:2] - stack.time[:, :1]
+        width = stack.block * interval
+        bounds = stack.time[:, -1:] + interval / 2 - width * np.arange(count - empty, -1, -1)
+        responses = block_responses(bounds, stack.rise_time, natural_frequency, damping_ratio)
+        self._rows[:, 0, empty:] = responses[0]
+        responses *= level
+        self._rows[:, 1] = blocks
+        self._rows[:, 1, empty:] -= responses[0]
+        self._rows[:, 2:, empty:] = responses[1:].swapaxes(0, 1)
+        self._of_platforms = platform_taps(width, natural_frequency, damping_ratio)
+
+    def times(
+        self, taps: NDArray[np.float64] | None
+    ) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
+        """Return how the passes enter by what `shift` finds.
+
+        Returns
+        -------
+        first : int
+            Column of the stack before which no load can be.
+        time : ndarray, (passes, n) float64
+            Since t1, of the columns from there on, s.
+        rise_time : ndarray, (passes, 1) float64
+            t2 - t1, s.
+        """
+        shift = self.shift(taps)
+        t1, t2 = shift[:, :1], shift[:, 1:]
+        stack = self._stack
+        return self._first, stack.time[:, self._first :] - t1, stack.rise_time + t2 - t1
+
+    def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """Return by how much t1 and t2 are later than the photo-eyes say: (passes, 2), s.
+
+        Parameters
+        ----------
+        taps : ndarray, (passes, p + 1) float64, or None
+            Prediction-error filter of the disturbance, on means of the same blocks. While nothing
+            is known of it, None or a filter of order 0, it is what white forces make of the
+            platform.
+        """
+        shift = np.zeros((len(self._rows), 2))
+        filters = self._of_platforms if taps is None or taps.shape[-1] == 1 else taps
+        for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
+            if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
+                # All rows in one go, but for what runs over from each into the next one.
+                white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
+                shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
+        return shift
+
+
+def platform_taps(
+    interval: NDArray[np.float64],
+    natural_frequency: NDArray[np.float64],
+    damping_ratio: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the filters that leave white what white forces make of platforms.
+
+    Parameters
+    ----------
+    interval : ndarray, (passes, 1) float64
+        From sample to sample, s.
+    natural_frequency, damping_ratio : ndarray, (passes, 1) float64
+        Hz and 1.
+
+    Returns
+    -------
+    ndarray, (passes, 3) float64
+    """
+    taps = np.ones((len(interval), 3))
+    angle = 2 * np.pi * natural_frequency * interval
+    shrink = np.exp(-damping_ratio * angle)
+    taps[:, 1:2] = -2 * shrink * np.cos(angle * np.sqrt(1 - np.square(damping_ratio)))
+    taps[:, 2:] = shrink * shrink
+    return taps
+
+
+def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
+    """Return the two times that a signal in white noise shows, s; 0 if it shows none.
+
+    Parameters
+    ----------
+    white : ndarray, (4, n) float64
+        Response, signal, and the slopes of the signal by the two times.
+    uncertainty : float
+        s.
+    """
+    # Plain floats: arithmetic on arrays of two takes many times as long.
+    products = white.dot(white.T).tolist()
+    (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
+    if not size > 0:
+        return 0.0, 0.0
+    # The size of the response is free: only what is at right angles to it tells of the times.
+    signal, one, two = (share / size for share in shares)
+    power -= signal * shares[0]
+    b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]
+    a11, a12, a22 = first[0] - one * shares[1], first[1] - one * shares[2], last - two * shares[2]
+    left, shift1, shift2 = power, 0.0, 0.0
+    for _ in range(_ROUNDS):
+        ridge = max(left, 0.0) / white.shape[-1] * 3 / uncertainty / uncertainty
+        determinant = (a11 + ridge) * (a22 + ridge) - a12 * a12
+        if not 0 < determinant < math.inf:
+            return 0.0, 0.0
+        shift1 = ((a22 + ridge) * b1 - a12 * b2) / determinant
+        shift2 = ((a11 + ridge) * b2 - a12 * b1) / determinant
+        left = (
+            power - 2 * (shift1 * b1 + shift2 * b2)
+            + a11 * shift1 * shift1 + 2 * a12 * shift1 * shift2 + a22 * shift2 * shift2
+        )  # fmt: skip
+    limit = _FURTHEST * uncertainty
+    return min(max(shift1, -limit), limit), min(max(shift2, -limit), limit)

@@ -1,0 +1,1 @@
+"""Estimation: the mass of an item and its uncertainty from a denoised window."""

@@ -1,0 +1,21 @@
+"""The estimators: from a weigh window to the load, selectable by name."""
+
+from checkweigher_dsp.estimation.estimators.adaptive import Aeksi, Aid
+from checkweigher_dsp.estimation.estimators.averages import Hann, Mean
+from checkweigher_dsp.estimation.estimators.base import Estimator
+from checkweigher_dsp.estimation.estimators.fir_model import FirModel
+from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkov
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksi
+from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
+
+# A further estimator is one class, one line here and one field of IdentifierParameters.
+ESTIMATORS: dict[str, type[Estimator]] = {
+    'mean': Mean,
+    'hann': Hann,
+    'tvlpf': Tvlpf,
+    'aid': Aid,
+    'aeksi': Aeksi,
+    'iswd_eksi': IswdEksi,
+    'fir_model': FirModel,
+    'gauss_markov': GaussMarkov,
+}

@@ -1,0 +1,129 @@
+"""What all estimators have in common: their interface and what training passes tell of them."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.shrinkage_table import interpolate
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.averages import hann_mean
+
+
+@dataclass(frozen=True, slots=True)
+class Plateau:
+    """What an estimator makes of a window: the load in kg and its variance in kg^2.
+
+    The variance is that of the estimator alone, without the one of the zero; NaN from those that
+    state none. ``a1``, ``a2`` and ``b1`` (kg) only from those that identify the platform.
+    """
+
+    mass: float
+    variance: float = math.nan
+    a1: float = math.nan
+    a2: float = math.nan
+    b1: float = math.nan
+
+
+@dataclass(frozen=True)
+class EstimatorParameters(Parameters):
+    """What training passes tell of an estimator, for each of their belt speeds.
+
+    Lists of equal length, one value for each of ``speeds``; between two speeds they are
+    interpolated.
+    """
+
+    calibrated: bool = parameter(False, 'whether the lists below come from training passes')
+    training: str = parameter('', 'what they were: bags, passes, speeds')
+    speeds: tuple[float, ...] = parameter(
+        (1.0,), 'belt speeds of the lists below, ascending', unit='m/s', minimum=1e-3, maximum=100
+    )
+    gain: tuple[float, ...] = parameter(
+        (1.0,), 'the mass is gain times the estimate, plus offset', minimum=0.1, maximum=10
+    )
+    offset: tuple[float, ...] = parameter((0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3)
+    std_dev: tuple[float, ...] = parameter(
+        (0.0,), 'standard deviation on training passes, the part that all masses have',
+        unit='kg', minimum=0, maximum=1e3,
+    )  # fmt: skip
+    relative_std_dev: tuple[float, ...] = parameter(
+        (0.0,), 'the part in proportion to the mass', minimum=0, maximum=10
+    )
+    zero_std_dev: tuple[float, ...] = parameter(
+        (0.0,), 'what the zero was good for on training passes, as the segmenter stated it',
+        unit='kg', minimum=0, maximum=1e3,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
+            raise ParameterError(f'{self.node}.speeds: must ascend and name at least one speed')
+        for entry in fields(self):
+            values = getattr(self, entry.name)
+            if isinstance(values, tuple) and not self.fits(entry.name, len(values)):
+                raise ParameterError(
+                    f'{self.node}.{entry.name}: {len(values)} values for {len(self.speeds)} speeds'
+                )
+
+    def fits(self, name: str, count: int) -> bool:
+        """Tell whether the list `name` may have `count` values; unless overridden, one a speed."""
+        return count == len(self.speeds)
+
+    def at(self, name: str, speed: float) -> float:
+        """Return the value of the list `name` at a belt speed in m/s."""
+        return interpolate(self.speeds, getattr(self, name), speed)
+
+    def is_trained(self, speed: float, tolerance: float) -> bool:
+        """Tell whether a speed lies among those of the training passes, or near (relative)."""
+        slowest, fastest = self.speeds[0], self.speeds[-1]
+        return slowest * (1 - tolerance) <= speed <= fastest * (1 + tolerance)
+
+
+class Estimator(ABC):
+    """Make the load of a window.
+
+    Parameters
+    ----------
+    parameters : EstimatorParameters
+        Of the field of IdentifierParameters that has the estimator's name.
+
+    Attributes
+    ----------
+    needs_denoised : bool
+        Whether `estimate` reads ``window.denoised``; the others weigh the raw signal.
+    """
+
+    needs_denoised: ClassVar[bool] = False
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+
+    @abstractmethod
+    def estimate(self, window: WeighWindow) -> Plateau:
+        """Return the load of a whole window, before gain and offset; NaN if there is none."""
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
+        """Return what `estimate` makes of each window, to the last bit."""
+        return [self.estimate(window) for window in windows]
+
+
+def raw_plateau(window: WeighWindow) -> NDArray[np.float64]:
+    """Return the raw signal from t2 to t3 in kg, zero removed: (n,) float64."""
+    return window.force_between(window.window_begin, window.window_end)
+
+
+def rough_variance(samples: NDArray[np.float64]) -> float:
+    """Return how good an average of a window may be, from how far its two halves are apart.
+
+    A guess that no training stands behind; the scatter of the samples keeps it above 0 where the
+    halves happen to agree.
+    """
+    half = len(samples) // 2
+    difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])
+    return float(difference * difference / 4 + np.var(samples) / len(samples))

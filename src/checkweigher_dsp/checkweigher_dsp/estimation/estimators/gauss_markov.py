@@ -1,0 +1,250 @@
+r"""The minimum-variance unbiased estimate of a mass (Gauss-Markov), from a model of the machine.
+
+A pass is a known shape times the mass, plus what else moves the belt:
+
+.. math:: y(t) = M s(t; M, v) + z + \sum_i c_i o_i(t) + n(t)
+
+s is the response of the platform to the load as it rides on, z an error of the zero, o_i free
+oscillations of the platform (those that the product before left, and those of the impact at
+entry), n noise with the covariance C that the training passes showed. With C known, generalised
+least squares gives the mass of the smallest variance among all unbiased linear estimates. The
+signal before t1 takes part in it: there s is 0, and what is seen there of z, of the oscillations
+and, through C, of the vibration tells what the window holds of them.
+
+s and n are learned: the platform from passes of known mass, C as an autoregression of the
+empty belt and of the residuals of the training passes.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.estimation.estimators.base import (
+    Estimator,
+    EstimatorParameters,
+    Plateau,
+    raw_plateau,
+)
+from checkweigher_dsp.parameters import ParameterError, parameter
+from checkweigher_dsp.records import WeighWindow, seconds
+from checkweigher_dsp.signal.averages import hann_mean
+from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
+from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
+
+_LEAST_CHANGE = 1e-9  # of the mass from one iteration to the next, relative
+_MAX_ITERATIONS = 8
+_FREE = 1.0  # kg, standard deviation of an oscillation of which nothing is known
+_RATE_TOLERANCE = 1e-3
+# Speeds that differ by less share one noise model; the lines of a belt are not that sharp.
+_SPEED_STEP = 1e-3
+_UNTRAINED_ORDER = 40
+_LEAST_NOISE = 1e-9  # kg, of a signal that has none
+
+
+@dataclass(frozen=True)
+class GaussMarkovParameters(EstimatorParameters):
+    """The model of the machine that `tune` learns."""
+
+    node: ClassVar[str] = 'identifier.gauss_markov'
+
+    sample_rate: float = parameter(
+        0.0, 'of the noise model; 0: no model, the empty belt before each item has to do',
+        unit='Hz', minimum=0, maximum=1e6,
+    )  # fmt: skip
+    natural_frequency: float = parameter(
+        40.0, 'of the empty platform', unit='Hz', minimum=0.1, maximum=1e4
+    )
+    damping_ratio: float = parameter(0.05, 'of the empty platform', minimum=0, maximum=0.99)
+    moving_mass: float = parameter(
+        2.5, 'of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
+    )
+    entry_begin: float = parameter(
+        0.0, 'where the load begins to come on, behind the infeed eye', unit='m',
+        minimum=-1, maximum=1,
+    )  # fmt: skip
+    entry_end: float = parameter(
+        0.0, 'where all of the load is on, behind the position at t2', unit='m',
+        minimum=-1, maximum=1,
+    )  # fmt: skip
+    impact: tuple[float, ...] = parameter(
+        (0.0,), 'oscillation that an impact at entry leaves, standard deviation per mass and speed',
+        unit='s/m', minimum=0, maximum=100,
+    )  # fmt: skip
+    lead_time: float = parameter(
+        0.4, 'signal before t1 that is used, at most', unit='s', minimum=0, maximum=60
+    )
+    max_misfit: float = parameter(
+        4.0, 'no mass where the signal is further from the model, as a multiple of the noise',
+        minimum=1, maximum=1e9,
+    )  # fmt: skip
+    order: int = parameter(1, 'of the autoregression', minimum=1, maximum=1000)
+    reflection: tuple[float, ...] = parameter(
+        (0.0,), 'reflection coefficients: `order` values for each speed', minimum=-1, maximum=1
+    )
+    noise: tuple[float, ...] = parameter(
+        (1e-3,), 'innovation of the autoregression, standard deviation', unit='kg',
+        minimum=0, maximum=1e3,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if any(abs(value) >= 1 for value in self.reflection):
+            raise ParameterError(f'{self.node}.reflection: must lie between -1 and 1')
+
+    def fits(self, name: str, count: int) -> bool:
+        """Tell whether the list `name` may have `count` values."""
+        return count == len(self.speeds) * (self.order if name == 'reflection' else 1)
+
+    @property
+    def platform(self) -> Platform:
+        """The platform."""
+        return Platform(self.natural_frequency, self.damping_ratio, self.moving_mass)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """The signal of a pass from the empty belt on.
+
+    Attributes
+    ----------
+    time : ndarray, (n,) float64
+        s, from t1.
+    signal : ndarray, (n,) float64
+        kg, zero removed.
+    crossing : Crossing
+        When the load comes on and goes off, s from t1.
+    """
+
+    time: NDArray[np.float64]
+    signal: NDArray[np.float64]
+    crossing: Crossing
+
+
+def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretch:
+    """Return what is used of a window: from the empty belt before t1 on, with what follows t3."""
+    t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0
+    begin_at = parameters.entry_begin / window.belt_speed
+    end_at = parameters.entry_end / window.belt_speed + seconds(t2 - t1)
+    # The load goes off as it came on, one belt later.
+    leave = seconds(t3 - t1)
+    time = seconds(window.stamp - t1) + np.arange(len(window.counts)) / window.sample_rate
+    first = max(
+        window.empty_begin,
+        int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time)),
+    )
+    return Stretch(
+        time[first:],
+        window.force_between(first, len(window.counts)),
+        Crossing(begin_at, max(end_at, begin_at + 1e-4), leave + begin_at, leave + end_at),
+    )
+
+
+class GaussMarkov(Estimator):
+    """Estimate by generalised least squares on a learned model of the machine."""
+
+    parameters: GaussMarkovParameters
+
+    def __init__(self, parameters: GaussMarkovParameters) -> None:
+        super().__init__(parameters)
+        self._whitener = lru_cache(maxsize=64)(self._whitener_at)
+
+    def estimate(self, window: WeighWindow) -> Plateau:
+        """Return the load of a window and its variance, that of the zero included."""
+        known = self.parameters
+        if not known.sample_rate:
+            return estimate_untrained(window)
+        if abs(window.sample_rate / known.sample_rate - 1) > _RATE_TOLERANCE:
+            return Plateau(math.nan)
+        stretch = stretch_of(window, known)
+        if len(stretch.time) == 0 or stretch.time[0] > stretch.crossing.on_end:
+            return Plateau(math.nan)
+        whitener = self._whitener(round(window.belt_speed / _SPEED_STEP))
+        zero_std_dev = max(window.zero_std_dev / abs(window.counts_per_kg), _LEAST_NOISE)
+        impact = known.at('impact', window.belt_speed) * window.belt_speed
+        signal = whitener.whiten(stretch.signal)
+        mass, variance, misfit = hann_mean(raw_plateau(window)), math.nan, math.nan
+        # Before the entry, and in the row of the zero, there is nothing that the mass changes.
+        entry = int(np.searchsorted(stretch.time, stretch.crossing.on_begin))
+        columns = np.ones((6, len(stretch.time)))
+        whitened = np.empty(0)
+        for _ in range(_MAX_ITERATIONS):
+            columns[:5] = responses(known.platform, mass, stretch.crossing, stretch.time)
+            if whitened.size:
+                whitener.whiten_again(columns[:5], whitened[:5], entry)
+            else:
+                whitened = whitener.whiten(columns)
+            kick = max(impact * abs(mass), _LEAST_NOISE)
+            std_devs = (math.inf, _FREE, _FREE, kick, kick, zero_std_dev)
+            last = mass
+            mass, variance, misfit = least_squares(signal, whitened, std_devs)
+            if not mass > 0 or abs(mass - last) <= _LEAST_CHANGE * abs(mass):
+                break
+        # A product that bumps or slips is none that the model knows.
+        return Plateau(mass if misfit <= known.max_misfit else math.nan, variance)
+
+    def _whitener_at(self, speed_step: int) -> Prewhitener:
+        known, speed = self.parameters, speed_step * _SPEED_STEP
+        table = np.reshape(known.reflection, (len(known.speeds), known.order))
+        reflections = [float(np.interp(speed, known.speeds, column)) for column in table.T]
+        return Prewhitener(reflections, max(known.at('noise', speed), _LEAST_NOISE))
+
+
+def least_squares(
+    signal: NDArray[np.float64], columns: NDArray[np.float64], std_devs: tuple[float, ...]
+) -> tuple[float, float, float]:
+    """Solve a regression with white noise of variance 1 for its first coefficient.
+
+    Parameters
+    ----------
+    signal : ndarray, (n,) float64
+        What is explained.
+    columns : ndarray, (m, n) float64
+        By a combination of these rows.
+    std_devs : tuple of float, (m,)
+        How far each coefficient is from 0 beforehand; infinite if nothing is known.
+
+    Returns
+    -------
+    coefficient, variance : float
+        Of the first row; NaN if the rows do not determine it.
+    misfit : float
+        What is left of the signal: root of its mean square, about 1 if all is as assumed.
+    """
+    normal = columns @ columns.T
+    normal.ravel()[:: len(normal) + 1] += np.array(std_devs) ** -2.0
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return math.nan, math.nan, math.nan
+    coefficients = inverse @ (columns @ signal)
+    left = signal - coefficients @ columns
+    return float(coefficients[0]), float(inverse[0, 0]), math.sqrt(float(left @ left) / len(left))
+
+
+def estimate_untrained(window: WeighWindow) -> Plateau:
+    """Estimate the level of the window in the noise that the empty belt before it shows.
+
+    Nothing is known of the platform. But the belt excites its resonance, too, so that an
+    autoregression of the empty belt makes little of what still rings in the window. Without enough
+    of empty belt the estimate is the Hann-weighted mean.
+    """
+    samples = raw_plateau(window)
+    t1, sample_rate = window.t1 or 0, window.sample_rate
+    entry = math.floor(seconds(t1 - window.stamp) * sample_rate)
+    empty = window.force_between(min(window.empty_begin, max(entry, 0)), max(entry, 0))
+    order = min(_UNTRAINED_ORDER, len(empty) // 3)
+    mean = hann_mean(samples)
+    if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:
+        return Plateau(mean, float(np.var(samples)) / len(samples))
+    with np.errstate(invalid='ignore'):
+        reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
+    if not std_dev > 0:  # predicted to the last bit, as a last digit that alternates is
+        return Plateau(mean, float(np.var(samples)) / len(samples))
+    whitener = Prewhitener(reflections, std_dev)
+    level = whitener.whiten(np.ones((1, len(samples))))
+    mass, variance, _ = least_squares(whitener.whiten(samples - mean), level, (math.inf,))
+    return Plateau(mean + mass, variance)

@@ -1,0 +1,163 @@
+"""From a denoised weigh window to a mass with its uncertainty, by the estimator that was chosen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+from checkweigher_dsp.denoising.denoiser import is_consistent
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.estimators.adaptive import AeksiParameters, AidParameters
+from checkweigher_dsp.estimation.estimators.averages import HannParameters, MeanParameters
+from checkweigher_dsp.estimation.estimators.base import EstimatorParameters, Plateau, raw_plateau
+from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
+from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
+from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
+from checkweigher_dsp.parameters import Parameters, parameter
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import MassEstimate, WeighWindow
+from checkweigher_dsp.signal.averages import mean, variance
+from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
+
+# How far an average may be off the plain mean of a window: standard deviations of its samples, and
+# the share of the load that a platform which is not the one of the parameters costs.
+_SPREAD = 2.0
+_BIAS = 0.02
+
+
+@dataclass(frozen=True)
+class IdentifierParameters(Parameters):
+    """Which estimator makes the mass, and what each of them has been taught."""
+
+    node: ClassVar[str] = 'identifier'
+
+    estimator: str = parameter('iswd_eksi', 'method that makes the mass', choices=tuple(ESTIMATORS))
+    max_relative_std_dev: float = parameter(
+        0.25, 'NoConvergence above this standard deviation, relative to the mass',
+        minimum=0, maximum=1e9,
+    )  # fmt: skip
+    speed_tolerance: float = parameter(
+        0.03, 'SpeedNotTrained beyond the speeds of the training passes by more, relative',
+        minimum=0, maximum=1e9,
+    )  # fmt: skip
+    mean: MeanParameters = MeanParameters()
+    hann: HannParameters = HannParameters()
+    tvlpf: TvlpfParameters = TvlpfParameters()
+    aid: AidParameters = AidParameters()
+    aeksi: AeksiParameters = AeksiParameters()
+    iswd_eksi: IswdEksiParameters = IswdEksiParameters()
+    fir_model: FirModelParameters = FirModelParameters()
+    gauss_markov: GaussMarkovParameters = GaussMarkovParameters()
+
+    @property
+    def chosen(self) -> EstimatorParameters:
+        """The parameters of the estimator that makes the mass."""
+        chosen = getattr(self, self.estimator)
+        assert isinstance(chosen, EstimatorParameters)
+        return chosen
+
+
+class Identifier:
+    """Make a mass estimate of each denoised window."""
+
+    def __init__(self, parameters: IdentifierParameters) -> None:
+        self._parameters = parameters
+        self._known = parameters.chosen
+        self._estimator = ESTIMATORS[parameters.estimator](self._known)
+
+    @property
+    def needs_denoised(self) -> bool:
+        """Whether the estimator reads the denoised signal; the others weigh the raw one."""
+        return self._estimator.needs_denoised
+
+    def estimate(self, window: WeighWindow) -> MassEstimate:
+        """Return the mass in a window with its uncertainty, or the reasons why there is none."""
+        refused = self._refuse(window)
+        return refused or self._estimate(window, self._estimator.estimate(window))
+
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
+        """Return what `estimate` makes of each window, to the last bit, in less time."""
+        refused = [self._refuse(window) for window in windows]
+        pairs = zip(windows, refused, strict=True)
+        plateaus = iter(self._estimator.estimate_all([w for w, refusal in pairs if not refusal]))
+        return [
+            refusal or self._estimate(window, next(plateaus))
+            for window, refusal in zip(windows, refused, strict=True)
+        ]
+
+    def _refuse(self, window: WeighWindow) -> MassEstimate | None:
+        """Return the estimate of a window that the estimator must not see, with its reasons."""
+        if window.reasons:
+            return self._record(window, window.reasons)
+        count = len(window.denoised)
+        # Without denoise before it an estimator still has all that it reads.
+        complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
+        if not is_consistent(window) or not complete:
+            return self._record(window, (Reason.BAD_WINDOW.value,))
+        known = self._known
+        tolerance = self._parameters.speed_tolerance
+        if known.calibrated and not known.is_trained(window.belt_speed, tolerance):
+            return self._record(window, (Reason.SPEED_NOT_TRAINED.value,))
+        return None
+
+    def _record(self, window: WeighWindow, reasons: tuple[str, ...], **more: float) -> MassEstimate:
+        return MassEstimate(
+            window.item_id, window.t1, window.t2, window.t3, reasons,
+            belt_speed=window.belt_speed, product_length=window.product_length,
+            line_speed=window.line_speed, estimator=self._parameters.estimator, **more,
+        )  # fmt: skip
+
+    def _estimate(self, window: WeighWindow, plateau: Plateau) -> MassEstimate:
+        """Return the mass of a window from what the estimator made of it."""
+        known, speed = self._known, window.belt_speed
+        mass = known.at('gain', speed) * plateau.mass + known.at('offset', speed)
+        variance = self._variance(window, plateau, mass)
+        zero = (window.zero - window.zero_counts) / window.counts_per_kg
+        if not (self._has_converged(plateau, mass, variance) and _is_in_window(plateau, window)):
+            return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
+        if mass <= 0:
+            return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
+        natural_frequency, damping_ratio = platform_poles(
+            plateau.a1, plateau.a2, window.sample_rate
+        )
+        return self._record(
+            window, (), zero=zero, mass=mass, std_dev=math.sqrt(variance), a1=plateau.a1,
+            a2=plateau.a2, b1=plateau.b1, natural_frequency=natural_frequency,
+            damping_ratio=damping_ratio,
+        )  # fmt: skip
+
+    def _variance(self, window: WeighWindow, plateau: Plateau, mass: float) -> float:
+        """Return the variance of a mass, kg^2.
+
+        That of the training passes if there were any; it holds the noise of the zero as it was
+        there, so that only what the zero is worse now comes on top.
+        """
+        known, speed = self._known, window.belt_speed
+        zero_std_dev = window.zero_std_dev / window.counts_per_kg
+        zero = zero_std_dev * zero_std_dev
+        if not known.calibrated:
+            return plateau.variance + zero
+        relative = known.at('relative_std_dev', speed) * mass
+        trained, trained_zero = known.at('std_dev', speed), known.at('zero_std_dev', speed)
+        worse = zero - trained_zero * trained_zero
+        return trained * trained + relative * relative + max(worse, 0.0)
+
+    def _has_converged(self, plateau: Plateau, mass: float, variance: float) -> bool:
+        if not (math.isfinite(mass) and math.isfinite(variance) and variance >= 0):
+            return False
+        if not math.isnan(plateau.a1) and not is_stable(plateau.a1, plateau.a2):
+            return False
+        return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)
+
+
+def _is_in_window(plateau: Plateau, window: WeighWindow) -> bool:
+    """Tell whether a level is one that the samples of the window go around.
+
+    An estimator that knows how a load comes on is misled where it did not come on like that: where
+    the belt stopped, or something else left meanwhile that no eye had seen.
+    """
+    samples = raw_plateau(window)
+    level = mean(samples)
+    spread = math.sqrt(variance(samples, level))
+    return abs(plateau.mass - level) <= _SPREAD * spread + _BIAS * abs(level)

@@ -1,0 +1,1 @@
+"""Findings on the health of each stage."""

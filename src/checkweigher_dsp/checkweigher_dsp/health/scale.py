@@ -1,0 +1,181 @@
+"""Whether the scale is fit to weigh: its zero, and the noise of the empty belt."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
+from checkweigher_dsp.segmentation.zero_tracking import Zero
+
+_GRAMS = 1e3
+_HOUR = 3600.0  # s
+_DRIFT_SPAN = 1800.0  # s
+_DRIFT_PERIOD = 10.0  # s, between two readings of the drift
+_SHORTEST_DRIFT = 300.0  # s, below which the noise of the zero passes for a drift
+_WARM_UP = 1800.0  # s
+_NEAR_LIMIT = 0.75  # share of zero_range
+_UPDATE_PATIENCE = 120.0  # s of products without a reading of the empty belt
+_SPECTRUM = 1024  # points
+_FEWEST_SAMPLES = 64
+_LOWEST_FREQUENCY = 2.0  # Hz; what is slower is drift
+_RECENT_STRETCHES = 5
+_USUAL_STRETCHES = 300
+_FEWEST_USUAL = 20
+_NOISY = 3.0  # times the usual noise; half the belt speed is half of it
+
+
+class ZeroWatch:
+    """Follow the tracked zero: how far it is from calibration, and where it drifts.
+
+    Parameters
+    ----------
+    counts_per_kg, zero_counts : float
+        Static calibration.
+    zero_range : float
+        kg, beyond which nothing is weighed.
+    began : float
+        s, when the line was started.
+    """
+
+    def __init__(
+        self, counts_per_kg: float, zero_counts: float, zero_range: float, began: float
+    ) -> None:
+        self._counts_per_kg = counts_per_kg
+        self._zero_counts = zero_counts
+        self._range = zero_range
+        self._began = began
+        self._zero: Zero | None = None
+        self._updated: float | None = None
+        self._item: float | None = None
+        self._missed_since: float | None = None  # since when products come without an update
+        self._drift = RecentValues(_DRIFT_SPAN)
+        self._noted = -math.inf
+
+    def add(self, now: float, zero: Zero, *, item: bool) -> None:
+        """Take the zero as it stands at `now`, s; `item`: a product has just been cut."""
+        if self._zero is None or zero.counts != self._zero.counts:
+            self._updated, self._missed_since = now, None
+        elif item and self._missed_since is None:
+            self._missed_since = now
+        self._zero = zero
+        if now - self._noted >= _DRIFT_PERIOD:
+            self._drift.add(now, self._distance)
+            self._noted = now
+        if item:
+            self._item = now
+
+    @property
+    def _distance(self) -> float:
+        """Of the zero from that of calibration, kg."""
+        if self._zero is None:
+            return math.nan
+        return (self._zero.counts - self._zero_counts) / self._counts_per_kg
+
+    @property
+    def drift(self) -> float:
+        """Drift of the zero, kg/h; NaN before it can be told from its noise."""
+        if self._drift.span < _SHORTEST_DRIFT:
+            return math.nan
+        return _HOUR * self._drift.slope
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Zero."""
+        self._drift.forget(now)
+        distance, drift = self._distance, self.drift
+        share = abs(distance) / self._range if self._range > 0 else math.nan
+        std_dev = math.nan if self._zero is None else self._zero.std_dev / abs(self._counts_per_kg)
+        values = {
+            'from_calibration_g': _GRAMS * distance,
+            'std_dev_g': _GRAMS * std_dev,
+            'share_of_zero_range': share,
+            'drift_g_per_h': _GRAMS * drift,
+            'age_of_last_update_s': math.nan if self._updated is None else now - self._updated,
+            'running_for_min': (now - self._began) / MINUTE,
+        }
+        warm = now - self._began > _WARM_UP
+        found = []
+        if self._zero is not None and not self._zero.trusted:
+            text = f'the zero is {_GRAMS * distance:+.1f} g from calibration, out of its limits'
+            hint = 'clean the belt, free the platform, call the service zero or calibrate'
+            found.append(Concern(Level.ERROR, text, hint))
+        if share > _NEAR_LIMIT:
+            text = f'the zero has used {100 * share:.0f} % of zero_range'
+            hint = 'clean the belt; calibrate if it is clean'
+            found.append(Concern(Level.WARN, text, hint))
+        if self._range > 0 and abs(distance + drift) > self._range:
+            text = f'the zero drifts by {_GRAMS * drift:+.1f} g/h, beyond zero_range in an hour'
+            hint = 'check for dirt that builds up' if warm else 'let the load cell warm up'
+            found.append(Concern(Level.WARN, text, hint))
+        if (
+            self._missed_since is not None
+            and self._item is not None
+            and self._item - self._missed_since > _UPDATE_PATIENCE
+        ):
+            text = f'the empty belt was not read for {now - self._missed_since:.0f} s of products'
+            hint = 'increase the spacing of the products or decrease settle_time'
+            found.append(Concern(Level.WARN, text, hint))
+        well = f'{_GRAMS * distance:+.2f} g from calibration'
+        return conclude('Zero', well, found, values)
+
+
+class BeltNoiseWatch:
+    """Follow the noise of the empty belt: how much, and at which frequency.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Hz.
+    limit : float
+        kg, standard deviation that is too much; 0 to compare it with its own past only.
+    """
+
+    def __init__(self, sample_rate: float, limit: float) -> None:
+        self._rate = sample_rate
+        self._limit = limit
+        self._recent = RecentValues(10 * MINUTE, _RECENT_STRETCHES)
+        self._usual = RecentValues(_HOUR, _USUAL_STRETCHES)
+        self._power = np.zeros(_SPECTRUM // 2 + 1)
+        self._memory = 1.0 - 1.0 / _RECENT_STRETCHES
+
+    def add(self, now: float, force: NDArray[np.float64]) -> None:
+        """Take a stretch of empty belt, (n,) kg; a short one tells nothing."""
+        if len(force) < _FEWEST_SAMPLES:
+            return
+        force = force[-_SPECTRUM:]
+        force = force - force.mean()
+        noise = float(force.std())
+        self._recent.add(now, noise)
+        self._usual.add(now, noise)
+        power = np.abs(np.fft.rfft(force * np.hanning(len(force)), _SPECTRUM)) ** 2
+        self._power = self._memory * self._power + power / len(force)
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the strongest line, Hz; NaN without one."""
+        lowest = math.ceil(_LOWEST_FREQUENCY * _SPECTRUM / self._rate)
+        if not self._power[lowest:].any():
+            return math.nan
+        return (lowest + int(np.argmax(self._power[lowest:]))) * self._rate / _SPECTRUM
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Belt noise."""
+        self._recent.forget(now)
+        self._usual.forget(now)
+        noise, frequency = self._recent.median, self.frequency
+        usual = self._usual.median if len(self._usual) >= _FEWEST_USUAL else math.nan
+        values = {
+            'std_dev_g': _GRAMS * noise,
+            'usual_std_dev_g': _GRAMS * usual,
+            'strongest_frequency_hz': frequency,
+        }
+        found = []
+        hint = f'strongest at {frequency:.1f} Hz: check rollers, belt joint, motor and floor'
+        if self._limit and noise > self._limit:
+            text = f'{_GRAMS * noise:.2f} g, above max_belt_noise of {_GRAMS * self._limit:.2f} g'
+            found.append(Concern(Level.WARN, text, hint))
+        elif noise > _NOISY * usual and len(self._recent) == _RECENT_STRETCHES:
+            text = f'{_GRAMS * noise:.2f} g, {noise / usual:.1f} times the usual'
+            found.append(Concern(Level.WARN, text, hint))
+        well = 'not known yet' if math.isnan(noise) else f'{_GRAMS * noise:.2f} g'
+        return conclude('Belt noise', well, found, values)

@@ -1,0 +1,225 @@
+"""Whether samples and edges come as they should: rate, gaps, saturation, photo-eyes."""
+
+from collections import deque
+import math
+
+import numpy as np
+
+from checkweigher_dsp.health.clock import ClockWatch
+from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
+from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, SampleBlock
+
+_MAX_INBOX = 20_000  # blocks or edges between two looks
+_PATIENCE = 5.0  # s, in which a line starts
+_SILENCE = 1.0  # s without samples; a block is 10 to 50 ms
+_SILENT_BLOCKS = 5.0  # where blocks are long
+_RATE_SPAN = 10.0  # s, over which rates are taken
+_SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
+_RATE_TOLERANCE = 0.005  # relative
+_LONGEST_BLOCKED = 10.0  # s
+_ONE_EYED = 10  # edges of one eye while the other shows none
+
+
+class SampleWatch:
+    """Follow the blocks of samples: how many come, what is missing, and by which clock.
+
+    Taking a block is an append, so that it costs the stream nothing, from whatever thread;
+    `look` does the rest, once a second.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Sample rate and converter limits.
+    """
+
+    def __init__(self, load_cell: LoadCell) -> None:
+        self.load_cell = load_cell
+        self.clock = ClockWatch(load_cell.sample_rate)
+        self.gaps = self.lost = self.again = self.restarts = self.saturated = 0
+        self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=_MAX_INBOX)
+        self._last: float | None = None
+        self._end: int | None = None
+        self._last_stamp = 0
+        self._block = 0.0  # s
+        self._arrivals = RecentValues(_RATE_SPAN)
+        self._recent = {
+            name: RecentValues() for name in ('gaps', 'lost', 'again', 'restarts', 'saturated')
+        }
+
+    def add(self, now: float, block: SampleBlock) -> None:
+        """Take a block that came at `now`, s."""
+        self._inbox.append((now, block))
+
+    def begin_anew(self) -> None:
+        """Expect another stream: its index and clock need not go on from this one."""
+        self._inbox.clear()
+        self._end = None
+        self.clock.begin_anew()
+
+    def look(self, now: float) -> None:
+        """Work through what has come."""
+        blocks = [self._inbox.popleft() for _ in range(len(self._inbox))]
+        if len(blocks) == _MAX_INBOX:  # some fell out, that is no gap of the stream
+            self.begin_anew()
+        for came, block in blocks:
+            if len(block.counts):
+                self._take(came, block)
+        if blocks:
+            counts = np.concatenate([block.counts for _, block in blocks])
+            limits = self.load_cell
+            bad = (counts <= limits.min_counts) | (counts >= limits.max_counts)
+            self.saturated += self._note('saturated', blocks[-1][0], int(np.count_nonzero(bad)))
+        for values in (self._arrivals, *self._recent.values()):
+            values.forget(now)
+        self.clock.look(now)
+
+    def _take(self, came: float, block: SampleBlock) -> None:
+        size, first = len(block.counts), block.first_index
+        self._last = came
+        self._arrivals.add(came, size)
+        self._block = size / self.load_cell.sample_rate
+        if self._end is not None and first != self._end:
+            if first > self._end:
+                self.gaps += self._note('gaps', came, 1)
+                self.lost += self._note('lost', came, first - self._end)
+            elif block.stamp <= self._last_stamp:
+                self.again += self._note('again', came, 1)
+                return
+            else:
+                self.restarts += self._note('restarts', came, 1)
+                self.clock.begin_anew()
+        self._end, self._last_stamp = first + size, block.stamp
+        self.clock.add(came, block)
+
+    def _note(self, what: str, time: float, count: int) -> int:
+        if count:
+            self._recent[what].add(time, count)
+        return count
+
+    def finding(self, now: float, waited: float) -> Finding:
+        """Return the aspect Samples.
+
+        Parameters
+        ----------
+        now : float
+            s.
+        waited : float
+            s, for which samples could have come.
+        """
+        age = math.inf if self._last is None else now - self._last
+        lately = {name: int(values.total) for name, values in self._recent.items()}
+        received = self._received()
+        values = {
+            'sample_rate_nominal_hz': self.load_cell.sample_rate,
+            'sample_rate_by_stamps_hz': self.clock.sample_rate,
+            'received_samples_per_s': received[0],
+            'received_blocks_per_s': received[1],
+            'age_of_last_block_s': age,
+            'gaps': self.gaps,
+            'samples_lost': self.lost,
+            'blocks_doubled_or_late': self.again,
+            'source_restarts': self.restarts,
+            'samples_saturated': self.saturated,
+        }
+        concerns = self._concerns(age, waited, lately)
+        rate = self.load_cell.sample_rate
+        return conclude('Samples', f'{rate:g} samples/s', concerns, values)
+
+    def _received(self) -> tuple[float, float]:
+        """Return samples and blocks a second, lately."""
+        span = self._arrivals.span
+        if span < _SHORTEST_SPAN:
+            return math.nan, math.nan
+        later = self._arrivals.total - self._arrivals.oldest
+        return later / span, (len(self._arrivals) - 1) / span
+
+    def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern]:
+        found = []
+        if age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > _PATIENCE:
+            text = 'no samples have come' if age == math.inf else f'no samples for {age:.1f} s'
+            hint = 'check that the driver runs, and the cable and power of the load cell'
+            found.append(Concern(Level.ERROR, text, hint))
+        if lately['gaps']:
+            text = f'{lately["lost"]} samples lost in {lately["gaps"]} gaps in the last minute'
+            hint = 'check the load on the machine, the cable and the QoS depth'
+            found.append(Concern(Level.WARN, text, hint))
+        if lately['again']:
+            text = f'{lately["again"]} blocks came twice or too late in the last minute'
+            hint = 'check whether two drivers run, and the network between driver and segmenter'
+            found.append(Concern(Level.WARN, text, hint))
+        if lately['restarts']:
+            text = f'the source began anew {lately["restarts"]} times in the last minute'
+            hint = 'check the power of the load cell, and whether two drivers run'
+            found.append(Concern(Level.WARN, text, hint))
+        if lately['saturated']:
+            text = f'{lately["saturated"]} samples at the limit of the converter in the last minute'
+            hint = 'check overload and load-cell wiring'
+            found.append(Concern(Level.WARN, text, hint))
+        rate, nominal = self.clock.sample_rate, self.load_cell.sample_rate
+        if abs(rate - nominal) > _RATE_TOLERANCE * nominal:
+            text = f'{rate:.1f} samples/s by their stamps, load_cell/info says {nominal:g}'
+            hint = 'check the rate set in the load cell against load_cell/info'
+            found.append(Concern(Level.WARN, text, hint))
+        return found
+
+
+class EyeWatch:
+    """Follow the photo-eyes: whether both switch, and whether one stays blocked."""
+
+    def __init__(self) -> None:
+        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=_MAX_INBOX)
+        self._recent = {eye: RecentValues() for eye in Eye}
+        self._counts = dict.fromkeys(Eye, 0)
+        self._blocked: dict[Eye, float] = {}
+        self._last: float | None = None
+
+    def add(self, now: float, edge: EyeEdge) -> None:
+        """Take an edge that came at `now`, s, from any thread."""
+        self._inbox.append((now, edge))
+
+    def begin_anew(self) -> None:
+        """Forget which eyes are blocked: another stream need not say that they are free."""
+        self._inbox.clear()
+        self._blocked.clear()
+        for values in self._recent.values():
+            values.clear()
+
+    def look(self, now: float) -> None:
+        """Work through what has come."""
+        for came, edge in [self._inbox.popleft() for _ in range(len(self._inbox))]:
+            eye = Eye(edge.eye)
+            self._last = came
+            self._counts[eye] += 1
+            self._recent[eye].add(came, 1.0)
+            if not edge.blocked:
+                self._blocked.pop(eye, None)
+            else:
+                self._blocked.setdefault(eye, came)
+        for values in self._recent.values():
+            values.forget(now)
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Photo eyes."""
+        lately = {eye: len(values) for eye, values in self._recent.items()}
+        blocked = {eye: now - since for eye, since in self._blocked.items()}
+        values = {
+            'edges_per_s': sum(lately.values()) / MINUTE,
+            'age_of_last_edge_s': math.nan if self._last is None else now - self._last,
+            'infeed_edges': self._counts[Eye.INFEED],
+            'outfeed_edges': self._counts[Eye.OUTFEED],
+            'infeed_blocked_for_s': blocked.get(Eye.INFEED, 0.0),
+            'outfeed_blocked_for_s': blocked.get(Eye.OUTFEED, 0.0),
+        }
+        found = []
+        for eye, duration in blocked.items():
+            if duration > _LONGEST_BLOCKED:
+                text = f'the {eye.name.lower()} eye has been blocked for {duration:.0f} s'
+                hint = 'check for a jammed product, dirt, and the alignment of the eye'
+                found.append(Concern(Level.WARN, text, hint))
+        for eye, other in ((Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED)):
+            if lately[eye] == 0 and lately[other] >= _ONE_EYED:
+                text = f'only the {other.name.lower()} eye has switched in the last minute'
+                hint = f'check the {eye.name.lower()} eye, its wiring and its alignment'
+                found.append(Concern(Level.ERROR, text, hint))
+        well = 'both switch' if all(lately.values()) else 'no product in the last minute'
+        return conclude('Photo eyes', well, found, values)

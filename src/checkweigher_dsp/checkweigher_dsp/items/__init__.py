@@ -1,0 +1,1 @@
+"""Items on the belt: their edges, their tracking, the queue of edges."""

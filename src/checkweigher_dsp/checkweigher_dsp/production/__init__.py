@@ -1,0 +1,1 @@
+"""Production: recipes, prepackages, statistics and the audit log."""

@@ -1,0 +1,248 @@
+"""Recipes: what the line has to know of each product, in one YAML file.
+
+    products:
+      crisps_150g:
+        nominal: 0.150            # kg, contents
+        tare: 0.004               # kg, what the packaging weighs
+        lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
+        upper_limit: 0.165        # kg of contents
+        length: [0.09, 0.12]      # m, shortest and longest
+        speed: [0.5, 1.5]         # m/s, slowest and fastest
+        parameters:               # of the nodes, as in a parameter file
+          identifier:
+            estimator: gauss_markov
+
+All masses of a product are those of its contents. What the scale weighs has the packaging on it, so
+the limits that the reject node gets are tare + limit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+from typing import Any, cast
+
+import yaml
+
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters
+from checkweigher_dsp.estimation.identifier import IdentifierParameters
+from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
+from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST, limits
+from checkweigher_dsp.rejection.parameters import RejectParameters
+
+# Nodes whose parameters may change while the line runs.
+NODES: dict[str, type[Parameters]] = {
+    'denoise': DenoiseParameters,
+    'identifier': IdentifierParameters,
+    'reject': RejectParameters,
+}
+_READ_ONLY = ('segmenter', 'driver')
+_LIMITS = ('lower_limit', 'upper_limit')
+_RANGES = ('min_length', 'max_length', 'min_speed', 'max_speed')
+_OWN = (*_LIMITS, *_RANGES, 'product', 'needs_product')  # of reject, not for `parameters`
+_KEYS = ('nominal', 'tare', *_LIMITS, 'length', 'speed', 'parameters')
+_LARGEST_MASS = 1e4  # kg
+_NO_MORE = 1e3  # m and m/s
+
+Changes = dict[str, dict[str, object]]
+
+
+class RecipeError(ValueError):
+    """A recipe that cannot be used; one line that names product, key, value and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Product:
+    """One product.
+
+    Attributes
+    ----------
+    name : str
+        As the operator selects it.
+    nominal : float
+        NominalWeight of OPC 40200, kg of contents.
+    tare : float
+        Of the packaging, kg.
+    lower_limit, upper_limit : float
+        LowerToleranceLimit and UpperToleranceLimit, kg of contents; infinite where there is none.
+    tu1, tu2 : float
+        Of directive 76/211/EEC, kg of contents; NaN where it has none for this nominal weight.
+    length, speed : tuple of float
+        Smallest and largest, m and m/s.
+    parameters : dict
+        Further ones, by node and name.
+    """
+
+    name: str
+    nominal: float
+    tare: float = 0.0
+    lower_limit: float = -math.inf
+    upper_limit: float = math.inf
+    tu1: float = math.nan
+    tu2: float = math.nan
+    length: tuple[float, float] = (0.0, math.inf)
+    speed: tuple[float, float] = (0.0, math.inf)
+    parameters: Changes = field(default_factory=dict)
+
+    def changes(self) -> Changes:
+        """Return the parameters that the product sets, by node and name."""
+        made = {node: dict(values) for node, values in self.parameters.items()}
+        made.setdefault('reject', {}).update(
+            lower_limit=self.tare + self.lower_limit,
+            upper_limit=self.tare + self.upper_limit,
+            min_length=self.length[0],
+            max_length=self.length[1],
+            min_speed=self.speed[0],
+            max_speed=self.speed[1],
+            product=self.name,
+        )
+        return made
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the recipe as it would stand in the file, limits as masses."""
+        return {name: getattr(self, name) for name in _KEYS}
+
+
+def read_recipes(path: Path) -> dict[str, Product]:
+    """Read all products of a recipe file.
+
+    Raises
+    ------
+    RecipeError
+        If the file or anything in it cannot be used; nothing of it is then taken.
+    """
+    try:
+        content = yaml.load(path.read_text(encoding='utf-8'), _Loader)
+    except OSError as error:
+        raise RecipeError(f'{path}: {error.strerror or error}') from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise RecipeError(f'{path}: not a recipe file: {" ".join(str(error).split())}') from None
+    if not isinstance(content, dict) or list(content) != ['products']:
+        raise RecipeError(f'{path}: not a recipe file: it must have the one section "products:"')
+    products = content['products']
+    if not isinstance(products, dict) or not products:
+        raise RecipeError(f'{path}: products: names no product')
+    try:
+        return {name: make_product(name, values) for name, values in products.items()}
+    except RecipeError as error:
+        raise RecipeError(f'{path}: {error}') from None
+    except RecursionError:
+        raise RecipeError(f'{path}: products: an alias stands within its own anchor') from None
+
+
+def make_product(name: object, values: object) -> Product:
+    """Check one recipe and return its product; `RecipeError` names the first bad key."""
+    if not isinstance(name, str) or not name.strip():
+        raise RecipeError(f'{name!r} is no name of a product; put it in quotes')
+    if not isinstance(values, dict):
+        raise RecipeError(f'{name}: has no recipe')
+    for key in values:
+        if key not in _KEYS:
+            raise RecipeError(f'{name}.{key}: no such key; a recipe has {", ".join(_KEYS)}')
+    if 'nominal' not in values:
+        raise RecipeError(f'{name}.nominal: is missing')
+    nominal = _number(f'{name}.nominal', values['nominal'], 0, _LARGEST_MASS, 'kg')
+    if nominal == 0:
+        raise RecipeError(f'{name}.nominal: must be above 0')
+    tu1 = tu2 = math.nan
+    if SMALLEST <= nominal <= LARGEST:
+        its = limits(nominal)
+        tu1, tu2 = its.tu1, its.tu2
+    lower = _lower_limit(f'{name}.lower_limit', values.get('lower_limit'), nominal, tu1, tu2)
+    upper = math.inf
+    if values.get('upper_limit') is not None:
+        upper = _number(f'{name}.upper_limit', values['upper_limit'], nominal, _LARGEST_MASS, 'kg')
+    return Product(
+        name=name,
+        nominal=nominal,
+        tare=_number(f'{name}.tare', values.get('tare', 0.0), 0, _LARGEST_MASS, 'kg'),
+        lower_limit=lower,
+        upper_limit=upper,
+        tu1=tu1,
+        tu2=tu2,
+        length=_range(f'{name}.length', values.get('length'), 'm'),
+        speed=_range(f'{name}.speed', values.get('speed'), 'm/s'),
+        parameters=_parameters(f'{name}.parameters', values.get('parameters')),
+    )
+
+
+def _lower_limit(key: str, value: object, nominal: float, tu1: float, tu2: float) -> float:
+    if value is None:
+        return -math.inf
+    if value not in ('TU1', 'TU2'):
+        return _number(key, value, 0, nominal, 'kg (or TU1 or TU2 of 76/211/EEC)')
+    if math.isnan(tu1):
+        raise RecipeError(
+            f'{key}: 76/211/EEC has no {value} for a nominal weight of {nominal:g} kg, only for '
+            f'{SMALLEST:g}..{LARGEST:g} kg'
+        )
+    return tu1 if value == 'TU1' else tu2
+
+
+def _number(key: str, value: object, minimum: float, maximum: float, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise RecipeError(f'{key}: {value!r} is not a number')
+    if not minimum <= value <= maximum:  # NaN is not
+        raise RecipeError(f'{key}: {value} is not in {minimum:g}..{maximum:g} {unit}')
+    return float(value)
+
+
+def _range(key: str, value: object, unit: str) -> tuple[float, float]:
+    if value is None:
+        return (0.0, math.inf)
+    if not isinstance(value, list) or len(value) != 2:
+        raise RecipeError(f'{key}: {value!r} is not [smallest, largest] in {unit}')
+    smallest = _number(key, value[0], 0, _NO_MORE, unit)
+    largest = _number(key, value[1], smallest, _NO_MORE, unit)
+    if smallest == largest:
+        raise RecipeError(
+            f'{key}: from {smallest:g} to {largest:g} {unit} nothing would be weighed'
+        )
+    return (smallest, largest)
+
+
+def _parameters(key: str, value: object) -> Changes:
+    """Return the parameters by node; what they have to be together only the nodes can tell."""
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise RecipeError(f'{key}: {value!r} is not "node: name: value"')
+    made: Changes = {}
+    for node, section in value.items():
+        if node in _READ_ONLY:
+            raise RecipeError(f'{key}.{node}: its parameters cannot be changed while it runs')
+        if node not in NODES:
+            raise RecipeError(f'{key}.{node}: no such node; a recipe may set {", ".join(NODES)}')
+        if not isinstance(section, dict):
+            raise RecipeError(f'{key}.{node}: {section!r} is not "name: value"')
+        known = NODES[node].entries()
+        made[node] = {}
+        for name, each in flatten(cast(Mapping[str, object], section)).items():
+            if node == 'reject' and name in _OWN:
+                raise RecipeError(
+                    f'{key}.reject.{name}: no recipe sets it here; limits, length and speed stand '
+                    'beside nominal'
+                )
+            if name not in known:
+                raise RecipeError(f'{key}.{node}.{name}: {node} has no such parameter')
+            try:
+                made[node][name] = check(f'{key}.{node}.{name}', known[name], each)
+            except ParameterError as error:
+                raise RecipeError(str(error)) from None
+    return made
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that stands twice, of which YAML would take the last without a word."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Return a mapping, its keys all different."""
+        seen = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if isinstance(key, str) and key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f'{key} stands twice', key_node.start_mark
+                )
+            seen.add(key if isinstance(key, str) else id(key_node))
+        return super().construct_mapping(node, deep)

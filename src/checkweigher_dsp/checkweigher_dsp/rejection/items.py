@@ -1,0 +1,231 @@
+"""The items that wait for their verdict and those that have it, with their numbers."""
+
+from collections import OrderedDict, deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.records import MassEstimate, Verdict
+
+_MAX_PENDING = 10_000
+_MAX_JUDGED = 1_000
+# A number that is further ahead than this was not counted by anybody.
+_MAX_AHEAD = 10_000
+_MAX_NUMBER = 2**62
+
+
+class _Stamped(Protocol):
+    @property
+    def t1(self) -> int | None: ...
+    @property
+    def t2(self) -> int | None: ...
+    @property
+    def t3(self) -> int | None: ...
+
+
+def stamps_of(item: _Stamped) -> list[int]:
+    """Return the known stamps of an item, ns."""
+    return [stamp for stamp in (item.t1, item.t2, item.t3) if stamp is not None]
+
+
+def same(one: _Stamped, other: _Stamped) -> bool:
+    """Tell whether two items are one: an edge belongs to one item only, so one stamp is enough.
+
+    What has entered apart is two, though: which t3 belongs to it the stages may have found out
+    differently.
+    """
+    if one.t1 is not None and other.t1 is not None:
+        return one.t1 == other.t1
+    if one.t2 is not None and other.t2 is not None:
+        return one.t2 == other.t2
+    return one.t3 is not None and one.t3 == other.t3
+
+
+def _edges_of(item: _Stamped) -> list[tuple[str, int]]:
+    known = (('t1', item.t1), ('t2', item.t2), ('t3', item.t3))
+    return [(name, stamp) for name, stamp in known if stamp is not None]
+
+
+@dataclass(slots=True, eq=False)
+class RejectItem:
+    """One item on its way to the rejector.
+
+    Attributes
+    ----------
+    t1, t2, t3 : int or None
+        ns.
+    count : int or None
+        Number by the eyes, None as long as they have not shown it.
+    reasons : tuple of str
+        What the eyes say against it.
+    reject_at : int or None
+        ns, when the rejector has to be told.
+    due, late_from : int or None
+        ns on the clock of arrivals: when a verdict can wait no longer, and when it is too late.
+    number, estimate_id : int
+        Of the verdict and of the estimate that it rests on, 0 if there is none.
+    stream : int
+        In which it was judged.
+    """
+
+    t1: int | None
+    t2: int | None
+    t3: int | None
+    count: int | None = None
+    reasons: tuple[str, ...] = ()
+    reject_at: int | None = None
+    due: int | None = None
+    late_from: int | None = None
+    number: int = 0
+    estimate_id: int = 0
+    stream: int = 0
+
+
+class RejectItems:
+    """What is known of the items on the line, each under one number.
+
+    Numbers follow those of the estimates as long as these go forward, so that both are the same
+    in a line whose nodes all run from the start. A number is never given twice while the last
+    thousand items are remembered, nor any below them.
+    """
+
+    def __init__(self) -> None:
+        self.pending: list[RejectItem] = []
+        self._judged: deque[RejectItem] = deque()
+        self._unseen: dict[int, RejectItem] = {}  # of these the ones without a count, by number
+        self._numbers: set[int] = set()
+        self._largest = 0
+        self._forgotten = 0
+        self._ahead = 0  # of the count by the eyes
+        self._stream = 0
+        # Edges of this stream that have a verdict, a set in their order.
+        self._used: OrderedDict[tuple[str, int], None] = OrderedDict()
+
+    def restart(self) -> None:
+        """Begin a new stream: the same stamps may come again."""
+        self._stream += 1
+        self._used.clear()
+
+    def add(self, item: RejectItem) -> RejectItem:
+        """Take an item that has no verdict yet."""
+        self.pending.append(item)
+        return item
+
+    def too_many(self) -> list[RejectItem]:
+        """Return the oldest items that more of have come than can be kept."""
+        return self.pending[: max(0, len(self.pending) - _MAX_PENDING)]
+
+    def find_pending(self, estimate: MassEstimate) -> RejectItem | None:
+        """Return the item without a verdict that an estimate is of."""
+        return next((item for item in self.pending if same(item, estimate)), None)
+
+    def has_judged(self, estimate: MassEstimate) -> bool:
+        """Tell whether the item of an estimate had its verdict before the estimate came.
+
+        The stamps of a recording come again when it is played again: then the number differs. It
+        does so as well where a segmenter was started with the item on the belt, but in one stream.
+        Of an item that is a fault by its edges nobody knows which of them are its own.
+        """
+        if not estimate.weighed and self.is_used_up(estimate):
+            return True
+        for item in reversed(self._judged):
+            whole = item.count is not None and not item.reasons
+            again = whole and item.stream == self._stream and not estimate.weighed
+            if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
+                item.estimate_id = estimate.item_id
+                return True
+        return False
+
+    def is_used_up(self, item: _Stamped) -> bool:
+        """Tell whether each edge of an item has a verdict: it is no further one.
+
+        Where edges are missing the stages may have paired the others differently.
+        """
+        edges = _edges_of(item)
+        return bool(edges) and all(edge in self._used for edge in edges)
+
+    def drop(self, item: RejectItem) -> None:
+        """Forget an item that waits: it has its verdict under other edges."""
+        self.pending.remove(item)
+
+    def has_seen(self, seen: Item) -> bool:
+        """Tell whether an item that the eyes show has its verdict already, and count it as that."""
+        for item in reversed(self._unseen.values()):
+            if same(item, seen):
+                del self._unseen[item.number]
+                item.count = seen.item_id
+                item.reasons = tuple(reason.value for reason in seen.faults)
+                self._ahead = max(self._ahead, item.number - item.count)
+                self._use(item)
+                if item.t3 is not None and seen.t3 is not None and item.t3 != seen.t3:
+                    return True  # the eyes show the t3 of something else, which has no verdict yet
+                if not seen.faults:  # the estimate may have been of a part of it
+                    item.t1, item.t2, item.t3 = seen.t1, seen.t2, seen.t3
+                self._use(seen)
+                return True
+        return self.is_used_up(seen)
+
+    def _use(self, item: _Stamped) -> None:
+        for edge in _edges_of(item):
+            self._used[edge] = None
+        while len(self._used) > 3 * _MAX_JUDGED:
+            self._used.popitem(last=False)
+
+    def judge(self, item: RejectItem, estimate: _Stamped | None, estimate_id: int) -> int:
+        """Note that an item has its verdict now and return its number."""
+        self._use(item)
+        if estimate is not None and _edges_of(estimate) != _edges_of(item):
+            self._use(estimate)
+        number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
+        while number in self._numbers:
+            number += 1
+        if item.count is not None:
+            self._ahead = max(self._ahead, number - item.count)
+        item.number, item.estimate_id, item.stream = number, estimate_id, self._stream
+        self._largest = max(self._largest, number)
+        self.pending.remove(item)
+        self._remember(item)
+        return number
+
+    def recall(self, verdicts: Iterable[Verdict]) -> None:
+        """Note what others have judged, and count anew by the eyes.
+
+        What was judged before the first of them has lower numbers, which nobody gets again.
+        """
+        known = [verdict for verdict in verdicts if 0 < verdict.item_id < _MAX_NUMBER]
+        for verdict in known:
+            number = verdict.item_id
+            if number not in self._numbers:
+                self._largest = max(self._largest, number)
+                self._remember(
+                    RejectItem(
+                        verdict.t1, None, verdict.t3, number=number, estimate_id=verdict.estimate_id
+                    )
+                )
+        for item in self._judged:
+            item.count = None  # the eyes may show it once more
+        self._unseen = {item.number: item for item in self._judged}
+        first = min((verdict.item_id for verdict in known), default=1)
+        self._forgotten = max(self._forgotten, first - 1)
+        self._ahead = 0
+
+    def _remember(self, item: RejectItem) -> None:
+        self._numbers.add(item.number)
+        self._judged.append(item)
+        if item.count is None:
+            self._unseen[item.number] = item
+        if len(self._judged) > _MAX_JUDGED:
+            forgotten = self._judged.popleft().number
+            self._numbers.remove(forgotten)
+            self._unseen.pop(forgotten, None)
+            self._forgotten = max(self._forgotten, forgotten)
+
+    def _wanted_number(self, item: RejectItem, estimate_id: int) -> int:
+        if item.count is None:
+            near = abs(estimate_id - self._largest) <= _MAX_AHEAD
+            return estimate_id if estimate_id > 0 and near else self._largest + 1
+        own = item.count + self._ahead
+        # The first number tells how many items there were before this stage was started.
+        limit = own + _MAX_AHEAD if self._largest else _MAX_NUMBER
+        return estimate_id if own <= estimate_id <= limit else own

@@ -1,0 +1,77 @@
+"""What the limits of the product make of an estimate."""
+
+import math
+
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Decision, MassEstimate, Verdict
+from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.timing import reject_time
+
+
+def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
+    """Judge an estimate by the limits of the product.
+
+    What was not weighed is a FAULT, and what was weighed but is too long or too fast as well: the
+    mass of the latter stays.
+    """
+    reasons = estimate.reasons or tuple(why.value for why in objections(estimate, parameters))
+    decision = decide(estimate, parameters.lower_limit, parameters.upper_limit)
+    return Verdict(
+        estimate.item_id,
+        estimate.t3,
+        Decision.FAULT if reasons else decision,
+        reasons,
+        estimate.mass,
+        estimate.std_dev,
+        parameters.lower_limit,
+        parameters.upper_limit,
+        reject_time(
+            estimate.t3,
+            estimate.line_speed,
+            parameters.rejector_distance,
+            parameters.actuator_delay,
+        ),
+        estimate.t1,
+        estimate.item_id,
+    )
+
+
+def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Reason]:
+    """Return what speaks against an item that was weighed, whatever its mass.
+
+    A length or speed that is not known is not within a range that is asked for.
+    """
+    limits, length = parameters, estimate.product_length
+    found = [Reason.NO_PRODUCT] if limits.needs_product and not limits.product else []
+    if _outside(length, limits.min_length, limits.max_length):
+        if math.isnan(length):
+            found.append(Reason.BAD_WINDOW)
+        else:
+            short = length < limits.min_length
+            found.append(Reason.PRODUCT_TOO_SHORT if short else Reason.PRODUCT_TOO_LONG)
+    if _outside(estimate.belt_speed, limits.min_speed, limits.max_speed):
+        found.append(Reason.BELT_SPEED)
+    return found
+
+
+def _outside(value: float, low: float, high: float) -> bool:
+    return (low > 0 or high < math.inf) and not low <= value <= high  # NaN is outside
+
+
+def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:
+    """Compare a mass with its limits; both limits belong to the accepted range.
+
+    Parameters
+    ----------
+    estimate : MassEstimate
+        Its mass in kg.
+    lower_limit, upper_limit : float
+        kg.
+    """
+    if not estimate.weighed or not math.isfinite(estimate.mass):
+        return Decision.FAULT
+    if estimate.mass < lower_limit:
+        return Decision.UNDER
+    if estimate.mass > upper_limit:
+        return Decision.OVER
+    return Decision.ACCEPT

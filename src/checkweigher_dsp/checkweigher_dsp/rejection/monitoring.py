@@ -1,0 +1,118 @@
+"""Whether the rejector does what the verdicts say, and when the line should stop."""
+
+from dataclasses import dataclass
+
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, StopRequest, Verdict
+from checkweigher_dsp.rejection.parameters import RejectParameters
+
+_MAX_OPEN = 10_000
+
+
+@dataclass(slots=True, eq=False)
+class _Expected:
+    """A verdict whose item is near the rejector at ``reject_at``, ns."""
+
+    item_id: int
+    reject_at: int
+    rejected: bool
+    confirmed: bool = False
+
+
+class RejectMonitor:
+    """Compare the verdicts with what the eye behind the rejector sees.
+
+    An edge of that eye belongs to the item whose reject time is nearest, within
+    ``confirmation_time``. It is looked at as soon as no nearer item can come any more.
+
+    Attributes
+    ----------
+    parameters : RejectParameters
+        May be replaced at any time.
+    request : StopRequest or None
+        The first reason to stop since the last reset.
+    trouble : str
+        What the driver says is wrong; while it lasts a reset does not clear the request.
+    strays : int
+        Edges near no reject time.
+    """
+
+    def __init__(self, parameters: RejectParameters) -> None:
+        self.parameters = parameters
+        self.request: StopRequest | None = None
+        self.strays = 0
+        self.trouble = ''
+        self._in_a_row = 0
+        self._expected: list[_Expected] = []
+        self._edges: list[int] = []
+
+    @property
+    def waiting(self) -> bool:
+        """Whether time alone may change something."""
+        return bool(self._expected or self._edges)
+
+    def add_verdict(self, verdict: Verdict) -> None:
+        """Take a verdict."""
+        rejected = verdict.decision is not Decision.ACCEPT
+        self._in_a_row = self._in_a_row + 1 if rejected else 0
+        limit = self.parameters.max_rejects_in_a_row
+        if limit and self._in_a_row >= limit:
+            self._stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
+        if self._window and verdict.reject_at is not None:
+            self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
+            del self._expected[:-_MAX_OPEN]
+
+    def add_edge(self, edge: EyeEdge) -> None:
+        """Take an edge of the eye behind the rejector."""
+        if self._window and edge.blocked:
+            self._edges.append(edge.stamp)
+            del self._edges[:-_MAX_OPEN]
+
+    def hear_driver(self, trouble: str) -> None:
+        """Take what the driver says is wrong with the machine, empty for nothing."""
+        self.trouble = trouble
+        if not trouble:
+            return
+        if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
+            self.request = None  # what is wrong by now, such as a product that was missed meanwhile
+        self._stop(StopReason.DRIVER_TROUBLE, 0, None, trouble)
+
+    def advance(self, now: int) -> None:
+        """Conclude what can be concluded at `now`, ns of the stamps."""
+        window = self._window
+        settled = [stamp for stamp in self._edges if stamp + window < now]
+        self._edges = [stamp for stamp in self._edges if stamp + window >= now]
+        for stamp in settled:
+            self._settle(stamp, window)
+        over = [item for item in self._expected if item.reject_at + 2 * window < now]
+        self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
+        for item in over:
+            if item.rejected and not item.confirmed:
+                self._stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
+
+    def restart(self) -> None:
+        """Expect nothing any more: the stamps of a new stream say nothing about the old one."""
+        self._expected, self._edges = [], []
+
+    def reset(self) -> None:
+        """Clear the request; what was rejected before it does not count any more."""
+        self.request = None
+        self._in_a_row = 0
+        self.restart()
+        self.hear_driver(self.trouble)
+
+    @property
+    def _window(self) -> int:
+        return round(NANOSECONDS * self.parameters.confirmation_time)
+
+    def _settle(self, stamp: int, window: int) -> None:
+        nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
+        if nearest is None or abs(nearest.reject_at - stamp) > window:
+            self.strays += 1
+        elif nearest.rejected:
+            nearest.confirmed = True
+        else:
+            self._stop(StopReason.CONFIRMED_ACCEPT, nearest.item_id, nearest.reject_at)
+
+    def _stop(self, reason: StopReason, item_id: int, stamp: int | None, text: str = '') -> None:
+        self.request = self.request or StopRequest(reason, item_id, stamp, text)

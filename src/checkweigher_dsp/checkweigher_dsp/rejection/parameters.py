@@ -1,0 +1,101 @@
+"""Parameters of the reject stage: limits of the product, where the rejector stands."""
+
+from dataclasses import Field, dataclass
+import math
+from typing import Any, ClassVar
+
+from checkweigher_dsp.parameters import ParameterError, Parameters, describe, parameter
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+
+# Segmenter and reject stage have to find the same items: these are in both of their sets.
+SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time', 'edge_lateness')
+
+
+def _shared(name: str) -> Any:
+    """Return a field with default, unit and range of the segmenter's own."""
+    entry: Field[Any] = SegmenterParameters.entries()[name]
+    allowed = describe(entry)
+    return parameter(
+        entry.default, 'as that of segmenter; from the next start', unit=allowed.unit,
+        minimum=allowed.minimum, maximum=allowed.maximum,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RejectParameters(Parameters):
+    """Limits of the product on the line, and where the rejector stands."""
+
+    node: ClassVar[str] = 'reject'
+
+    lower_limit: float = parameter(
+        -math.inf, 'LowerToleranceLimit: lighter is UNDER; -.inf for none', unit='kg'
+    )
+    upper_limit: float = parameter(
+        math.inf, 'UpperToleranceLimit: heavier is OVER; .inf for none', unit='kg'
+    )
+    rejector_distance: float = parameter(
+        0.5, 'from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
+    )
+    actuator_delay: float = parameter(
+        0.0, 'from telling the rejector to its action', unit='s', minimum=0, maximum=10
+    )
+    verdict_margin: float = parameter(
+        0.05, 'how long before its reject time an item has its verdict', unit='s',
+        minimum=0, maximum=10,
+    )  # fmt: skip
+    deadlines: bool = parameter(
+        True, 'what has no mass by then is NoEstimate; false waits for every mass, as a replay does'
+    )
+    min_belt_speed: float = _shared('min_belt_speed')
+    debounce_time: float = _shared('debounce_time')
+    edge_lateness: float = _shared('edge_lateness')
+    confirmation_time: float = parameter(
+        0.0, 'how far from its reject time a rejected item passes reject_eye; 0 without that eye',
+        unit='s', minimum=0, maximum=60,
+    )  # fmt: skip
+    max_rejects_in_a_row: int = parameter(
+        0, 'so many raise a stop request; 0 for none', minimum=0, maximum=1_000_000
+    )
+    autostart: bool = parameter(
+        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
+    )
+    min_length: float = parameter(
+        0.0, 'shortest product, a shorter one is ProductTooShort; 0 for any', unit='m', minimum=0
+    )
+    max_length: float = parameter(
+        math.inf, 'longest product, a longer one is ProductTooLong; .inf for any', unit='m',
+        minimum=0,
+    )  # fmt: skip
+    min_speed: float = parameter(
+        0.0, 'slowest belt for the product, a slower one is BeltSpeed; 0 for any', unit='m/s',
+        minimum=0,
+    )  # fmt: skip
+    max_speed: float = parameter(
+        math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any',
+        unit='m/s', minimum=0,
+    )  # fmt: skip
+    product: str = parameter('', 'whose limits these are; the node product sets it')
+    needs_product: bool = parameter(
+        False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, none in (('lower_limit', -math.inf), ('upper_limit', math.inf)):
+            value = getattr(self, name)
+            if value != none and not (math.isfinite(value) and value >= 0):
+                raise ParameterError(
+                    f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
+                )
+        for low, high in (
+            ('lower_limit', 'upper_limit'), ('min_length', 'max_length'), ('min_speed', 'max_speed')
+        ):  # fmt: skip
+            if getattr(self, low) > getattr(self, high):
+                raise ParameterError(
+                    f'reject.{low}: {getattr(self, low)} is above {high} {getattr(self, high)}'
+                )
+        if self.max_speed < self.min_belt_speed:
+            raise ParameterError(
+                f'reject.max_speed: {self.max_speed} is below min_belt_speed '
+                f'{self.min_belt_speed}, slower than what is weighed at all'
+            )

@@ -1,0 +1,349 @@
+"""The verdict on each item, and when the rejector has to have it.
+
+The stage counts the items itself, from the photo-eyes: one whose mass never comes, because a stage
+before it hung or died, is a FAULT in time for the rejector all the same.
+"""
+
+from collections import OrderedDict, deque
+from collections.abc import Sequence
+from dataclasses import replace
+import math
+
+from checkweigher_dsp.items.tracking import Item, ItemTracker
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    LineHistory,
+    MassEstimate,
+    Verdict,
+)
+from checkweigher_dsp.rejection.items import RejectItem, RejectItems, stamps_of
+from checkweigher_dsp.rejection.limits import judge
+from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.timing import ArrivalClock, reject_time
+
+# Edges further back than this belong to a new stream.
+_RESTART = 2 * NANOSECONDS
+# What has no reject time is waited for so long: nobody can say when it would be too late.
+_PATIENCE = NANOSECONDS // 10
+_PATIENCE_GIVEN_UP = NANOSECONDS
+_MAX_EARLY = 10_000
+_PLAYED_AGAIN = 4  # edges, as many as an item has
+_MAX_STAMPS = 4_000
+_MAX_ARRIVALS = 400
+
+
+class RejectStage:
+    """Give every item one verdict: by its mass, or a FAULT when none came in time.
+
+    An estimate is matched with the item that the eyes showed by its stamps, not by its number: a
+    segmenter that was started again counts from 1. Edges and estimates may come in any order.
+
+    The methods take the time at which something came, in ns on any clock that never steps back.
+    An item's time runs from the arrival of its t3 edge, or if that was held up on its way, from
+    when it should have come. One that never gets there is given up by the rule of the segmenter,
+    once that time has gone by: nothing more has to come for it. Without a time nothing is ever
+    overdue: the result is then one of stamps alone.
+
+    Parameters
+    ----------
+    parameters : RejectParameters
+        Limits and where the rejector stands.
+    weigh_length : float, optional
+        m, between the eyes. Edges that come before it is known are kept.
+
+    Attributes
+    ----------
+    parameters : RejectParameters
+        May be replaced between two items.
+    late_estimates : int
+        Estimates that came after the verdict on their item, or twice; they change nothing.
+    late_verdicts : int
+        Verdicts after their reject time.
+    """
+
+    def __init__(self, parameters: RejectParameters, weigh_length: float | None = None) -> None:
+        self.parameters = parameters
+        self.late_estimates = 0
+        self.late_verdicts = 0
+        self._weigh_length = weigh_length
+        self._items = RejectItems()
+        self._tracker: ItemTracker | None = None
+        self._arrival_clock = ArrivalClock()
+        self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
+        self._held: list[tuple[EyeEdge, int | None]] = []  # that came before, long ago
+        self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
+        self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
+        self._first: int | None = None
+        self._newest: int | None = None
+        self._came: int | None = None  # when the newest edge came
+        if weigh_length is not None:
+            self._tracker = self._new_tracker(weigh_length, 0)
+
+    @property
+    def weigh_length(self) -> float | None:
+        """Between the eyes, m; None while it is not known."""
+        return self._weigh_length
+
+    @property
+    def due(self) -> int | None:
+        """When time alone brings something next, on the clock of the arguments."""
+        times = [item.due for item in self._items.pending if item.due is not None]
+        overdue = self._tracker.overdue_after if self._tracker is not None else None
+        if overdue is not None and self._newest is not None and self._came is not None:
+            times.append(self._came + overdue + self._lateness - self._newest + 1)
+        return min(times, default=None)
+
+    def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
+        """Take the distance between the eyes, m; with a change of it a new stream begins."""
+        if weigh_length == self._weigh_length:
+            return
+        self._weigh_length = weigh_length
+        self.restart(now)
+        count = self._tracker.count if self._tracker is not None else 0
+        self._tracker = self._new_tracker(weigh_length, count)
+        while self._early:
+            self.add_edge(*self._early.popleft())
+
+    def restart(self, now: int | None = None) -> None:
+        """Begin a new stream: what is on the belt will not reach the outfeed eye in it."""
+        if self._tracker is not None:
+            for item in self._tracker.give_up(Reason.SOURCE_RESTARTED):
+                self._see(item, now)
+            self._tracker.forget()
+        self._items.restart()
+        self._held.clear()
+        self._first = self._newest = self._came = None
+        self._arrival_clock = ArrivalClock()
+
+    def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
+        """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
+        if self._tracker is None:
+            self._early.append((edge, now))
+            return []
+        if self._newest is not None and edge.stamp < self._newest - _RESTART:
+            if self._tracker.knows(edge):
+                return self._hold(edge, now)
+            self.restart(now)
+        self._held.clear()
+        self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
+        if self._newest is None or edge.stamp >= self._newest:
+            self._newest, self._came = edge.stamp, now
+        self._arrivals.append((edge, now))
+        self._stamps[edge.stamp] = None
+        if len(self._stamps) > _MAX_STAMPS:
+            self._stamps.popitem(last=False)
+        came = None if now is None else self._arrival_clock.came(edge.stamp, now)
+        for item in self._tracker.add(edge):
+            self._see(item, came)
+        return self.advance(now)
+
+    def _hold(self, edge: EyeEdge, now: int | None) -> list[Verdict]:
+        """Pass over an old edge that comes again, unless so many do that all are played again."""
+        self._held.append((edge, now))
+        if len(self._held) < _PLAYED_AGAIN:
+            return self.advance(now)
+        held = list(self._held)
+        self.restart(now)
+        return [verdict for again in held for verdict in self.add_edge(*again)]
+
+    def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
+        """Take an estimate and return the verdict on its item, if there was none yet."""
+        item = self._items.find_pending(estimate)
+        if item is None:
+            if self._items.has_judged(estimate):
+                self.late_estimates += 1
+                return []
+            item = self._items.add(RejectItem(estimate.t1, estimate.t2, estimate.t3))
+            if estimate.weighed and not self._may_be_there(estimate):
+                estimate = replace(
+                    estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
+                )
+        return [self._give(item, judge(estimate, self.parameters), now, estimate)]
+
+    def advance(self, now: int | None) -> list[Verdict]:
+        """Return the verdicts that can wait no longer."""
+        overdue = []
+        if now is not None:
+            self._give_up_overdue(now)
+            overdue = [i for i in self._items.pending if i.due is not None and i.due <= now]
+        overdue += [item for item in self._items.too_many() if item not in overdue]
+        return self._give_up(overdue, now) if overdue else []
+
+    def stop(self, now: int | None = None) -> list[Verdict]:
+        """Give whatever the eyes have shown its verdict: no mass is waited for any more."""
+        if self._tracker is not None:
+            for item in self._tracker.give_up(Reason.NO_ESTIMATE):
+                self._see(item, now)
+        self.restart(now)
+        self._arrivals.clear()
+        return self._give_up_pending(now)
+
+    def recall(
+        self,
+        history: LineHistory,
+        live: Sequence[tuple[EyeEdge, int | None]] = (),
+        now: int | None = None,
+    ) -> list[Verdict]:
+        """Take what happened before this stage was there.
+
+        An item that had passed the eyes by then and has no verdict is a FAULT now: its mass, if
+        there was one, went to nobody. One that is still on the belt goes on as usual.
+
+        Parameters
+        ----------
+        history : LineHistory
+            What the driver remembers. With other stages judging before this one, their verdicts.
+        live : sequence of (EyeEdge, int or None)
+            Edges that have come and were kept back until now, each with its time.
+        now : int, optional
+            ns.
+        """
+        live = [*self._arrivals, *live]
+        known = {edge for edge, _ in live}
+        begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
+        missed = history.edges[:begin]
+        self._items.recall(history.verdicts)
+        verdicts: list[Verdict] = []
+        if missed and self._weigh_length is not None:
+            self._items.pending.clear()  # they are found again, with all their edges
+            self._tracker = self._new_tracker(self._weigh_length, 0)
+            self._first = self._newest = self._came = None
+            self._arrivals.clear()
+            for edge in missed:
+                self.add_edge(edge)
+            if now is not None:
+                self._came = now - (history.stamp - max(edge.stamp for edge in missed))
+            self._arrivals.clear()
+            if history.first_edge:
+                self._forget_cut(missed[0].stamp)
+            verdicts = self._give_up_pending(now, history.stamp)
+        else:
+            live = live[len(self._arrivals) :]
+        for edge, came in live:
+            verdicts += self.add_edge(edge, came)
+        return verdicts
+
+    def _forget_cut(self, begin: int) -> None:
+        """Forget items whose first edges the history lacks: the oldest, long past the rejector."""
+        assert self._weigh_length is not None
+        end = begin + round(NANOSECONDS * self._weigh_length / self.parameters.min_belt_speed)
+        self._items.pending = [
+            item
+            for item in self._items.pending
+            if item.t1 is not None or min(stamps_of(item), default=begin) > end
+        ]
+
+    def _give_up_pending(self, now: int | None, stamp: int | None = None) -> list[Verdict]:
+        """Return the verdicts on all that wait; `stamp` is the time of the stamps at `now`."""
+        pending = list(self._items.pending)
+        for item in pending:
+            if now is not None and stamp is not None and item.reject_at is not None:
+                item.late_from = now + item.reject_at - stamp
+        return self._give_up(pending, now)
+
+    def _give_up(self, items: Sequence[RejectItem], now: int | None) -> list[Verdict]:
+        """Return the verdicts on items whose mass is waited for no more."""
+        verdicts = []
+        for item in items:
+            if self._items.is_used_up(item):
+                self._items.drop(item)
+            else:
+                verdicts.append(self._give(item, self._without_estimate(item), now))
+        return verdicts
+
+    def _give_up_overdue(self, now: int) -> None:
+        """Give up what should have reached the outfeed eye, as if an edge had come that late."""
+        if self._tracker is None or self._newest is None or self._came is None:
+            return
+        stream_time = self._newest + now - self._came
+        for item in self._tracker.expire(stream_time - self._lateness):
+            self._see(item, now)
+
+    @property
+    def _lateness(self) -> int:
+        return round(NANOSECONDS * self.parameters.edge_lateness)
+
+    def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
+        return ItemTracker(
+            round(NANOSECONDS * self.parameters.debounce_time),
+            round(NANOSECONDS * weigh_length / self.parameters.min_belt_speed),
+            count,
+        )
+
+    def _see(self, seen: Item, now: int | None) -> None:
+        """Take an item that the eyes are done with; its verdict may have been faster."""
+        if self._items.has_seen(seen):
+            return
+        item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id)
+        item.reasons = tuple(reason.value for reason in seen.faults)
+        item.reject_at = reject_time(
+            seen.t3,
+            self._speed(seen),
+            self.parameters.rejector_distance,
+            self.parameters.actuator_delay,
+        )
+        if now is not None:
+            if seen.t3 is not None and item.reject_at is not None:
+                item.late_from = now + item.reject_at - seen.t3
+                item.due = item.late_from - round(NANOSECONDS * self.parameters.verdict_margin)
+            else:
+                item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
+        self._items.add(item)
+
+    def _speed(self, item: Item) -> float:
+        """Return the belt speed from the eyes, or else that of the last whole item, m/s."""
+        transit = item.usual_transit
+        if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
+            transit = item.t3 - item.t1
+        if self._weigh_length is None or not transit:
+            return math.nan
+        return self._weigh_length * NANOSECONDS / transit
+
+    def _may_be_there(self, estimate: MassEstimate) -> bool:
+        """Tell whether the eyes showed the item, or may have done so before this stage listened."""
+        stamps = stamps_of(estimate)
+        if not stamps:
+            return False
+        if self._first is None or self._newest is None:
+            return True
+        looked = self._first <= min(stamps) and max(stamps) <= self._newest
+        return not looked or any(stamp in self._stamps for stamp in stamps)
+
+    def _without_estimate(self, item: RejectItem) -> Verdict:
+        return Verdict(
+            0,
+            item.t3,
+            Decision.FAULT,
+            tuple(dict.fromkeys((*item.reasons, Reason.NO_ESTIMATE.value))),
+            lower_limit=self.parameters.lower_limit,
+            upper_limit=self.parameters.upper_limit,
+            reject_at=item.reject_at,
+            t1=item.t1,
+        )
+
+    def _give(
+        self, item: RejectItem, verdict: Verdict, now: int | None,
+        estimate: MassEstimate | None = None,
+    ) -> Verdict:  # fmt: skip
+        late_from = item.late_from
+        if late_from is None and verdict.reject_at is not None:
+            # Its mass was faster than its edges.
+            late_from = self._arrival_clock.at(verdict.reject_at)
+        late = now is not None and late_from is not None and now > late_from
+        self.late_verdicts += late
+        number = self._items.judge(item, estimate, verdict.estimate_id)
+        t1, t3, reject_at = verdict.t1, verdict.t3, verdict.reject_at
+        # A segmenter that was started again has not seen all edges of its first item. Of an item
+        # that is a fault by its edges nobody knows which of them are its own.
+        if item.count is not None and not item.reasons:
+            t1 = item.t1 if t1 is None else t1
+            t3 = item.t3 if t3 is None else t3
+            reject_at = item.reject_at if reject_at is None else reject_at
+        given = number, late, t1, t3, reject_at
+        was = verdict.item_id, verdict.late, verdict.t1, verdict.t3, verdict.reject_at
+        if given == was:  # of nearly all: a copy would take as long as all the rest
+            return verdict
+        return replace(verdict, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at)

@@ -1,0 +1,127 @@
+"""The diagnostics of a node: once a second, a status for each aspect of it."""
+
+from collections.abc import Callable, Iterable
+import os
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+
+from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.records import NANOSECONDS, LoadCell
+from checkweigher_dsp.ros.connections import Connections
+from checkweigher_dsp.ros.ports import DIAGNOSTICS
+
+_PERIOD = 1.0  # s
+_GOLDEN = 0.618  # of numbers that follow each other it makes times that lie far apart
+_LOG_PERIOD = 1.0  # s
+
+
+class Diagnostics:
+    """Collect what a node has to tell of itself, and publish it.
+
+    The first status is the node's own: the worst of all, the last warning, the counters. The
+    others are named '<node>: <Aspect>', as those of diagnostic_updater.
+
+    Parameters
+    ----------
+    node : Node
+        Publishes.
+    diagnose : callable
+        Returns the findings of the node at a time of the monotonic clock, s.
+    """
+
+    def __init__(self, node: Node, diagnose: Callable[[float], Iterable[Finding]]) -> None:
+        self._node = node
+        self._diagnose = diagnose
+        self._counters: dict[str, int] = {}
+        self._warning = self._last_warning = ''
+        self._last_logged = ('', 0.0)
+        self._hardware_id = 'checkweigher'
+        self.connections = Connections(node, time.monotonic(), self.warn)
+
+    def start(self) -> None:
+        """Begin to publish."""
+        self._publisher = self._node.create_publisher(
+            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
+        )
+        timer = self._node.create_timer(_until_round(time.monotonic()), self._publish)
+        timer.timer_period_ns = round(_PERIOD * NANOSECONDS)  # from then on
+
+    def set_hardware(self, load_cell: LoadCell) -> None:
+        """Name the load cell that the findings are about."""
+        parts = (load_cell.model, load_cell.serial_number)
+        self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
+
+    def count(self, name: str) -> None:
+        """Count something, from any thread but each name from one."""
+        self._counters[name] = self._counters.get(name, 0) + 1
+
+    def warn(self, text: str) -> None:
+        """Log a warning, the same one at most once a second, and show it."""
+        self._warning = self._last_warning = text
+        now = time.monotonic()
+        if text != self._last_logged[0] or now - self._last_logged[1] > _LOG_PERIOD:
+            self._last_logged = (text, now)
+            self._node.get_logger().warning(text)
+
+    def _publish(self) -> None:
+        now = time.monotonic()
+        findings = [
+            *self._found('Diagnostics', lambda: self._diagnose(now)),
+            *self._found('Connections', lambda: [self.connections.finding(now)]),
+        ]
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        summary = self._summary(findings)
+        message = DiagnosticArray(
+            status=[
+                self._status(name, summary),
+                *(self._status(f'{name}: {finding.aspect}', finding) for finding in findings),
+            ]
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+    def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
+        try:
+            return list(look())
+        except Exception as error:  # what only tells of the line must not stop it
+            text = f'{type(error).__name__}: {error}'
+            concern = Concern(Level.ERROR, text, 'a defect of the diagnostics; report it')
+            return [conclude(aspect, '', [concern])]
+
+    def _summary(self, findings: list[Finding]) -> Finding:
+        """Return the status of the node itself; a warning is shown for one period."""
+        worst = max(findings, key=lambda finding: finding.level)
+        level, text = worst.level, 'running'
+        if level > Level.OK:
+            text = f'{worst.aspect}: {worst.message}'
+        if self._warning and level <= Level.WARN:
+            level, text = Level.WARN, self._warning
+        self._warning = ''
+        values: dict[str, float | str] = dict(self._counters)  # a copy: other threads count, too
+        if self._last_warning:
+            values['last warning'] = self._last_warning
+        return Finding('', level, text, values=values)
+
+    def _status(self, name: str, finding: Finding) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=bytes([finding.level]),
+            name=name,
+            message=finding.message,
+            hardware_id=self._hardware_id,
+            values=[KeyValue(key=key, value=_text(v)) for key, v in finding.values.items()],
+        )
+
+
+def _until_round(now: float) -> float:
+    """Return how long it is until the nodes of this process tell of themselves, s.
+
+    All at once, so that the process wakes up once for it; other processes at another time.
+    """
+    phase = os.getpid() * _GOLDEN % 1.0
+    return _PERIOD * (1.0 - (now / _PERIOD - phase) % 1.0)
+
+
+def _text(value: float | str) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

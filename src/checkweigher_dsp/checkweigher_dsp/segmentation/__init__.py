@@ -1,0 +1,1 @@
+"""Segmentation: one weigh window for each item from samples and edges."""

@@ -1,0 +1,92 @@
+"""Whether the scale agrees that a product was alone: its load changes no more than the belt shakes.
+
+The eyes do not show a product whose edge was lost. The scale does: while one comes or goes within
+the weigh window, the load changes by more than vibration and ring-down explain.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.signal.averages import mean, median
+
+# Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
+_SHARE = 0.08
+_VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
+_MEMORY = 0.98  # of that change at each further item
+_FEWEST = 8  # samples
+
+
+class LoadCheck:
+    """Tell a steady load from one that something else came to or left.
+
+    Compared are the mean of the last quarter of a window and that of its first half. What vibration
+    does to their difference the empty belt before the items shows, over as many samples; where it
+    is not empty for so long, what it showed last, or as long as it never was, what shorter
+    stretches show: those shake more. The median of that: something may have left it. A belt that
+    was never seen empty is taken for one that does not shake.
+    """
+
+    def __init__(self) -> None:
+        self._shaking = 0.0  # counts
+        self._is_of_window = False  # else of shorter stretches
+
+    def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
+        """Tell whether the load of a window is that of one item.
+
+        Parameters
+        ----------
+        window : ndarray, (n,) int32
+            Counts from t2 to t3.
+        empty : ndarray, (m,) int32
+            Counts of the empty belt before t1, any number.
+        zero : float
+            Counts of the empty belt.
+        """
+        size = len(window)
+        self._watch(empty, size)
+        if size < _FEWEST:
+            return True
+        counts = window.astype(np.float64)
+        load = abs(mean(counts) - zero)
+        counts -= counts[0]
+        change = abs(mean(counts[size - size // 4 :]) - mean(counts[: size // 2]))
+        return change <= _SHARE * load + _VIBRATION * self._shaking
+
+    def _watch(self, empty: NDArray[np.int32], size: int) -> None:
+        whole = len(empty) >= size
+        size = min(size, len(empty))
+        if size < _FEWEST or (self._is_of_window and not whole):
+            return
+        counts = empty.astype(np.float64)
+        if not whole:  # while something leaves that no eye has seen, the load falls evenly
+            time, power = _time(size)
+            counts -= time * (time @ counts) / power
+        changes = _changes(counts, size)
+        seen = median(np.abs(changes, out=changes))
+        comparable = whole == self._is_of_window
+        self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
+        self._is_of_window = whole
+
+
+def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return last quarter less first half of each stretch of `size` samples, (n - size + 1,)."""
+    half, quarter = size // 2, size // 4
+    number = len(counts) - size + 1
+    sums = np.zeros(len(counts) + 1)
+    np.add.accumulate(counts - counts[0], out=sums[1:])
+    changes = sums[size:] - sums[size - quarter : len(sums) - quarter]
+    changes /= quarter
+    first = sums[half : half + number] - sums[:number]
+    first /= half
+    changes -= first
+    return changes
+
+
+@lru_cache(maxsize=256)
+def _time(size: int) -> tuple[NDArray[np.float64], float]:
+    """Return evenly spaced times, (size,) from -1 to 1, and the sum of their squares."""
+    time = np.linspace(-1.0, 1.0, size)
+    time.flags.writeable = False
+    return time, float(time @ time)

@@ -1,0 +1,98 @@
+"""Belt speed and product length from the eyes, and whether both are what this line can have."""
+
+import math
+
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import seconds
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+
+# Of the usual speed; a belt that runs slower than that during a pass has stood still.
+_STOPPED = 0.5
+
+
+class MotionCheck:
+    """Note what speed and length of an item say against it.
+
+    The belt speed is compared with that of the items before. Edges that were lost between two items
+    can make one slow, long item of them, which nothing else would tell. A change of the belt speed
+    costs one item: the next one of the same new speed is taken.
+
+    Parameters
+    ----------
+    weigh_length : float
+        m, from eye to eye.
+    parameters : SegmenterParameters
+        The limits.
+    """
+
+    def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
+        self._weigh_length = weigh_length
+        self._limits = parameters
+        self._usual: float | None = None  # speed of the last sound item, m/s
+        self._last: float | None = None  # of the last one that was sound or only had another speed
+
+    def forget(self) -> None:
+        """Forget the speed of the belt: the source has begun anew."""
+        self._usual = self._last = None
+
+    def measure(self, item: Item) -> tuple[float, float]:
+        """Return belt speed in m/s and product length in m, NaN where an edge is missing."""
+        if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
+            return math.nan, math.nan
+        speed = self._weigh_length / seconds(item.t3 - item.t1)
+        if item.t2 is None:
+            return speed, math.nan
+        return speed, speed * seconds(item.t2 - item.t1)
+
+    def check(self, item: Item) -> None:
+        """Note the faults of an item; each item once, in the order in which they left."""
+        limits = self._limits
+        speed, length = self.measure(item)
+        if item.t3 is not None and item.t1 is not None and item.t3 <= item.t1:
+            item.fault(Reason.BELT_SPEED)
+        if speed < limits.min_belt_speed or speed > limits.max_belt_speed:
+            item.fault(Reason.BELT_SPEED)
+        if length < limits.min_product_length:
+            item.fault(Reason.PRODUCT_TOO_SHORT)
+        if length >= self._weigh_length:
+            item.fault(Reason.PRODUCT_TOO_LONG)
+        if item.faults or math.isnan(speed) or math.isnan(length):
+            return
+        if limits.speed_tolerance:
+            self._check_speed(item, speed)
+        if limits.product_length and not item.faults:
+            self._check_length(item, length)
+
+    def _check_speed(self, item: Item, speed: float) -> None:
+        usual, last, tolerance = self._usual, self._last, self._limits.speed_tolerance
+        self._last = speed
+        known = [before for before in (usual, last) if before is not None]
+        if usual is None or any(abs(speed - before) <= tolerance * before for before in known):
+            self._usual = speed
+        elif speed < _STOPPED * usual:
+            item.fault(Reason.BELT_STOPPED)
+        else:
+            item.fault(Reason.BELT_SPEED_CHANGED)
+
+    def _check_length(self, item: Item, length: float) -> None:
+        """Compare the length with that of the recipe.
+
+        The eyes see the extent along the belt: of a rectangle turned by an angle that is between
+        its shorter side and its diagonal.
+        """
+        limits = self._limits
+        expected, tolerance, width = (
+            limits.product_length, limits.length_tolerance, limits.product_width,
+        )  # fmt: skip
+        if abs(length - expected) <= tolerance:
+            return
+        shortest, longest = expected, expected
+        if width:
+            shortest, longest = min(expected, width), math.hypot(expected, width)
+        if shortest - tolerance <= length <= longest + tolerance:
+            item.fault(Reason.PRODUCT_ASKEW)
+        elif length < expected:
+            item.fault(Reason.PRODUCT_TOO_SHORT)
+        else:
+            item.fault(Reason.PRODUCT_TOO_LONG)

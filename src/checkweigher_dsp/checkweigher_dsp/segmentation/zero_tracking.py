@@ -1,0 +1,228 @@
+"""The reading of the empty belt, followed from product to product."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.signal.averages import hann_mean, mean, median, variance
+
+# An average over less than this is not free of the vibration of the belt.
+_SHORTEST_AVERAGE = 0.1  # s
+# Least variance of a reading, as a share of the initial one: a signal without noise must not stop
+# the filter. Not in counts, so that the gain of the load cell does not matter.
+_LEAST_NOISE = 1e-8
+_JUMP = 4.0  # standard deviations
+# A part of a stretch stands out that is off the median by more than this many times what half of
+# the parts are, and so much of the initial standard deviation.
+_OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
+_PART = 0.05  # s
+_FEWEST_PARTS = 5
+_MEMORY = 0.95  # weight of the scatter seen so far at each further stretch
+
+
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """Reading of the empty belt and its standard deviation, counts, and whether to trust it."""
+
+    counts: float
+    std_dev: float
+    trusted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroLimits:
+    """Limits of the tracking.
+
+    Attributes
+    ----------
+    range : float
+        Counts; a zero further from that of calibration cannot be trusted.
+    rate : float
+        Counts a second; the zero is corrected no faster.
+    stability : float
+        Counts; a stretch of which two parts differ by more is no empty belt at rest.
+    """
+
+    range: float = math.inf
+    rate: float = math.inf
+    stability: float = math.inf
+
+
+class ZeroTracker:
+    """Follow the zero of a load cell as a random walk, by a scalar Kalman filter.
+
+    Each empty stretch of belt is one measurement, its Hann-weighted mean. Its variance follows
+    from how far the means of the two halves of a stretch are apart, pooled over the stretches seen
+    so far: that holds whatever mixture of lines and noise shakes the belt. Averaging goes on from
+    product to product, so that the moments between dense products are enough.
+
+    A zero that has moved further than it can have drifted is believed when a second stretch says
+    the same: something may have stood on the belt that no eye had seen. Until then it is not to be
+    trusted.
+
+    Parameters
+    ----------
+    initial, initial_std_dev : float
+        Zero at calibration and how far it may have drifted since, counts.
+    random_walk : float
+        Drift, counts per square root of a second.
+    sample_rate : float
+        Hz.
+    limits : ZeroLimits
+        Those that OIML R 51 asks for; none by default.
+
+    References
+    ----------
+    R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82
+    (1960) 35-45; the local-level case.
+    """
+
+    def __init__(
+        self,
+        initial: float,
+        initial_std_dev: float,
+        random_walk: float,
+        sample_rate: float,
+        limits: ZeroLimits = ZeroLimits(),
+    ) -> None:
+        self._value = self._initial = initial
+        self._limits = limits
+        self._behind = False
+        self._initial_variance = initial_std_dev**2
+        self._variance = self._initial_variance
+        self._walk_variance = random_walk**2
+        self._sample_rate = sample_rate
+        self._stamp: float | None = None
+        self._scatter = 0.0  # sum of the variances that the halves of the stretches give
+        self._degrees = 0.0  # number of these
+        self._doubted: float | None = None  # a reading that is yet to be seen again, counts
+        self._has_read = False
+
+    def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
+        """Take the samples of one empty stretch and return the zero after them.
+
+        Parameters
+        ----------
+        time : float
+            s, end of the stretch.
+        counts : ndarray, (n,) int32
+            The samples; with fewer than two, and where they are not stable, the zero is only
+            carried on.
+        settled : bool
+            Whether no ring-down is in them. Else they count with their whole variance: what one
+            oscillation does to the mean is alike at each product, and does not average out.
+        """
+        elapsed = math.inf if self._stamp is None else max(time - self._stamp, 0.0)
+        if self._stamp is not None:
+            self._variance += self._walk_variance * max(time - self._stamp, 0.0)
+            self._variance = min(self._variance, self._initial_variance)
+        self._stamp = time
+        readings = counts.astype(np.float64)
+        if len(readings) >= 2 and self._is_at_rest(readings):
+            self._follow(readings, settled, elapsed)
+        return self.zero
+
+    def _follow(self, counts: NDArray[np.float64], settled: bool, elapsed: float) -> None:
+        known = self._scatter, self._degrees
+        reading, noise = self._measure(counts, settled)
+        innovation = reading - self._value
+        if self._is_doubtful(reading, noise):
+            self._doubted, self._behind = reading, True
+            self._scatter, self._degrees = known
+            return
+        self._doubted, self._has_read = None, True
+        if innovation**2 > _JUMP**2 * (self._variance + noise):
+            # Something has settled on the belt, or was wiped off it: start afresh.
+            self._variance = self._initial_variance
+        self._correct(innovation, noise, elapsed)
+
+    def _is_doubtful(self, reading: float, noise: float) -> bool:
+        """Tell whether a zero has moved too far to be believed at once."""
+        drift = self._initial_variance
+        if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
+            return False
+        return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
+
+    def _correct(self, innovation: float, noise: float, elapsed: float) -> None:
+        """Correct the zero, no further than the rate allows."""
+        gain = self._variance / (self._variance + noise)
+        correction = gain * innovation
+        most = self._limits.rate * elapsed if elapsed > 0 else 0.0
+        if abs(correction) <= most:
+            self._variance *= 1 - gain
+            self._behind = False
+        else:
+            correction = math.copysign(most, correction)
+            rest = innovation - correction
+            self._behind = rest**2 > _JUMP**2 * (self._variance * (1 - gain) + noise)
+        self._value += correction
+
+    def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
+        """Tell whether a stretch is stable and nothing stood on the belt for a part of it."""
+        means = self._parts(counts, _SHORTEST_AVERAGE).tolist()
+        if max(means) - min(means) > self._limits.stability:
+            return False
+        if self._number(counts, _PART) < _FEWEST_PARTS:
+            return True
+        parts = self._parts(counts, _PART)
+        off = np.abs(parts - median(parts))
+        most = _OUTLYING * median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
+        return bool(np.maximum.reduce(off) <= most)
+
+    def _parts(self, counts: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+        """Return the means of parts of a stretch that last `duration`, or of its halves."""
+        number = self._number(counts, duration)
+        size = len(counts) // number
+        if size == 0:
+            return np.zeros(1)
+        parts = counts[len(counts) - number * size :].reshape(number, size)
+        means: NDArray[np.float64] = hann_mean(parts)
+        return means
+
+    def _number(self, counts: NDArray[np.float64], duration: float) -> int:
+        return max(2, int(len(counts) / (duration * self._sample_rate)))
+
+    def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
+        """Take the reading of an empty belt for the zero, whatever it was before.
+
+        Returns
+        -------
+        float or None
+            The reading, counts. It is the zero from now on if it is within the range; None, and
+            nothing has changed, if the stretch is not stable.
+        """
+        readings = counts.astype(np.float64)
+        if len(readings) < 2 or not self._is_at_rest(readings):
+            return None
+        reading, noise = self._measure(readings, True)
+        if self.is_in_range(reading):
+            self._value, self._stamp, self._behind = reading, time, False
+            self._doubted, self._has_read = None, True
+            self._variance = min(noise, self._initial_variance)
+        return reading
+
+    def is_in_range(self, reading: float) -> bool:
+        """Tell whether a zero of `reading` counts may be."""
+        return abs(reading - self._initial) <= self._limits.range
+
+    def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
+        """Return the reading of a stretch and its variance, counts and counts^2."""
+        least = _LEAST_NOISE * self._initial_variance
+        if not settled:
+            return float(hann_mean(counts)), variance(counts) + least
+        if len(counts) < _SHORTEST_AVERAGE * self._sample_rate:
+            return mean(counts), variance(counts) + least
+        half = len(counts) // 2
+        difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
+        # The mean of two halves, each of variance difference^2 / 2.
+        self._scatter = _MEMORY * self._scatter + difference**2 / 4
+        self._degrees = _MEMORY * self._degrees + 1
+        return float(hann_mean(counts)), self._scatter / self._degrees + least
+
+    @property
+    def zero(self) -> Zero:
+        """The zero as it stands."""
+        trusted = not self._behind and self.is_in_range(self._value)
+        return Zero(self._value, math.sqrt(self._variance), trusted)

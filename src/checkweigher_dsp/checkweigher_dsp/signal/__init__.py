@@ -1,0 +1,1 @@
+"""Mathematics that several stages use: averages, autoregression, Kalman filter, platform."""

@@ -1,0 +1,127 @@
+r"""Making coloured noise white, so that least squares on it has the smallest variance.
+
+The noise is an autoregression, held by its reflection coefficients: any that lie in -1..1 are a
+stable model, so that those of two belt speeds may be interpolated. Its prediction error filter
+turns the noise into white noise. The first samples, which have fewer before them than the order
+of the model, are predicted by the models of lower order that the Levinson recursion passes
+through: that is the exact Cholesky factor of the noise's covariance, not an approximation, and no
+sample is lost.
+"""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.signal.autoregression import burg_model
+
+
+class Prewhitener:
+    """Filter that makes a stationary autoregressive noise white with variance 1.
+
+    Parameters
+    ----------
+    reflections : sequence of float, (p,)
+        Reflection coefficients, each between -1 and 1.
+    std_dev : float
+        Of the innovations, in the unit of the signal.
+    """
+
+    def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
+        order = len(reflections)
+        self._order = order
+        # Row m predicts sample m from all m before it; the last one is the filter for the rest.
+        self._start = np.zeros((order, order))
+        # From innovations back to the variance of the signal itself.
+        remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
+        scales = np.sqrt(remaining) / std_dev
+        taps = np.zeros(order + 1)
+        taps[0] = 1.0
+        for m, reflection in enumerate(reflections):
+            reverse = taps[m::-1]
+            self._start[m, : m + 1] = reverse * scales[m]
+            taps[1 : m + 2] += reflection * reverse
+        self._taps = taps / std_dev
+
+    def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return signals (..., n), time on the last axis, through the filter: (..., n)."""
+        count = signals.shape[-1]
+        result = np.empty(signals.shape)
+        begin = min(self._order, count)
+        result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
+        self.whiten_again(signals, result, begin)
+        return result
+
+    def whiten_again(
+        self, signals: NDArray[np.float64], whitened: NDArray[np.float64], begin: int
+    ) -> None:
+        """Bring up to date what has been whitened of signals that changed from `begin` on."""
+        if begin < min(self._order, signals.shape[-1]):
+            whitened[:] = self.whiten(signals)
+            return
+        used = signals[..., begin - self._order :]
+        if used.shape[-1] > self._order:
+            rows = used.reshape(-1, used.shape[-1])
+            filtered = [np.convolve(row, self._taps, 'valid') for row in rows]
+            whitened[..., begin:] = np.reshape(filtered, (*signals.shape[:-1], -1))
+
+
+def pooled_reflections(
+    segments: Sequence[NDArray[np.float64]], order: int
+) -> tuple[NDArray[np.float64], float]:
+    """Fit one autoregression to several stretches of the same noise, by Burg's method.
+
+    Forward and backward prediction errors of all segments together make each reflection
+    coefficient, so that short segments serve as well as long ones and no window is needed.
+
+    Parameters
+    ----------
+    segments : sequence of ndarray, (n_i,) float64
+        Noise without mean; segments no longer than `order` are left out.
+    order : int
+        p.
+
+    Returns
+    -------
+    reflections : ndarray, (p,) float64
+        Each between -1 and 1.
+    std_dev : float
+        Of the innovations.
+
+    Raises
+    ------
+    ValueError
+        If the segments hold no noise or none is longer than `order`.
+
+    References
+    ----------
+    J. P. Burg, Maximum entropy spectral analysis, 37th Meeting of the SEG (1967).
+    """
+    kept = [np.asarray(segment, float) for segment in segments if len(segment) > order]
+    if not kept:
+        raise ValueError(f'no stretch of noise is longer than {order} samples')
+    power = float(sum(np.sum(segment**2) for segment in kept) / sum(map(len, kept)))
+    if not power > 0:
+        raise ValueError('the stretches hold no noise')
+    if len(kept) == 1:
+        _, reflections = burg_model(kept[0], order)
+        return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
+    # All in one array, the ends of the shorter ones padded by zeros that are never used.
+    longest = max(map(len, kept))
+    forward = np.zeros((len(kept), longest))
+    for row, segment in zip(forward, kept, strict=True):
+        row[: len(segment)] = segment
+    lengths = np.array([len(segment) for segment in kept])
+    backward = forward.copy()
+    reflections = np.zeros(order)
+    for m in range(order):
+        valid = np.arange(longest - m - 1) < (lengths - m - 1)[:, None]
+        ahead, behind = forward[:, 1:] * valid, backward[:, :-1] * valid
+        energy = np.sum(ahead**2 + behind**2)
+        # Nothing is left where a signal is predicted to the last bit.
+        reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
+        forward, backward = ahead + reflection * behind, behind + reflection * ahead
+        reflections[m] = reflection
+        power *= 1 - reflection**2
+    return reflections, float(np.sqrt(power))

@@ -1,0 +1,355 @@
+"""The stretch around a window, and what a window must be to be denoised."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from checkweigher_dsp.denoising.denoiser import (
+    SURROUNDS,
+    DenoiseParameters,
+    Denoiser,
+    denoise_stack,
+    denoised_pass,
+    is_consistent,
+    surround,
+)
+from checkweigher_dsp.denoising.load_rise import load_response
+from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
+from checkweigher_dsp.denoising.wavelet_shrinkage import (
+    Shrinkage,
+    denoise_periodic,
+    threshold_universally,
+)
+from checkweigher_dsp.denoising.window_batch import stack_passes
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.records import NANOSECONDS, WeighWindow
+
+ROUNDING = 1e-12
+RATE = 960.0
+
+
+def _table_1(**values):
+    """Parameters with Table 1 on a stretch that is filled with the level."""
+    names = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+    table = dict(zip(names, (*TABLE_1.gains, *TABLE_1.thresholds), strict=True))
+    return DenoiseParameters(**{'surround': 'level', **table, **values})
+
+
+def _make_pass(make_window, mass=0.2, disturbance=None, stamp_of_t1=0.3004, rise=0.1, stay=0.1):
+    """Return the window of a product on a platform of 38 Hz, damping ratio 0.06 and 2.5 kg."""
+    times = np.arange(math.ceil((stamp_of_t1 + rise + stay) * RATE)) / RATE
+    ease = math.sqrt(2.5 / (2.5 + mass))
+    force = mass * load_response(times - stamp_of_t1, rise, 38.0 * ease, 0.06 * ease)
+    if disturbance is not None:
+        force = force + disturbance(times)
+    t1, t2, t3 = (round(NANOSECONDS * (stamp_of_t1 + t)) for t in (0, rise, rise + stay))
+    begin = math.ceil((stamp_of_t1 + rise) * RATE)
+    return make_window(
+        force, counts_per_kg=1e9, zero=0.0, t1=t1, t2=t2, t3=t3, stamp=0, window_begin=begin,
+    )  # fmt: skip
+
+
+def _noisy(count, seed=1):
+    return 0.2 + 0.01 * np.random.default_rng(seed).standard_normal(count)
+
+
+@pytest.mark.parametrize(
+    ('count', 'min_length', 'length'),
+    [(3, 128, 128), (64, 128, 128), (65, 128, 256), (3, 129, 256), (100, 1000, 1024)],
+)
+def test_the_stretch_is_the_next_multiple_of_128(count, min_length, length):
+    samples = np.arange(1.0, count + 1)
+
+    stretch, offset = surround(samples, min_length)
+
+    assert len(stretch) == length
+    assert offset == (length - count) // 2
+    np.testing.assert_array_equal(stretch[offset : offset + count], samples)
+    # The Hann-weighted mean of a ramp is its middle.
+    outside = np.r_[stretch[:offset], stretch[offset + count :]]
+    np.testing.assert_allclose(outside, (count + 1) / 2, rtol=ROUNDING)
+
+
+def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
+    window = make_window(_noisy(96), lead=50, belt_speed=1.125)
+    unit = 2e-6
+    # Table 1 half-way between 60 and 75 m/min.
+    details = [None] * 4 + [
+        Shrinkage(0.095, 285 * unit), Shrinkage(0.5515, 33 * unit), Shrinkage(0.8225, 4 * unit)
+    ]  # fmt: skip
+    stretch, offset = surround((window.counts[50:] - 5000.0) / 1e6, 512)
+
+    denoised = Denoiser(_table_1(threshold_unit=unit, stretch=512)).denoise(window)
+
+    assert np.isnan(denoised.denoised[:50]).all()
+    np.testing.assert_allclose(
+        denoised.denoised[50:],
+        denoise_periodic(stretch, details)[offset : offset + 96],
+        rtol=ROUNDING,
+    )
+    assert replace(denoised, denoised=np.zeros(0)) == window
+
+
+@pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
+@pytest.mark.parametrize('way', SURROUNDS)
+@pytest.mark.parametrize('gain', [-3, 7, 1000])
+def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way, uncertain):
+    window = make_window(_noisy(96), lead=10)
+    scaled = replace(
+        window,
+        counts=gain * window.counts,
+        zero=gain * window.zero,
+        zero_counts=gain * window.zero_counts,
+        counts_per_kg=gain * window.counts_per_kg,
+    )
+    parameters = _table_1(threshold_unit=1e-6, surround=way, edge_uncertainty=uncertain)
+    denoiser = Denoiser(parameters)
+
+    np.testing.assert_allclose(
+        denoiser.denoise(scaled).denoised, denoiser.denoise(window).denoised, rtol=1e-9
+    )
+
+
+# With continuation the platform that is reckoned with depends on the mass.
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+@given(factor=st.floats(0.01, 100.0))
+def test_with_thresholds_of_0_denoising_scales_with_the_signal(make_window, way, factor):
+    force = _noisy(96)
+    denoiser = Denoiser(_table_1(threshold_unit=0.0, surround=way))
+    plain = denoiser.denoise(make_window(force, counts_per_kg=1e7, zero=0.0))
+    scaled = denoiser.denoise(replace(plain, counts_per_kg=1e7 / factor))
+
+    np.testing.assert_allclose(scaled.denoised, factor * plain.denoised, rtol=1e-9)
+
+
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+def test_a_constant_window_stays_as_it_is(make_window, way):
+    parameters = DenoiseParameters(surround=way)
+    denoised = Denoiser(parameters).denoise(make_window([0.25] * 64))
+
+    np.testing.assert_allclose(denoised.denoised, 0.25, rtol=ROUNDING)
+
+
+@pytest.mark.parametrize(('rise', 'stay'), [(0.1, 0.1), (0.067, 0.067), (0.2, 0.2), (0.05, 0.3)])
+def test_a_pass_without_disturbance_becomes_its_load(make_window, rise, stay):
+    # What is left is the rounding of the counts, 1e-9 kg, and a level that is found from the
+    # ringing window: each time anew a small share of its error remains.
+    window = _make_pass(make_window, rise=rise, stay=stay)
+
+    denoised, share = denoised_pass(Denoiser(DenoiseParameters(iterations=20)).denoise(window))
+
+    np.testing.assert_allclose(denoised, 0.2 * share, atol=1e-6)
+    assert share[-1] == 1.0
+    assert 0 <= share[0] < 1 / (rise * RATE)
+    assert len(share) == math.ceil((0.3004 + rise + stay) * RATE) - math.ceil(0.3004 * RATE)
+
+
+def test_a_line_that_goes_on_through_the_pass_is_removed(make_window):
+    # 20 Hz lies in bands 5 and 6, which are removed; 3 g are 15 times the bound.
+    line = 0.003
+    window = _make_pass(
+        make_window, disturbance=lambda time: line * np.sin(2 * np.pi * 20 * time + 1)
+    )
+
+    denoised, share = denoised_pass(Denoiser(DenoiseParameters(iterations=5)).denoise(window))
+
+    assert np.abs(denoised - 0.2 * share).max() < line / 15
+
+
+def test_before_t1_nothing_is_denoised(make_window):
+    denoised = Denoiser(DenoiseParameters()).denoise(_make_pass(make_window)).denoised
+
+    entry = math.ceil(0.3004 * RATE)
+    assert np.isnan(denoised[:entry]).all()
+    assert np.isfinite(denoised[entry:]).all()
+
+
+@pytest.mark.parametrize('way', ['level', 'mirror', 'signal'])
+def test_without_continuation_nothing_is_denoised_before_t2(make_window, way):
+    window = Denoiser(DenoiseParameters(surround=way)).denoise(_make_pass(make_window))
+
+    denoised, share = denoised_pass(window)
+
+    assert np.isnan(window.denoised[: window.window_begin]).all()
+    assert len(denoised) == len(share) == window.window_end - window.window_begin
+    np.testing.assert_array_equal(share, 1.0)
+
+
+def test_what_the_item_before_left_does_not_matter(make_window):
+    window = _make_pass(make_window)
+    shaken = window.counts.copy()
+    shaken[:100] += 10**7
+    denoiser = Denoiser(DenoiseParameters())
+
+    plain = denoiser.denoise(replace(window, empty_begin=100))
+    result = denoiser.denoise(replace(window, counts=shaken, empty_begin=100))
+
+    np.testing.assert_array_equal(result.denoised, plain.denoised)
+
+
+def test_what_follows_t3_does_not_matter(make_window):
+    window = _make_pass(make_window)
+    longer = replace(window, counts=np.append(window.counts, np.int32([7, 8, 9])))
+    denoiser = Denoiser(DenoiseParameters())
+
+    result = denoiser.denoise(longer).denoised
+
+    np.testing.assert_array_equal(result[:-3], denoiser.denoise(window).denoised)
+    assert np.isnan(result[-3:]).all()
+
+
+@pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
+@pytest.mark.parametrize('way', SURROUNDS)
+@pytest.mark.parametrize('method', ['shrinkage', 'soft', 'hard'])
+def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method, uncertain):
+    random = np.random.default_rng(3)
+    windows = [
+        _make_pass(
+            make_window, mass, lambda time: 1e-3 * random.standard_normal(len(time)), at, 0.1, stay
+        )
+        for mass, at, stay in ((0.1, 0.3, 0.1), (0.2, 0.3003, 0.1), (0.3, 0.32, 0.12))
+    ]
+    parameters = DenoiseParameters(surround=way, method=method, edge_uncertainty=uncertain)
+
+    stacks = stack_passes(windows, parameters.stretch)
+
+    assert sorted(p for stack in stacks for p in stack.positions) == [0, 1, 2]
+    assert len(stacks) < 3
+    for stack in stacks:
+        for row, position in zip(denoise_stack(stack, parameters), stack.positions, strict=True):
+            window = windows[position]
+            alone = Denoiser(parameters).denoise(window).denoised
+            first = window.window_end - len(row)
+            known = ~np.isnan(alone)
+            np.testing.assert_allclose(row[known[first:]], alone[known], rtol=1e-9)
+
+
+def test_soft_and_hard_thresholds_take_their_noise_from_the_window(make_window):
+    window = make_window(_noisy(96))
+    stretch, offset = surround(window.force, 1024)
+    measured = slice(offset, offset + 96)
+    for method in ('soft', 'hard'):
+        for each_level in (False, True):
+            parameters = DenoiseParameters(method=method, each_level=each_level, surround='level')
+            np.testing.assert_allclose(
+                Denoiser(parameters).denoise(window).denoised,
+                threshold_universally(
+                    stretch, hard=method == 'hard', measured=measured, each_level=each_level
+                )[measured],
+                rtol=ROUNDING,
+            )
+
+
+def test_a_fault_passes_unchanged():
+    fault = WeighWindow(3, None, None, 5, reasons=('MissingEdge',))
+
+    assert Denoiser(DenoiseParameters()).denoise(fault) is fault
+
+
+@pytest.mark.parametrize(
+    'fields',
+    [
+        {'window_begin': -1},
+        {'window_begin': 40, 'window_end': 40},
+        {'window_begin': 41, 'window_end': 40},
+        {'window_end': 1000},
+        {'counts': np.zeros(0, np.int32)},
+        {'counts_per_kg': 0.0},
+        {'counts_per_kg': math.nan},
+        {'zero': math.nan},
+        {'zero_counts': math.inf},
+        {'zero_std_dev': math.nan},
+        {'sample_rate': 0.0},
+        {'sample_rate': math.nan},
+        {'belt_speed': math.nan},
+        {'belt_speed': -1.0},
+        {'belt_speed': math.inf},
+    ],
+    ids=str,
+)
+def test_a_window_that_contradicts_itself_is_a_bad_window(make_window, fields):
+    window = replace(make_window(_noisy(64)), **fields)
+
+    result = Denoiser(DenoiseParameters()).denoise(window)
+
+    assert result.reasons == ('BadWindow',)
+    assert len(result.denoised) == 0
+
+
+_NUMBERS = st.floats() | st.sampled_from([0.0, math.nan, math.inf, 1e-300, 1.0, 960.0])
+
+
+@settings(max_examples=200)
+@given(
+    _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS,
+    st.integers(-5, 300), st.integers(-5, 300), st.integers(0, 300),
+    st.integers(-5, 300), *(st.none() | st.integers(-(2**62), 2**62),) * 3,
+    st.sampled_from([0.0, 1e-300, 1.3e-3, 0.1]),
+)  # fmt: skip
+@pytest.mark.filterwarnings('ignore::RuntimeWarning')
+def test_no_garbage_raises(
+    rate,
+    per_kg,
+    zero_counts,
+    zero,
+    std_dev,
+    speed,
+    begin,
+    end,
+    count,
+    empty,
+    t1,
+    t2,
+    stamp,
+    uncertain,
+):
+    counts = np.random.default_rng(count).integers(-(2**31), 2**31, count).astype(np.int32)
+    window = WeighWindow(
+        1, t1, t2, 2, speed, 0.1, speed, rate, per_kg, zero_counts, zero, std_dev, 0,
+        stamp or 0, empty, begin, end, counts,
+    )  # fmt: skip
+
+    result = Denoiser(DenoiseParameters(stretch=128, edge_uncertainty=uncertain)).denoise(window)
+
+    if is_consistent(window):
+        assert len(result.denoised) == count
+        denoised, share = denoised_pass(result)
+        assert len(denoised) == len(share)
+    else:
+        assert result.reasons == ('BadWindow',)
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'gamma6': (0.1, 0.2)}, r'denoise\.speeds: 2 values for 5 speeds'),
+        ({'speeds': (1.5, 1.25, 1.0, 0.75, 0.5)}, r'denoise\.speeds: speeds must ascend'),
+        ({'lambda7': (1.0, 2.0, math.inf, 4.0, 5.0)}, r'denoise\.lambda7: .*finite'),
+        ({'gamma5': (0.1, -0.2, 0.1, 0.1, 0.1)}, r'denoise\.gamma5: -0\.2 is not in 0\.\.10'),
+        ({'natural_frequency': (38.0, 39.0)}, r'denoise\.natural_frequency: 2 values, must be 1'),
+        ({'damping_ratio': ()}, r'denoise\.damping_ratio: 0 values, must be 1 or 5'),
+    ],
+)
+def test_a_table_that_does_not_fit_together_is_refused(values, message):
+    with pytest.raises(ParameterError, match=message):
+        DenoiseParameters(**values)
+
+
+def test_a_mirrored_window_is_reflected_at_its_ends():
+    stretch, offset = surround(np.arange(100.0), 256, 'mirror')
+    assert (len(stretch), offset) == (256, 78)
+    assert stretch[offset - 3 : offset + 2].tolist() == [2, 1, 0, 0, 1]
+    assert stretch[offset + 98 : offset + 103].tolist() == [98, 99, 99, 98, 97]
+
+
+def test_the_signal_stands_before_the_window_and_its_first_value_before_that():
+    before = np.array([5.0, 6.0, 7.0])
+    stretch, offset = surround(np.full(100, 2.0), 256, 'signal', before)
+    assert stretch[offset - 5 : offset + 1].tolist() == [5, 5, 5, 6, 7, 2]
+    assert stretch[offset:] == pytest.approx(np.full(256 - offset, 2.0))
+    longer, offset = surround(np.full(100, 2.0), 256, 'signal', np.arange(500.0))
+    assert longer[: offset + 1].tolist() == [*range(500 - offset, 500), 2]

@@ -1,0 +1,83 @@
+"""Table 1 as it is printed, and what stands between its columns."""
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.denoising.shrinkage_table import TABLE_1, ShrinkageTable, interpolate
+
+ROUNDING = 1e-12
+
+# m/min: gamma5, gamma6, gamma7, lambda5, lambda6, lambda7, as printed.
+PRINTED = {
+    30: (0.080, 0.385, 0.850, 150, 14, 3),
+    45: (0.040, 0.351, 0.847, 130, 13, 3),
+    60: (0.110, 0.580, 0.856, 350, 40, 4),
+    75: (0.080, 0.523, 0.789, 220, 26, 4),
+    90: (0.100, 0.590, 0.860, 260, 30, 5),
+}
+SMALL = ShrinkageTable(
+    speeds=(1.0, 2.0, 4.0),
+    gains=((0.1, 0.3, 0.4), (0.5, 0.5, 0.7), (1.0, 0.8, 0.0)),
+    thresholds=((10.0, 30.0, 40.0), (5.0, 5.0, 7.0), (1.0, 0.8, 0.0)),
+)
+
+
+@pytest.mark.parametrize('speed', PRINTED)
+def test_table_1_has_the_printed_numbers(speed):
+    printed = PRINTED[speed]
+
+    shrinkages = TABLE_1.at(speed / 60, unit=1.0)
+
+    assert shrinkages[:4] == (None,) * 4
+    assert [band.gain for band in shrinkages[4:]] == pytest.approx(printed[:3], rel=ROUNDING)
+    assert [band.threshold for band in shrinkages[4:]] == pytest.approx(printed[3:], rel=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ('speed', 'gain', 'threshold'),
+    [(1.0, 0.1, 10.0), (1.25, 0.15, 15.0), (2.0, 0.3, 30.0), (3.5, 0.375, 37.5)],
+)
+def test_between_the_speeds_the_table_is_linear(speed, gain, threshold):
+    band = SMALL.at(speed, unit=1.0)[4]
+
+    assert (band.gain, band.threshold) == pytest.approx((gain, threshold), rel=ROUNDING)
+
+
+@pytest.mark.parametrize(('speed', 'column'), [(0.01, 0), (0.999, 0), (4.001, 2), (100.0, 2)])
+def test_outside_the_speeds_the_nearest_column_holds(speed, column):
+    shrinkages = SMALL.at(speed, unit=1.0)[4:]
+
+    assert [band.gain for band in shrinkages] == [row[column] for row in SMALL.gains]
+    assert [band.threshold for band in shrinkages] == [row[column] for row in SMALL.thresholds]
+
+
+def test_the_unit_scales_thresholds_and_nothing_else():
+    band = SMALL.at(2.0, unit=1e-3)[4]
+
+    assert (band.gain, band.threshold) == pytest.approx((0.3, 0.03), rel=ROUNDING)
+
+
+def test_one_speed_is_a_table():
+    assert interpolate((1.0,), (7.0,), 0.5) == interpolate((1.0,), (7.0,), 2.0) == 7.0
+
+
+@pytest.mark.parametrize('speeds', [(), (1.0, 1.0, 2.0), (2.0, 1.0, 3.0)])
+def test_speeds_that_do_not_ascend_are_refused(speeds):
+    with pytest.raises(ValueError, match='speeds must ascend'):
+        ShrinkageTable(speeds, SMALL.gains, SMALL.thresholds)
+
+
+def test_columns_of_different_length_are_refused():
+    with pytest.raises(ValueError, match='3 values for 2 speeds'):
+        ShrinkageTable((1.0, 2.0), SMALL.gains, SMALL.thresholds)
+
+
+def test_several_speeds_give_a_column_for_each_pass():
+    speeds = np.array([0.5, 1.25, 3.5, 9.0])
+
+    band = SMALL.at(speeds, unit=2.0)[5]
+
+    each = [SMALL.at(float(speed), unit=2.0)[5] for speed in speeds]
+    assert band.gain.shape == (4, 1)
+    np.testing.assert_allclose(band.gain[:, 0], [one.gain for one in each], rtol=ROUNDING)
+    np.testing.assert_allclose(band.threshold[:, 0], [one.threshold for one in each], rtol=ROUNDING)

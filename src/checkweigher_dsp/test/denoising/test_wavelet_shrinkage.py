@@ -1,0 +1,210 @@
+"""Shrinkage by FFT against PyWavelets, which does the same with the full transform."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import plain_path
+import pytest
+import pywt
+
+from checkweigher_dsp.denoising.wavelet_shrinkage import (
+    Shrinkage,
+    ShrinkageFilter,
+    band_responses,
+    denoise_periodic,
+    shrink,
+    threshold_universally,
+)
+
+ROUNDING = 1e-10  # of the largest sample
+
+LENGTHS = st.integers(1, 32).map(lambda periods: 128 * periods)
+SHRINKAGES = st.none() | st.builds(Shrinkage, st.floats(0, 2), st.floats(0, 3))
+
+
+def _assert_agrees(stretch, details, wavelet):
+    np.testing.assert_allclose(
+        denoise_periodic(stretch, details, wavelet),
+        plain_path.denoise_periodic(stretch, details, wavelet),
+        rtol=0,
+        atol=ROUNDING * np.abs(stretch).max(),
+    )
+
+
+@given(LENGTHS, st.lists(SHRINKAGES, min_size=7, max_size=7), st.integers(0, 2**32 - 1))
+def test_db16_of_7_levels_agrees_with_pywavelets(length, details, seed):
+    noise = np.random.default_rng(seed).standard_normal(length)
+
+    _assert_agrees(noise, details, 'db16')
+
+
+@given(
+    st.sampled_from(['haar', 'db2', 'db7', 'sym5', 'coif2']),
+    st.lists(SHRINKAGES, min_size=1, max_size=6),
+    st.integers(1, 5),
+    st.integers(0, 2**32 - 1),
+)
+def test_other_wavelets_and_levels_agree_with_pywavelets(wavelet, details, periods, seed):
+    stretch = np.random.default_rng(seed).standard_normal(periods * 2 ** len(details))
+
+    _assert_agrees(stretch, details, wavelet)
+
+
+@pytest.mark.parametrize('length', [128, 1024, 4096])
+def test_all_bands_unchanged_reconstruct_the_stretch(length):
+    stretch = np.random.default_rng(1).standard_normal(length)
+
+    result = denoise_periodic(stretch, [Shrinkage(1.0, 0.0)] * 7)
+
+    np.testing.assert_allclose(result, stretch, rtol=0, atol=ROUNDING * np.abs(stretch).max())
+
+
+def test_a_constant_is_kept_without_any_details():
+    # A constant is all in the approximation.
+    np.testing.assert_allclose(denoise_periodic(np.full(256, 0.3), [None] * 7), 0.3, rtol=ROUNDING)
+
+
+def test_the_fastest_oscillation_is_all_in_the_removed_bands():
+    # The low-pass of an orthogonal wavelet has its zero at half the sample rate.
+    stretch = np.tile([1.0, -1.0], 128)
+
+    np.testing.assert_allclose(denoise_periodic(stretch, [None] * 7), 0.0, atol=ROUNDING)
+
+
+def test_shrink_takes_the_threshold_off_and_applies_the_gain():
+    coefficients = np.array([-5.0, -2.0, -1.5, 0.0, 1.5, 2.0, 3.0])
+
+    result = shrink(coefficients, Shrinkage(gain=0.5, threshold=2.0))
+
+    np.testing.assert_array_equal(result, [-1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+
+
+def test_shrink_is_0_exactly_at_the_threshold_and_continuous_above_it():
+    threshold = 2.0
+    above = np.nextafter(threshold, 3.0)
+
+    result = shrink(np.array([threshold, -threshold, above]), Shrinkage(0.5, threshold))
+
+    np.testing.assert_array_equal(result, [0.0, 0.0, 0.5 * (above - threshold)])
+
+
+def test_gain_0_removes_a_band():
+    np.testing.assert_array_equal(shrink(np.array([-4.0, 0.0, 4.0]), Shrinkage(0.0, 1.0)), 0.0)
+
+
+def test_threshold_0_and_gain_1_change_nothing():
+    coefficients = np.array([-4.0, -1e-300, 0.0, 4.0])
+
+    np.testing.assert_array_equal(shrink(coefficients, Shrinkage(1.0, 0.0)), coefficients)
+
+
+@pytest.mark.parametrize('length', [0, 1, 64, 127, 129, 192, 1000])
+def test_a_length_that_is_no_multiple_of_128_is_refused(length):
+    with pytest.raises(ValueError, match=f'length {length} is not a multiple of 128'):
+        denoise_periodic(np.zeros(length), [None] * 7)
+
+
+def test_the_responses_that_are_shared_cannot_be_changed():
+    with pytest.raises(ValueError, match='read-only'):
+        band_responses(128)[0, 0] = 1.0
+
+
+def _threshold_by_pywt(stretch, mode, measured, each_level):
+    approximation, *bands = pywt.swt(stretch, 'db16', level=7, trim_approx=True, norm=False)
+    factor = np.sqrt(2 * np.log(len(stretch[measured]))) / 0.6745
+    finest = np.median(np.abs(bands[-1][measured]))
+    kept = [
+        pywt.threshold(
+            band, factor * (np.median(np.abs(band[measured])) if each_level else finest), mode
+        )
+        for band in bands
+    ]
+    return pywt.iswt([approximation, *kept], 'db16', norm=False)
+
+
+@pytest.mark.parametrize('mode', ['hard', 'soft'])
+@pytest.mark.parametrize('each_level', [False, True])
+@pytest.mark.parametrize('measured', [slice(None), slice(100, 300)])
+def test_universal_thresholds_agree_with_pywavelets(mode, each_level, measured):
+    random = np.random.default_rng(4)
+    stretch = 5 + np.cumsum(random.standard_normal(512)) + random.standard_normal(512)
+
+    result = threshold_universally(
+        stretch, hard=mode == 'hard', measured=measured, each_level=each_level
+    )
+
+    np.testing.assert_allclose(
+        result,
+        _threshold_by_pywt(stretch, mode, measured, each_level),
+        rtol=0,
+        atol=ROUNDING * np.abs(stretch).max(),
+    )
+
+
+def test_universal_thresholds_leave_a_constant():
+    np.testing.assert_allclose(threshold_universally(np.full(256, 0.3), hard=False), 0.3)
+
+
+def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
+    stretches = np.random.default_rng(2).standard_normal((3, 256))
+    gains, thresholds = np.array([0.1, 0.5, 0.9]), np.array([0.3, 0.0, 1.2])
+
+    together = denoise_periodic(
+        stretches, [None] * 6 + [Shrinkage(gains[:, None], thresholds[:, None])]
+    )
+
+    for row, stretch, gain, threshold in zip(together, stretches, gains, thresholds, strict=True):
+        np.testing.assert_allclose(
+            row, denoise_periodic(stretch, [None] * 6 + [Shrinkage(gain, threshold)]),
+            atol=ROUNDING,
+        )  # fmt: skip
+
+
+def test_stretches_have_the_same_bits_alone_and_beside_others():
+    random = np.random.default_rng(5)
+    stretches = random.standard_normal((5, 1024))
+    # Bands with and without a threshold, and without a gain, in one stack.
+    gains = np.array([[0.1, 0.0, 0.9, 1.0, 0.0], [0.5, 0.4, 0.3, 0.0, 0.1]])[..., None]
+    thresholds = np.array([[0.3, 0.2, 0.0, 0.0, 0.0], [1.2, 0.0, 0.7, 0.4, 0.1]])[..., None]
+
+    together = denoise_periodic(
+        stretches, [None] * 5 + [Shrinkage(g, t) for g, t in zip(gains, thresholds, strict=True)]
+    )
+
+    for k, stretch in enumerate(stretches):
+        alone = [
+            Shrinkage(g[k : k + 1], t[k : k + 1]) for g, t in zip(gains, thresholds, strict=True)
+        ]
+        np.testing.assert_array_equal(
+            together[k], denoise_periodic(stretch[None], [None] * 5 + alone)[0]
+        )
+
+
+@pytest.mark.parametrize('part', [slice(0, 256), slice(100, 101), slice(200, 256)])
+def test_the_mean_over_a_part_is_that_of_the_denoised_stretch(part):
+    stretches = 5 + np.random.default_rng(6).standard_normal((3, 256)).cumsum(axis=-1)
+    gains = np.array([[0.1], [0.0], [0.9]])
+    shrinkage = ShrinkageFilter(256, [None, *[Shrinkage(gains, 0.0)] * 6])
+
+    found = shrinkage.mean(stretches, part)
+
+    np.testing.assert_allclose(found, shrinkage.apply(stretches)[:, part].mean(axis=-1), rtol=1e-12)
+    for mean, stretch, gain in zip(found, stretches, gains[:, 0].tolist(), strict=True):
+        alone = ShrinkageFilter(256, [None, *[Shrinkage(gain, 0.0)] * 6])
+        assert alone.mean(stretch, part) == mean
+
+
+def test_with_a_threshold_there_is_no_mean_without_the_transform():
+    shrinkage = ShrinkageFilter(256, [None] * 6 + [Shrinkage(0.5, 0.1)])
+
+    with pytest.raises(ValueError, match='threshold'):
+        shrinkage.mean(np.zeros(256), slice(0, 256))
+
+
+def test_several_stretches_are_thresholded_each_by_its_own_noise():
+    stretches = np.random.default_rng(3).standard_normal((2, 256)) * [[1.0], [20.0]]
+
+    together = threshold_universally(stretches, hard=True)
+
+    for row, stretch in zip(together, stretches, strict=True):
+        np.testing.assert_allclose(row, threshold_universally(stretch, hard=True), atol=ROUNDING)

@@ -1,0 +1,98 @@
+"""The time-varying low-pass against numbers worked by hand and a recursion of its own."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from scipy import signal
+
+from checkweigher_dsp.estimation.estimators.lowpass import lowpass_weights, time_varying_lowpass
+
+RATE = 960.0
+HALF = RATE * math.log(2) / (2 * math.pi)  # Hz, the cut-off at which alpha is 1/2
+ROUNDING = 1e-12
+
+SCHEDULES = st.tuples(
+    st.integers(1, 4), st.floats(0, 400), st.floats(0, 40), st.floats(0, 1), st.just(RATE)
+)
+
+
+def _recursion(samples, sections, initial, final, decay, rate):
+    """The cascade as the field writes it, sample by sample."""
+    state = [samples[0]] * sections
+    for n, sample in enumerate(samples):
+        cutoff = final + (initial - final) * decay**n
+        alpha = 1 - math.exp(-2 * math.pi * cutoff / rate)
+        passed = sample
+        for section in range(sections):
+            state[section] += alpha * (passed - state[section])
+            passed = state[section]
+    return passed
+
+
+def test_two_sections_of_one_half_weigh_three_samples_as_worked_by_hand():
+    # A step at the last sample leaves 1/2, then 1/4; one sample earlier 1/2, 3/4, then 1/4, 1/2.
+    weights = lowpass_weights(3, 2, HALF, HALF, 0.5, RATE)
+
+    assert weights == pytest.approx([1 / 2, 1 / 4, 1 / 4], rel=ROUNDING)
+
+
+def test_the_cutoff_falls_from_the_initial_to_the_final_one():
+    # f(1) = f_inf + (f_0 - f_inf) r is HALF, so the second of two samples weighs 1/2; f(0) and
+    # f(100) are the ends of the schedule.
+    assert lowpass_weights(2, 1, 3 * HALF, HALF / 2, 0.2, RATE)[1] == pytest.approx(0.5)
+    assert lowpass_weights(101, 1, 400.0, HALF, 0.5, RATE)[-1] == pytest.approx(0.5)
+
+
+@given(st.integers(1, 4), st.floats(1, 200), st.integers(0, 2**32 - 1))
+def test_a_cutoff_that_stands_is_a_cascade_of_scipy(sections, cutoff, seed):
+    samples = np.random.default_rng(seed).standard_normal(80)
+    pole = math.exp(-2 * math.pi * cutoff / RATE)
+    expected = samples
+    for _ in range(sections):
+        start = signal.lfilter_zi([1 - pole], [1, -pole]) * expected[0]
+        expected, _ = signal.lfilter([1 - pole], [1, -pole], expected, zi=start)
+
+    result = time_varying_lowpass(samples, sections, cutoff, cutoff, 0.9, RATE)
+
+    assert result == pytest.approx(expected[-1], abs=ROUNDING)
+
+
+@given(SCHEDULES, st.integers(1, 120), st.integers(0, 2**32 - 1))
+def test_the_weights_are_those_of_the_direct_recursion(schedule, count, seed):
+    samples = np.random.default_rng(seed).standard_normal((3, count))
+
+    result = time_varying_lowpass(samples, *schedule)
+
+    assert result == pytest.approx([_recursion(row, *schedule) for row in samples], abs=ROUNDING)
+
+
+@given(SCHEDULES, st.integers(1, 200))
+def test_the_weights_are_an_average(schedule, count):
+    weights = lowpass_weights(count, *schedule)
+
+    assert weights.shape == (count,)
+    assert weights.sum() == pytest.approx(1, rel=ROUNDING)
+    assert weights.min() >= 0
+
+
+def test_one_window_gives_a_float():
+    assert isinstance(time_varying_lowpass(np.ones(5), 2, 30.0, 5.0, 0.9, RATE), float)
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        (0, 2, 30.0, 5.0, 0.9, RATE),
+        (9, 0, 30.0, 5.0, 0.9, RATE),
+        (9, 2, -1.0, 5.0, 0.9, RATE),
+        (9, 2, 30.0, math.nan, 0.9, RATE),
+        (9, 2, 30.0, 5.0, 1.1, RATE),
+        (9, 2, 30.0, 5.0, 0.9, 0.0),
+    ],
+)
+def test_what_is_no_schedule_is_refused(arguments):
+    with pytest.raises(ValueError, match=r'sections|schedule'):
+        lowpass_weights(*arguments)

@@ -1,0 +1,73 @@
+"""The audit trail: each change once, with the value before it, across restarts."""
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+
+from checkweigher_dsp.production.audit_log import AuditLog, read_log
+from checkweigher_dsp.production.audit_trail import AuditTrail
+
+TIME = '2026-01-01T00:00:00.000000+00:00'
+NODE = '/lane1/reject'
+
+
+def session(path: Path, values: Mapping[str, object], *changes: tuple[str, object]) -> None:
+    """Start the line with some parameters, change some, and stop it."""
+    with AuditLog(path) as log:
+        trail = AuditTrail(log, '/lane1/product')
+        trail.found(TIME, NODE, values)
+        for name, value in changes:
+            trail.parameter(TIME, NODE, name, value)
+
+
+def entries(path: Path) -> list[tuple[str, str, object, object]]:
+    found = read_log(path)
+    assert found.whole
+    return [(entry.kind, entry.subject, entry.old, entry.new) for entry in found.entries]
+
+
+def test_a_change_has_its_old_and_its_new_value(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    session(path, {'lower_limit': -math.inf}, ('lower_limit', 0.13), ('lower_limit', 0.14))
+    assert entries(path)[1:] == [
+        ('parameter', f'{NODE}.lower_limit', '-inf', 0.13),
+        ('parameter', f'{NODE}.lower_limit', 0.13, 0.14),
+    ]
+
+
+def test_what_did_not_change_is_not_written(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    values = {'lower_limit': -math.inf, 'speeds': (0.5, 1.0)}
+    session(path, values, ('lower_limit', -math.inf))
+    session(path, values)
+    assert len(entries(path)) == 1
+
+
+def test_a_parameter_file_that_was_edited_in_between_is_noticed(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    session(path, {'lower_limit': 0.1, 'upper_limit': 0.2}, ('upper_limit', 0.3))
+    session(path, {'lower_limit': 0.1, 'upper_limit': 0.2})
+    assert entries(path)[-1] == ('found', NODE, {'upper_limit': 0.3}, {'upper_limit': 0.2})
+
+
+def test_recipes_that_were_changed_or_removed_are_noticed(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    for recipes in ({'a': {'nominal': 1.0}, 'b': {'nominal': 2.0}}, {'a': {'nominal': 1.5}}):
+        with AuditLog(path) as log:
+            AuditTrail(log, '/product').recipes(TIME, recipes)
+    assert entries(path)[2:] == [
+        ('recipe', 'a', {'nominal': 1.0}, {'nominal': 1.5}),
+        ('recipe', 'b', {'nominal': 2.0}, None),
+    ]
+
+
+def test_a_calibration_is_written_when_it_is_another(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    for counts in (5e5, 5e5, 4e5):
+        with AuditLog(path) as log:
+            trail = AuditTrail(log, '/product')
+            trail.state(TIME, 'calibration', 'load_cell/info', {'counts_per_kg': counts})
+    assert entries(path) == [
+        ('calibration', 'load_cell/info', None, {'counts_per_kg': 5e5}),
+        ('calibration', 'load_cell/info', {'counts_per_kg': 5e5}, {'counts_per_kg': 4e5}),
+    ]

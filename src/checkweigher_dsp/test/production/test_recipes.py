@@ -1,0 +1,163 @@
+"""Recipes: limits worked by hand, and every bad recipe refused with the key that is wrong."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from checkweigher_dsp.production.recipes import Product, RecipeError, make_product, read_recipes
+
+EXACT = 1e-12  # relative
+GOOD = {
+    'nominal': 0.15,
+    'tare': 0.004,
+    'lower_limit': 'TU1',
+    'upper_limit': 0.165,
+    'length': [0.08, 0.12],
+    'speed': [0.5, 1.5],
+    'parameters': {'identifier': {'estimator': 'hann', 'hann': {'gain': [1.01]}}},
+}
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / 'recipes.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+@pytest.mark.parametrize(
+    ('given', 'net'),
+    # 150 g: the tolerable negative error is 4.5 %, 6.75 g.
+    [('TU1', 0.14325), ('TU2', 0.1365), (0.14, 0.14)],
+)
+def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, net: float):
+    product = make_product('crisps', {**GOOD, 'lower_limit': given})
+    reject = product.changes()['reject']
+    assert product.lower_limit == pytest.approx(net, rel=EXACT)
+    assert reject['lower_limit'] == pytest.approx(net + 0.004, rel=EXACT)
+    assert reject['upper_limit'] == pytest.approx(0.169, rel=EXACT)
+
+
+def test_the_reject_node_gets_the_length_and_the_speed():
+    reject = make_product('crisps', GOOD).changes()['reject']
+    assert (reject['min_length'], reject['max_length']) == (0.08, 0.12)
+    assert (reject['min_speed'], reject['max_speed']) == (0.5, 1.5)
+
+
+def test_tu1_and_tu2_are_known_even_if_the_limits_are_given_directly():
+    product = make_product('crisps', {'nominal': 0.15, 'lower_limit': 0.149})
+    assert (product.tu1, product.tu2) == pytest.approx((0.14325, 0.1365), rel=EXACT)
+
+
+def test_where_the_directive_has_no_row_there_is_no_tu1():
+    assert math.isnan(make_product('sack', {'nominal': 25.0}).tu1)
+    with pytest.raises(RecipeError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
+        make_product('sack', {'nominal': 25.0, 'lower_limit': 'TU1'})
+
+
+def test_what_is_not_given_is_no_limit():
+    product = make_product('crisps', {'nominal': 0.15})
+    assert product.changes() == {
+        'reject': {
+            'lower_limit': -math.inf, 'upper_limit': math.inf,
+            'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
+            'product': 'crisps',
+        }
+    }  # fmt: skip
+    assert product.length == product.speed == (0.0, math.inf)
+
+
+def test_the_parameters_of_nodes_are_named_as_ros_names_them():
+    changes = make_product('crisps', GOOD).changes()
+    assert changes['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'complaint'),
+    [
+        ('nominal', '150 g', "crisps.nominal: '150 g' is not a number"),
+        ('nominal', True, 'crisps.nominal: True is not a number'),
+        ('nominal', 0.0, 'crisps.nominal: must be above 0'),
+        ('nominal', math.nan, 'crisps.nominal: nan is not in'),
+        ('nominal', -0.1, 'crisps.nominal: -0.1 is not in'),
+        ('tare', -0.001, 'crisps.tare: -0.001 is not in 0..10000 kg'),
+        ('tare', math.inf, 'crisps.tare: inf is not in'),
+        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is not in 0..0.15 kg'),
+        ('lower_limit', 'TU3', "crisps.lower_limit: 'TU3' is not a number"),
+        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is not in 0.15..10000 kg'),
+        ('length', 0.1, 'crisps.length: 0.1 is not [smallest, largest] in m'),
+        ('length', [0.12, 0.08], 'crisps.length: 0.08 is not in 0.12..1000 m'),
+        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 m nothing would be weighed'),
+        ('length', [0, 0], 'crisps.length: from 0 to 0 m nothing would be weighed'),
+        ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
+        ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
+        ('colour', 'red', 'crisps.colour: no such key'),
+        ('parameters', 3, 'crisps.parameters: 3 is not'),
+        ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: its'),
+        ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no such node'),
+        ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
+        ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
+        (
+            'parameters',
+            {'reject': {'needs_product': False}},
+            'crisps.parameters.reject.needs_product',
+        ),
+        ('parameters', {'reject': {'max_length': 0.1}}, 'crisps.parameters.reject.max_length'),
+        ('parameters', {'denoise': {'strech': 9}}, 'crisps.parameters.denoise.strech: denoise has'),
+        ('parameters', {'denoise': {'stretch': 9}}, 'crisps.parameters.denoise.stretch: 9 is not'),
+        (
+            'parameters',
+            {'identifier': {'hann': {'gain': 1.0}}},
+            'crisps.parameters.identifier.hann.gain: 1.0 is not a list',
+        ),
+    ],
+)
+def test_a_bad_recipe_is_refused_with_the_key_and_the_value(
+    key: str, value: object, complaint: str
+):
+    with pytest.raises(RecipeError) as error:
+        make_product('crisps', {**GOOD, key: value})
+    assert str(error.value).startswith(complaint)
+
+
+def test_a_recipe_without_a_nominal_weight_is_refused():
+    with pytest.raises(RecipeError, match=r'crisps\.nominal: is missing'):
+        make_product('crisps', {'tare': 0.0})
+
+
+def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
+    path = write(tmp_path, yaml.safe_dump({'products': {'crisps': GOOD, 'nuts': {'nominal': 1}}}))
+    assert read_recipes(path) == {
+        'crisps': make_product('crisps', GOOD),
+        'nuts': Product('nuts', 1.0, tu1=0.985, tu2=0.97),
+    }
+
+
+@pytest.mark.parametrize(
+    ('text', 'complaint'),
+    [
+        ('', 'must have the one section "products:"'),
+        ('products: {}', 'names no product'),
+        ('products: [1]', 'names no product'),
+        ('products: {a: {nominal: 0.1}}\nlines: 3', 'must have the one section'),
+        ('products: {a: {nominal: 0.1}, b: {nominal: x}}', r"b\.nominal: 'x' is not a number"),
+        ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'a stands twice'),
+        ('products: {a: {nominal: 0.1, nominal: 0.2}}', 'nominal stands twice'),
+        ('products: {7: {nominal: 0.1}}', '7 is no name of a product'),
+        ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'within its own anchor'),
+        ('products: {a: 3}', 'a: has no recipe'),
+        ('products: {a: {nominal: 0.1', 'not a recipe file'),
+        ('products: {? [1, 2] : {nominal: 0.1}}', 'not a recipe file'),
+    ],
+)
+def test_a_bad_file_is_refused_whole(tmp_path: Path, text: str, complaint: str):
+    with pytest.raises(RecipeError, match=complaint) as error:
+        read_recipes(write(tmp_path, text))
+    assert str(error.value).startswith(str(tmp_path))
+    assert '\n' not in str(error.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
+    with pytest.raises(RecipeError, match='No such file'):
+        read_recipes(tmp_path / 'recipes.yaml')

@@ -1,0 +1,148 @@
+"""When the line should stop: too many rejects, or a rejector that does not do what it is told."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_dsp.rejection.monitoring import RejectMonitor
+from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.timing import StreamClock
+
+SECOND = 1_000_000_000
+WINDOW = RejectParameters(confirmation_time=0.1)
+FAR = 1000 * SECOND
+
+
+def _verdict(number, decision=Decision.UNDER):
+    """The item is at the rejector `number` seconds after 0."""
+    return Verdict(number, number * SECOND - 1, decision, reject_at=number * SECOND)
+
+
+def _seen(seconds, blocked=True):
+    return EyeEdge(round(seconds * SECOND), Eye.OUTFEED, blocked)
+
+
+def _monitor(verdicts, edges, parameters=WINDOW):
+    monitor = RejectMonitor(parameters)
+    for verdict in verdicts:
+        monitor.add_verdict(verdict)
+    for edge in edges:
+        monitor.add_edge(edge)
+    monitor.advance(FAR)
+    return monitor
+
+
+@pytest.mark.parametrize('at', [2.9, 3.0, 3.1])
+def test_a_reject_that_is_seen_within_the_window_is_confirmed(at):
+    monitor = _monitor([_verdict(3)], [_seen(at), _seen(at + 0.05, blocked=False)])
+
+    assert (monitor.request, monitor.strays) == (None, 0)
+
+
+@pytest.mark.parametrize('edges', [[], [_seen(2.89)], [_seen(3.11)], [_seen(3.0, blocked=False)]])
+@pytest.mark.parametrize('decision', [Decision.FAULT, Decision.UNDER, Decision.OVER])
+def test_a_reject_that_is_not_seen_there_stops_the_line(decision, edges):
+    monitor = _monitor([_verdict(3, decision)], edges)
+
+    assert monitor.request.reason is StopReason.UNCONFIRMED_REJECT
+    assert (monitor.request.item_id, monitor.request.stamp) == (3, 3 * SECOND)
+
+
+def test_an_accepted_item_among_the_rejects_stops_the_line():
+    monitor = _monitor([_verdict(3, Decision.ACCEPT)], [_seen(3.05)])
+
+    assert monitor.request.reason is StopReason.CONFIRMED_ACCEPT
+
+
+def test_an_edge_belongs_to_the_item_whose_reject_time_is_nearest():
+    near = RejectParameters(confirmation_time=0.8)
+    verdicts = [_verdict(3), _verdict(4, Decision.ACCEPT)]
+
+    assert _monitor(verdicts, [_seen(3.4)], near).request is None
+    assert _monitor(verdicts, [_seen(3.0), _seen(3.6)], near).request.item_id == 4
+
+
+def test_nothing_is_concluded_before_the_window_is_over():
+    monitor = RejectMonitor(WINDOW)
+    monitor.add_verdict(_verdict(3))
+    monitor.advance(round(3.2 * SECOND))
+    assert monitor.request is None
+    monitor.advance(round(3.2 * SECOND) + 1)
+    assert monitor.request.reason is StopReason.UNCONFIRMED_REJECT
+    assert not monitor.waiting
+
+
+def test_what_passes_the_eye_near_no_item_is_counted():
+    assert _monitor([], [_seen(5.0)]).strays == 1
+
+
+def test_without_the_eye_nothing_is_expected_there():
+    monitor = _monitor([_verdict(3)], [_seen(7.0)], RejectParameters())
+
+    assert (monitor.request, monitor.strays, monitor.waiting) == (None, 0, False)
+
+
+@given(st.lists(st.sampled_from(Decision), max_size=12), st.integers(0, 4))
+def test_as_many_rejects_in_a_row_as_allowed_and_no_more(decisions, limit):
+    monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=limit))
+    letters = ''
+    for number, decision in enumerate(decisions, 1):
+        monitor.add_verdict(_verdict(number, decision))
+        letters += 'a' if decision is Decision.ACCEPT else 'r'
+
+    position = letters.find('r' * limit) if limit else -1
+    if position < 0:
+        assert monitor.request is None
+    else:
+        assert monitor.request.reason is StopReason.TOO_MANY_REJECTS
+        assert monitor.request.item_id == position + limit
+
+
+def test_the_first_reason_stays_until_the_reset_and_counting_begins_anew():
+    monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=2))
+    for number in range(1, 6):
+        monitor.add_verdict(_verdict(number))
+    assert monitor.request.item_id == 2
+
+    monitor.reset()
+    assert monitor.request is None
+    monitor.add_verdict(_verdict(6))
+    assert monitor.request is None
+    monitor.add_verdict(_verdict(7))
+    assert monitor.request.item_id == 7
+
+
+def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_somebody_resets_it():
+    monitor = RejectMonitor(RejectParameters())
+    monitor.hear_driver('')
+    assert monitor.request is None
+    monitor.hear_driver('the port is gone')
+    assert monitor.request.reason is StopReason.DRIVER_TROUBLE
+    assert monitor.request.hint.endswith(': the port is gone')
+    monitor.reset()
+    assert monitor.request is not None
+    monitor.hear_driver('the port is gone; item 1 was missed')
+    monitor.hear_driver('')
+    assert monitor.request.text == 'the port is gone; item 1 was missed'
+    monitor.reset()
+    assert monitor.request is None
+
+
+def test_trouble_is_shown_when_the_reason_before_it_has_been_reset():
+    monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=1))
+    monitor.add_verdict(_verdict(1))
+    monitor.hear_driver('item 1 was missed')
+    assert monitor.request.reason is StopReason.TOO_MANY_REJECTS
+    monitor.reset()
+    assert monitor.request.reason is StopReason.DRIVER_TROUBLE
+
+
+def test_the_time_of_the_stamps_goes_on_without_messages_if_it_runs():
+    running, standing = StreamClock(running=True), StreamClock(running=False)
+    assert running.at(5) is None
+    for clock in (running, standing):
+        clock.saw(1000, 7)
+
+    assert (running.at(10), standing.at(10)) == (1003, 1000)

@@ -1,0 +1,178 @@
+"""Verdicts: limits, faults and the time at the rejector."""
+
+import math
+
+import pytest
+
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.records import Decision, MassEstimate
+from checkweigher_dsp.rejection.limits import decide, judge
+from checkweigher_dsp.rejection.parameters import RejectParameters
+
+LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
+
+
+def _estimate(mass=0.15, **fields):
+    values = {'belt_speed': 1.25, 'line_speed': 1.25, 'std_dev': 1e-4, **fields}
+    return MassEstimate(5, 0, 100_000_000, 200_000_000, mass=mass, **values)
+
+
+@pytest.mark.parametrize(
+    ('mass', 'decision'),
+    [
+        (0.15, Decision.ACCEPT),
+        (0.1, Decision.ACCEPT),
+        (0.2, Decision.ACCEPT),
+        (math.nextafter(0.1, 0), Decision.UNDER),
+        (math.nextafter(0.2, 1), Decision.OVER),
+        (-0.5, Decision.UNDER),
+        (math.nan, Decision.FAULT),
+    ],
+)
+def test_both_limits_belong_to_what_is_accepted(mass, decision):
+    assert judge(_estimate(mass), LIMITS).decision is decision
+
+
+@pytest.mark.parametrize('mass', [1e-6, 0.15, 1e3])
+def test_without_limits_all_that_was_weighed_is_accepted(mass):
+    assert judge(_estimate(mass), RejectParameters()).decision is Decision.ACCEPT
+
+
+def test_what_has_a_reason_is_a_fault_even_with_a_mass_within_the_limits():
+    verdict = judge(_estimate(reasons=('Saturation', 'SamplesLost')), LIMITS)
+
+    assert verdict.decision is Decision.FAULT
+    assert verdict.reasons == ('Saturation', 'SamplesLost')
+
+
+def test_the_verdict_says_what_it_rests_on():
+    verdict = judge(_estimate(0.15), LIMITS)
+
+    assert (verdict.item_id, verdict.t3) == (5, 200_000_000)
+    assert (verdict.mass, verdict.std_dev) == (0.15, 1e-4)
+    assert (verdict.lower_limit, verdict.upper_limit) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ('distance', 'reject_at'), [(0.0, 200_000_000), (0.5, 600_000_000), (1.0, 1_000_000_000)]
+)
+def test_the_item_is_at_the_rejector_after_its_way_at_belt_speed(distance, reject_at):
+    parameters = RejectParameters(rejector_distance=distance)
+
+    # 0.5 m at 1.25 m/s are 0.4 s.
+    assert judge(_estimate(), parameters).reject_at == reject_at
+
+
+def test_the_rejector_is_told_earlier_by_its_delay():
+    parameters = RejectParameters(rejector_distance=0.5, actuator_delay=0.12)
+
+    assert judge(_estimate(), parameters).reject_at == 600_000_000 - 120_000_000
+
+
+def test_a_fault_without_a_belt_speed_is_timed_by_the_speed_of_the_line():
+    fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan, line_speed=0.5)
+
+    assert judge(fault, RejectParameters()).reject_at == 1_200_000_000
+
+
+@pytest.mark.parametrize('speed', [math.nan, 0.0, -1.0])
+def test_without_any_speed_there_is_no_time_at_the_rejector(speed):
+    verdict = judge(_estimate(line_speed=speed), RejectParameters())
+
+    assert verdict.reject_at is None
+
+
+def test_without_t3_there_is_no_time_at_the_rejector():
+    fault = MassEstimate(5, 0, 1, None, reasons=('MissingEdge',), line_speed=1.0)
+
+    verdict = judge(fault, RejectParameters())
+
+    assert verdict.decision is Decision.FAULT
+    assert verdict.reject_at is None
+
+
+RANGES = RejectParameters(
+    lower_limit=0.1, min_length=0.08, max_length=0.12, min_speed=0.5, max_speed=1.5
+)
+
+
+@pytest.mark.parametrize(
+    ('length', 'speed', 'reasons'),
+    [
+        (0.1, 1.0, ()),
+        (0.08, 0.5, ()),
+        (0.12, 1.5, ()),
+        (math.nextafter(0.08, 0), 1.0, ('ProductTooShort',)),
+        (math.nextafter(0.12, 1), 1.0, ('ProductTooLong',)),
+        (0.1, math.nextafter(0.5, 0), ('BeltSpeed',)),
+        (0.1, math.nextafter(1.5, 2), ('BeltSpeed',)),
+        (0.2, 2.0, ('ProductTooLong', 'BeltSpeed')),
+        (math.nan, 1.0, ('BadWindow',)),
+        (0.1, math.nan, ('BeltSpeed',)),
+    ],
+)
+def test_a_product_of_another_length_or_speed_is_a_fault(length, speed, reasons):
+    verdict = judge(_estimate(product_length=length, belt_speed=speed), RANGES)
+
+    assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
+    assert verdict.reasons == reasons
+    assert verdict.mass == 0.15
+
+
+def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
+    fault = _estimate(math.nan, reasons=('MissingEdge',), belt_speed=math.nan)
+
+    assert judge(fault, RANGES).reasons == ('MissingEdge',)
+
+
+@pytest.mark.parametrize(
+    ('product', 'needed', 'reasons'),
+    [('', True, ('NoProduct',)), ('crisps', True, ()), ('', False, ())],
+)
+def test_where_a_product_is_needed_nothing_is_accepted_without_one(product, needed, reasons):
+    verdict = judge(_estimate(), RejectParameters(product=product, needs_product=needed))
+
+    assert verdict.reasons == reasons
+    assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
+
+
+def test_a_product_of_another_length_is_no_underweight():
+    assert judge(_estimate(0.05, product_length=0.2), RANGES).decision is Decision.FAULT
+
+
+def test_equal_limits_are_allowed():
+    assert judge(_estimate(0.0), RejectParameters(lower_limit=0.0, upper_limit=0.0)).decision is (
+        Decision.ACCEPT
+    )
+
+
+@pytest.mark.parametrize(
+    ('values', 'name'),
+    [
+        ({'lower_limit': math.nan}, 'lower_limit'),
+        ({'upper_limit': math.nan}, 'upper_limit'),
+        ({'lower_limit': -0.1}, 'lower_limit'),
+        ({'upper_limit': -0.1}, 'upper_limit'),
+        ({'lower_limit': math.inf}, 'lower_limit'),
+        ({'upper_limit': -math.inf}, 'upper_limit'),
+        ({'lower_limit': 0.3, 'upper_limit': 0.2}, 'lower_limit'),
+        ({'lower_limit': '0.1'}, 'lower_limit'),
+        ({'min_length': 0.2, 'max_length': 0.1}, 'min_length'),
+        ({'max_length': math.nan}, 'max_length'),
+        ({'min_speed': -0.1}, 'min_speed'),
+        ({'min_speed': 0.2, 'max_speed': 0.1}, 'min_speed'),
+        ({'min_belt_speed': 0.3, 'max_speed': 0.2}, 'max_speed'),
+        ({'rejector_distance': -1.0}, 'rejector_distance'),
+        ({'rejector_distance': math.nan}, 'rejector_distance'),
+        ({'rejector_distance': math.inf}, 'rejector_distance'),
+    ],
+    ids=str,
+)
+def test_limits_that_cannot_be_are_refused_by_name(values, name):
+    with pytest.raises(ParameterError, match=rf'^reject\.{name}: '):
+        RejectParameters(**values)
+
+
+@pytest.mark.parametrize('mass', [math.inf, -math.inf, math.nan])
+def test_a_mass_that_is_no_number_is_a_fault_even_without_limits(mass):
+    assert decide(MassEstimate(1, 1, 2, 3, mass=mass), -math.inf, math.inf) == Decision.FAULT

@@ -1,0 +1,179 @@
+"""Blocks of any size, in any interleaving with the edges, give the same windows."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+
+DEFAULT = SegmenterParameters()
+LATENESS = 0.3
+BELATED = SegmenterParameters(edge_lateness=LATENESS, min_belt_speed=0.25, lead_time=0.2)
+LOST_EDGES = st.sets(
+    st.tuples(st.integers(0, 3), st.sampled_from(['t1', 't2', 't3', 't4'])), max_size=3
+)
+LOST_SAMPLES = st.just((0, 0)) | st.integers(1, 2500).flatmap(
+    lambda begin: st.tuples(st.just(begin), st.integers(begin, begin + 200))
+)
+
+
+def _item_id(window):
+    return window.item_id
+
+
+def _reasons(windows):
+    return [list(window.reasons) for window in windows]
+
+
+def _same(windows, expected):
+    """Compare all but the last nanosecond of the first stamp: that of a block is rounded."""
+    assert len(windows) == len(expected)
+    for window, other in zip(windows, expected, strict=True):
+        assert abs(window.stamp - other.stamp) <= 1
+        assert replace(window, stamp=0) == replace(other, stamp=0)
+
+
+def _interleave(blocks, edges, edges_first, line, lateness=LATENESS):
+    """Merge both streams, each in its order, with no edge later than allowed."""
+    blocks, edges, events = list(blocks), list(edges), []
+    while blocks or edges:
+        if blocks and edges:
+            last = line.stamp_at(blocks[0].first_index + len(blocks[0].counts) - 1)
+            due = last > edges[0].stamp + lateness * NANOSECONDS
+            edge_next = due or edges_first(len(events))
+        else:
+            edge_next = bool(edges)
+        events.append((edges if edge_next else blocks).pop(0))
+    return events
+
+
+@settings(max_examples=100)
+@given(st.data())
+def test_neither_blocks_nor_interleaving_change_a_window(make_line, run_segmenter, data):
+    line = make_line(
+        (0.1, 0.2, 0.3, 0.15),
+        speed=data.draw(st.sampled_from([0.5, 1.0, 1.37])),
+        spacing=data.draw(
+            st.lists(st.sampled_from([0.15, 0.25, 0.42, 0.6]), min_size=3, max_size=3)
+        ),
+    )
+    line.counts[::7] += 3
+    without, lost = data.draw(LOST_EDGES), data.draw(LOST_SAMPLES)
+    parameters = replace(BELATED, trail_time=data.draw(st.sampled_from([0.0, 0.05, 1.0])))
+    expected = run_segmenter(
+        Segmenter(line.load_cell, parameters), line.events(without, size=16, lost=lost)
+    )
+    cuts = data.draw(st.sets(st.integers(0, len(line.counts)), max_size=40))
+    choices = data.draw(st.lists(st.booleans(), min_size=64, max_size=64))
+    events = _interleave(
+        line.blocks(cuts=cuts, lost=lost),
+        line.edges(without),
+        lambda n: choices[n % len(choices)],
+        line,
+    )
+
+    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
+
+    _same(sorted(windows, key=_item_id), sorted(expected, key=_item_id))
+
+
+@pytest.mark.parametrize('order', ['samples first', 'edges first'])
+def test_one_whole_stream_may_come_before_the_other(make_line, run_segmenter, load_cell, order):
+    # All samples first: the first edge is then late by less than edge_lateness.
+    line = make_line()
+    parameters = SegmenterParameters(edge_lateness=5.0)
+    expected = run_segmenter(Segmenter(load_cell, parameters), line.events())
+    samples, edges = line.blocks(size=10**6), line.edges()
+
+    windows = run_segmenter(
+        Segmenter(load_cell, parameters),
+        samples + edges if order == 'samples first' else edges + samples,
+    )
+
+    assert _reasons(expected) == [[], [], []]
+    _same(windows, expected)
+
+
+def test_all_edges_may_be_as_late_as_allowed_through_a_long_run(make_line, run_segmenter):
+    # The samples from zero_time before t1 on must still be there, wherever the ring stands.
+    line = make_line((0.1,) * 20, spacing=0.53)
+    line.counts[::7] += 3
+    parameters = SegmenterParameters(
+        edge_lateness=0.5, lead_time=0.15, zero_time=0.05, min_belt_speed=0.99
+    )
+    expected = run_segmenter(Segmenter(line.load_cell, parameters), line.events(size=1))
+
+    blocks = line.blocks(size=8)
+    events = _interleave(blocks, line.edges(), lambda _: False, line, lateness=0.5)
+    windows = run_segmenter(Segmenter(line.load_cell, parameters), events)
+
+    assert _reasons(expected) == [[]] * 20
+    _same(windows, expected)
+
+
+def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, run_segmenter):
+    # The infeed eye flickers again after the product has begun to leave.
+    line = make_line((0.1,), length=0.17)
+    parameters = SegmenterParameters(debounce_time=0.05)
+    t2 = line.products[0].edges['t2']
+    flicker = replace(t2, stamp=t2.stamp + 40_000_000, blocked=True)
+    edges = sorted([*line.edges(), flicker], key=lambda edge: edge.stamp)
+    expected = run_segmenter(Segmenter(line.load_cell, parameters), [*line.blocks(10**6), *edges])
+
+    windows = run_segmenter(Segmenter(line.load_cell, parameters), [*edges, *line.blocks()])
+
+    assert _reasons(expected) == [[]]
+    _same(windows, expected)
+
+
+def test_messages_that_come_twice_change_nothing(make_line, run_segmenter, load_cell):
+    line = make_line()
+
+    once = run_segmenter(Segmenter(load_cell, DEFAULT), line.events())
+    twice = run_segmenter(
+        Segmenter(load_cell, DEFAULT), [event for event in line.events() for _ in range(2)]
+    )
+
+    assert twice == once
+
+
+@settings(max_examples=100)
+@given(
+    st.lists(
+        st.builds(
+            SampleBlock,
+            st.integers(0, 10**10),
+            st.integers(0, 5000),
+            st.integers(0, 400).map(lambda n: np.zeros(n, np.int32)),
+        )
+        | st.builds(EyeEdge, st.integers(0, 10**10), st.sampled_from([0, 1]), st.booleans()),
+        max_size=40,
+    )
+)
+def test_any_stream_gives_each_item_one_window(run_segmenter, load_cell, events):
+    segmenter = Segmenter(load_cell, DEFAULT)
+
+    windows = run_segmenter(segmenter, events)
+
+    assert sorted(map(_item_id, windows)) == list(range(1, segmenter.item_count + 1))
+    known = {reason.value for reason in Reason}
+    assert all(set(window.reasons) <= known for window in windows)
+
+
+def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
+    at_once = [
+        EyeEdge(5, eye, blocked)
+        for eye, blocked in ((0, False), (0, True), (0, False), (1, True), (1, False))
+    ]
+    unseen = EyeEdge(NANOSECONDS, 1, True)
+
+    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [*at_once, unseen])
+
+    assert [window.item_id for window in windows] == [1, 2]
+    assert all(window.reasons for window in windows)
+    assert np.isnan(windows[1].line_speed)

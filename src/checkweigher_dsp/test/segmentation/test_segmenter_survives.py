@@ -1,0 +1,325 @@
+"""Whatever happens on a line: each item one window, a named reason, no wrong window as sound."""
+
+from dataclasses import replace
+import os
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+
+EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '300'))
+MS = 1_000_000
+DEFAULT = SegmenterParameters()
+NAMES = ('t1', 't2', 't3', 't4')
+
+
+def _run(run_segmenter, line, events, **parameters):
+    windows = run_segmenter(Segmenter(line.load_cell, SegmenterParameters(**parameters)), events)
+    assert sorted(w.item_id for w in windows) == list(range(1, len(windows) + 1))
+    return sorted(windows, key=lambda window: window.item_id)
+
+
+def _reasons(windows):
+    return [list(window.reasons) for window in windows]
+
+
+def _shift(line, after, delay):
+    """Move all edges later than `after` by `delay`: the belt stood still, or was slower."""
+    return sorted(
+        (replace(e, stamp=e.stamp + delay) if e.stamp > after else e for e in line.edges()),
+        key=lambda edge: edge.stamp,
+    )
+
+
+def _at(line, changed):
+    """Order blocks and edges by time."""
+    timed = [(line.stamp_at(b.first_index + len(b.counts)), b) for b in line.blocks()]
+    timed += [(edge.stamp, edge) for edge in changed]
+    return [event for _, event in sorted(timed, key=lambda pair: pair[0])]
+
+
+LOST = [(1, 't2'), (1, 't3'), (1, 't4'), (2, 't1')]
+
+
+def test_four_edges_lost_between_two_items_do_not_make_a_slow_one(make_line, run_segmenter):
+    line = make_line((0.1,) * 5)
+
+    windows = _run(run_segmenter, line, line.events(LOST))
+
+    assert _reasons(windows) == [[], ['BeltStopped'], [], []]
+
+
+def test_nor_before_any_speed_is_known_if_the_recipe_has_the_length(make_line, run_segmenter):
+    line = make_line((0.1,) * 4)
+    lost = [(number - 1, name) for number, name in LOST]
+
+    windows = _run(run_segmenter, line, line.events(lost), product_length=0.1)
+
+    assert windows[0].reasons == ('ProductTooLong',)
+
+
+@pytest.mark.parametrize(
+    ('length', 'width', 'reason'),
+    [
+        (0.1, 0.0, None),
+        (0.109, 0.0, None),
+        (0.112, 0.0, 'ProductTooLong'),
+        (0.088, 0.0, 'ProductTooShort'),
+        (0.112, 0.06, 'ProductAskew'),  # the diagonal is 0.117 m
+        (0.128, 0.06, 'ProductTooLong'),
+        (0.06, 0.06, 'ProductAskew'),  # lies across
+        (0.048, 0.06, 'ProductTooShort'),
+    ],
+)
+def test_the_length_is_that_of_the_recipe(make_line, run_segmenter, length, width, reason):
+    line = make_line((0.1,), length=length)
+
+    windows = _run(run_segmenter, line, line.events(), product_length=0.1, product_width=width)
+
+    assert _reasons(windows) == [[reason] if reason else []]
+
+
+@pytest.mark.parametrize(
+    ('speeds', 'reasons'),
+    [
+        ([1.0, 1.19, 1.0], [[], [], []]),
+        ([1.0, 1.3, 1.3, 1.3], [[], ['BeltSpeedChanged'], [], []]),
+        ([1.0, 0.6, 1.0, 1.0], [[], ['BeltSpeedChanged'], [], []]),
+        ([1.0, 0.4, 0.4], [[], ['BeltStopped'], []]),
+    ],
+)
+def test_another_belt_speed_costs_one_item(make_line, run_segmenter, speeds, reasons):
+    events, start = [], make_line().start
+    segmenter = Segmenter(make_line().load_cell, DEFAULT)
+    first = 0
+    for speed in speeds:
+        line = make_line((0.1,), speed=speed, start=start)
+        events += [
+            replace(e, first_index=e.first_index + first) if isinstance(e, SampleBlock) else e
+            for e in line.events()
+        ]
+        start, first = line.stamp_at(len(line.counts)), first + len(line.counts)
+
+    assert _reasons(run_segmenter(segmenter, events)) == reasons
+
+
+@pytest.mark.parametrize('moment', ['t1', 't2'])
+def test_a_belt_that_stops_during_a_pass_is_a_fault(make_line, run_segmenter, moment):
+    line = make_line((0.1,) * 4, after=3.0)
+    edges = _shift(line, getattr(line.products[1], moment), NANOSECONDS)
+
+    windows = _run(run_segmenter, line, _at(line, edges))
+
+    assert _reasons(windows) == [[], ['BeltStopped'], [], []]
+
+
+def test_a_belt_that_stops_for_long_costs_what_was_on_it(make_line, run_segmenter):
+    line = make_line((0.1,) * 5, after=12.0)
+    edges = _shift(line, line.products[1].t1, 4 * NANOSECONDS)
+
+    windows = _run(run_segmenter, line, _at(line, edges))
+
+    assert _reasons(windows) == [[], ['MissingEdge'], [], [], []]
+
+
+def test_a_product_that_rides_back_over_the_infeed_eye_is_a_fault(make_line, run_segmenter):
+    line = make_line((0.1, 0.1))
+    t2 = line.products[1].t2
+    back = [EyeEdge(t2 + 20 * MS, Eye.INFEED, True), EyeEdge(t2 + 60 * MS, Eye.INFEED, False)]
+
+    windows = _run(run_segmenter, line, _at(line, [*line.edges(), *back]))
+
+    assert not windows[0].reasons
+    assert all('DistanceFault' in window.reasons for window in windows[1:])
+
+
+def test_a_product_taken_off_first_is_passed_over_if_the_length_is_known(make_line, run_segmenter):
+    line = make_line((0.1,) * 5)
+    events = line.events([(0, 't3'), (0, 't4')])
+
+    windows = _run(run_segmenter, line, events, product_length=0.1)
+
+    assert _reasons(windows) == [['MissingEdge'], [], [], [], []]
+
+
+@pytest.mark.parametrize('before', [('t1',), ('t1', 't2')])
+def test_a_product_on_the_belt_at_start_up_is_a_fault(make_line, run_segmenter, before):
+    # An eye that reports its state when it starts, instead of the edge.
+    line = make_line((0.1, 0.1), first_entry=-0.05 if before == ('t1',) else -0.12)
+    edges = [e for e in line.edges([(0, name) for name in before])]
+    if before == ('t1',):
+        edges.append(EyeEdge(line.start, Eye.INFEED, True))
+
+    windows = _run(run_segmenter, line, _at(line, edges))
+
+    assert 'StartUp' in windows[0].reasons
+    assert not windows[1].reasons
+    assert windows[1].zero == pytest.approx(5000.0, abs=1e-3)  # not what was leaving
+
+
+def test_edges_that_overtake_one_another_before_their_samples_do_no_harm(make_line, run_segmenter):
+    line = make_line()
+    expected = _run(run_segmenter, line, line.events())
+
+    windows = _run(run_segmenter, line, [*reversed(line.edges()), *line.blocks()])
+
+    assert windows == expected
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_an_edge_that_comes_after_younger_ones_costs_at_most_its_item_and_the_next(
+    make_line, run_segmenter, name
+):
+    line = make_line((0.1,) * 4)
+    late = line.products[1].edges[name]
+    events = [event for event in line.events() if event != late]
+    younger = {'t1': 't2', 't2': 't3', 't3': 't4', 't4': None}[name]
+    after = line.products[1].edges[younger] if younger else line.products[2].edges['t1']
+    last = max(i for i, event in enumerate(events) if event.stamp <= after.stamp) + 2
+    events.insert(last, late)
+
+    windows = _run(run_segmenter, line, events)
+
+    assert len(windows) == 4
+    assert bool(windows[1].reasons) == (name != 't4')
+    assert not windows[0].reasons
+    assert not windows[3].reasons
+
+
+def test_samples_that_never_come_are_a_fault_and_not_a_silence(make_line, load_cell):
+    line = make_line((0.1,) * 30)
+    segmenter = Segmenter(load_cell, SegmenterParameters(sample_lateness=1.0))
+
+    windows = [window for edge in line.edges() for window in segmenter.add_edge(edge)]
+
+    assert _reasons(windows)[:20] == [['SamplesLost']] * 20
+
+
+def _blocks_with(line, change):
+    """Hand each block from the middle of the second item on to `change`."""
+    middle = line.products[1].t2 + 50 * MS
+    return [
+        change(event) if isinstance(event, SampleBlock) and event.stamp > middle else event
+        for event in line.events()
+    ]
+
+
+def test_a_jump_of_the_index_without_the_time_is_a_fault(make_line, run_segmenter):
+    line = make_line((0.1,) * 4)
+    events = _blocks_with(line, lambda b: replace(b, first_index=b.first_index + 96))
+
+    assert _reasons(_run(run_segmenter, line, events)) == [[], ['ClockJump'], [], []]
+
+
+@pytest.mark.parametrize('jump', [1, -1])
+def test_a_jump_of_the_time_without_the_index_is_a_fault(make_line, run_segmenter, jump):
+    line = make_line((0.1,) * 4)
+    middle = line.products[1].t2 + 50 * MS
+    events = [
+        replace(event, stamp=event.stamp + jump * NANOSECONDS) if event.stamp > middle else event
+        for event in line.events()
+    ]
+
+    reasons = _reasons(_run(run_segmenter, line, events))
+
+    assert reasons[0] == []
+    assert reasons[1] == ['ClockJump']
+    assert reasons[-2:] == [[], []]
+
+
+@pytest.mark.parametrize('change', ['twice', 'swapped', 'late'])
+def test_blocks_twice_do_nothing_and_swapped_or_late_ones_are_lost(
+    make_line, run_segmenter, change
+):
+    line = make_line((0.1,) * 3)
+    events = line.events()
+    hit = next(i for i, e in enumerate(events) if isinstance(e, SampleBlock) and
+               e.stamp > line.products[1].t2)  # fmt: skip
+    later = [i for i, e in enumerate(events) if isinstance(e, SampleBlock) and i > hit]
+    to = later[{'twice': 3, 'swapped': 0, 'late': 10}[change]]
+    events.insert(to + 1, events[hit])
+    if change != 'twice':
+        del events[hit]
+
+    lost = [] if change == 'twice' else ['SamplesLost']
+    assert _reasons(_run(run_segmenter, line, events)) == [[], lost, []]
+
+
+@st.composite
+def _spoilt(draw, count):
+    """Draw what happens to the events of a line: lost, twice, late."""
+    edge = st.tuples(st.integers(0, count - 1), st.sampled_from(NAMES))
+    lost = draw(st.sets(edge, max_size=5))
+    moves = st.lists(st.tuples(st.integers(0, 400), st.integers(1, 12)), max_size=4)
+    return lost, draw(moves), draw(moves), draw(st.sets(st.integers(0, 400), max_size=2))
+
+
+GAPS = st.sampled_from([0.15, 0.25, 0.31, 0.36, 0.42, 0.6, 1.0, 2.5])
+
+
+@settings(max_examples=EXAMPLES)
+@given(
+    st.lists(GAPS, min_size=4, max_size=4),
+    st.sampled_from([0.5, 1.0, 1.5]),
+    _spoilt(5),
+)
+def test_no_spoilt_stream_loses_an_item_or_makes_a_wrong_window(
+    make_line, run_segmenter, gaps, speed, spoilt
+):
+    line = make_line((0.1, 0.12, 0.14, 0.16, 0.18), spacing=gaps, speed=speed)
+    line.counts[::7] += 3
+    lost, doubled, delayed, lost_blocks = spoilt
+    events = line.events(lost)
+    edges_in = [event for event in events if isinstance(event, EyeEdge)]
+    for position, by in doubled:
+        if position < len(events):
+            events.insert(position + by, events[position])
+    for position, by in delayed:
+        if position < len(events):
+            events.insert(position + by, events.pop(position))
+    lost_at = [i for i in lost_blocks if i < len(events) and isinstance(events[i], SampleBlock)]
+    events = [event for i, event in enumerate(events) if i not in lost_at]
+
+    windows = _run(run_segmenter, line, events, product_length=0.1)
+
+    products = {product.t1: product for product in line.products}
+    for name in ('t1', 't2', 't3'):
+        known = [getattr(w, name) for w in windows if getattr(w, name) is not None]
+        assert len(known) == len(set(known))
+    for number, product in enumerate(line.products):
+        if (number, 't1') not in lost and (number, 't2') not in lost:
+            of_it = [w for w in windows if w.t1 == product.t1 or w.t2 == product.t2]
+            assert len(of_it) == 1
+    for window in windows:
+        if not window.reasons:
+            product = products[window.t1]
+            assert (window.t2, window.t3) == (product.t2, product.t3)
+            np.testing.assert_array_equal(
+                window.counts, line.counts[window.first_index :][: len(window.counts)]
+            )
+            begin, end = (window.first_index + i for i in (window.window_begin, window.window_end))
+            assert line.stamp_at(begin - 1) < product.t2 <= line.stamp_at(begin) + 1
+            assert line.stamp_at(end - 1) < product.t3 <= line.stamp_at(end) + 1
+    assert len(edges_in) <= 20
+
+
+@pytest.mark.parametrize('duration', [1.0, 30.0])  # within what is kept of the signal, and beyond
+def test_a_recording_played_in_a_loop_begins_anew_each_time(make_line, run_segmenter, duration):
+    line = make_line((0.1, 0.2), first_entry=3.0, after=duration)
+    events = line.events()
+    # The second time it is broken off with the second product on the belt.
+    begun = [event for event in events if event.stamp <= line.products[1].t2]
+
+    windows = _run(run_segmenter, line, [*events, *begun, *events])
+
+    whole = [[], []]
+    assert _reasons(windows) == [*whole, [], ['SourceRestarted'], *whole]
+    for first, last in zip(windows[:2], windows[4:], strict=True):
+        # The zero is followed on: of it alone more is known.
+        assert np.array_equal(last.counts, first.counts)
+        assert (last.t1, last.t3, last.first_index) == (first.t1, first.t3, first.first_index)
+        assert last.zero == pytest.approx(first.zero, abs=1e-9)

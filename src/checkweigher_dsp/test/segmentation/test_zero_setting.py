@@ -1,0 +1,122 @@
+"""The zero on a running line: limits, zeroing on demand, dense products on a drifting cell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.records import SampleBlock
+from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+
+CAREFUL = SegmenterParameters(zero_range=0.003, zero_time=0.5)
+
+
+def _feed(segmenter, events):
+    """Feed events and return the windows."""
+    windows = []
+    for event in events:
+        take = segmenter.add_samples if isinstance(event, SampleBlock) else segmenter.add_edge
+        windows += take(event)
+    return windows
+
+
+@pytest.mark.parametrize(('calibrated', 'reasons'), [(2100.0, ()), (1900.0, ('ZeroOutOfRange',))])
+def test_beyond_the_range_every_item_is_a_fault(make_line, load_cell, calibrated, reasons):
+    # The belt reads 5000; the range is 3000 counts.
+    segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
+
+    windows = _feed(segmenter, make_line().events())
+
+    assert [window.reasons for window in windows] == [reasons] * 3
+
+
+def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):
+    segmenter = Segmenter(replace(load_cell, zero_counts=4000.0), CAREFUL)
+    line = make_line((0.1,), first_entry=8.0)
+    segmenter.request_zero()
+
+    _feed(segmenter, [event for event in line.events() if event.stamp < line.start + 5 * 10**9])
+
+    assert segmenter.zero_answer is not None
+    assert segmenter.zero_answer.done
+    assert 'zeroed at 0.001000 kg' in segmenter.zero_answer.text
+    change = segmenter.zero_answer.change
+    assert change is not None
+    # It reads 5000 counts of 1e-6 kg; it was calibrated, and not corrected since, at 4000.
+    assert (change.zero, change.previous) == pytest.approx((1e-3, 0.0), abs=1e-12)
+    assert line.start < change.stamp < line.start + 5 * 10**9
+    assert 0 < change.std_dev < 1e-4
+
+
+def test_between_products_the_next_empty_belt_is_taken(make_line, load_cell):
+    segmenter = Segmenter(load_cell, SegmenterParameters(zero_random_walk=0.0))
+    line = make_line((0.1,) * 6)
+    events = line.events()
+    _feed(segmenter, events[:40])
+    segmenter.request_zero()
+    _feed(segmenter, events[40:])
+
+    assert segmenter.zero_answer is not None
+    assert segmenter.zero_answer.done
+
+
+@pytest.mark.parametrize(
+    ('calibrated', 'after', 'noise', 'why'),
+    [
+        (0.0, 20.0, 0, 'beyond zero_range'),
+        (5000.0, 20.0, 500_000, 'not at rest'),
+    ],
+)
+def test_what_cannot_be_zeroed_says_why(make_line, load_cell, calibrated, after, noise, why):
+    line = make_line((0.1,), after=after)
+    # A reading that grows: halves of 0.25 s are apart by a quarter of what it does in a second.
+    line.counts[:] += (noise * np.arange(len(line.counts)) / 960).astype(np.int32)
+    segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
+    segmenter.request_zero()
+
+    _feed(segmenter, line.events())
+
+    assert segmenter.zero_answer is not None
+    assert not segmenter.zero_answer.done
+    assert segmenter.zero_answer.change is None
+    assert why in segmenter.zero_answer.text
+
+
+def test_a_belt_that_is_never_empty_is_not_zeroed(make_line, load_cell):
+    line = make_line((0.1,) * 90, spacing=0.15)
+    segmenter = Segmenter(load_cell, CAREFUL)
+    events = line.events()
+    _feed(segmenter, events[:60])
+    segmenter.request_zero()
+
+    _feed(segmenter, events[60:])
+
+    assert segmenter.zero_answer is not None
+    assert segmenter.zero_answer.text == 'the belt was not empty within 10 s: not zeroed'
+
+
+def test_with_60_ms_of_empty_belt_a_drift_of_100_g_an_hour_is_followed(make_line, load_cell):
+    # What the walk states covers the lag: two standard deviations, once the filter is steady.
+    line = make_line((0.1,) * 200, spacing=0.36, after=0.1)
+    rate, drift = load_cell.sample_rate, 0.1 / 3600 * load_cell.counts_per_kg
+    time = np.arange(len(line.counts)) / rate
+    # As the ring-down of a platform of 38 Hz and a damping ratio of 0.06 after each product.
+    ringing = np.zeros(len(time))
+    for product in line.products:
+        since = time - (product.t4 - line.start) / 1e9
+        decay = np.exp(-14.3 * np.clip(since, 0, None)) * np.cos(2 * np.pi * 38 * since)
+        ringing += np.where(since > 0, 4000 * decay, 0)
+    line.counts[:] += np.round(ringing + drift * time).astype(np.int32)
+
+    windows = _feed(
+        Segmenter(load_cell, SegmenterParameters(zero_random_walk=1e-4)), line.events(size=96)
+    )
+
+    errors = np.array(
+        [w.zero - 5000 - drift * (w.t1 - line.start) / 1e9 for w in windows if not w.reasons]
+    )
+    stated = np.array([w.zero_std_dev for w in windows if not w.reasons])
+    assert len(errors) == 200
+    # Carried on from calibration the error would be 2 g after 72 s.
+    assert np.all(np.abs(errors) <= 2 * stated)
+    assert np.max(np.abs(errors)) < 1000

@@ -1,0 +1,232 @@
+"""The zero against the scalar Kalman filter by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker
+
+# Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
+# examples is up to 3e-6 of its own.
+LEAST_NOISE = 1e-5
+RATE = 40.0  # at which four samples are the shortest stretch that is averaged
+
+
+def _counts(*values):
+    return np.array(values, np.int32)
+
+
+def test_before_any_reading_the_zero_is_that_of_calibration():
+    assert ZeroTracker(9.0, 2.0, 0.5, RATE).zero == Zero(9.0, 2.0)
+
+
+def test_two_steps_of_the_filter():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+
+    first = tracker.update(10.0, _counts(10, 12, 14, 16))
+
+    # Halves 11 and 15, so a variance of 4^2 / 4; symmetrical weights, mean 13; gain 4 / (4 + 4).
+    assert first.counts == pytest.approx(9 + 0.5 * 4, rel=LEAST_NOISE)
+    assert first.std_dev == pytest.approx(math.sqrt(4 * 0.5), rel=LEAST_NOISE)
+
+    second = tracker.update(12.0, _counts(11, 13, 11, 13))
+
+    # Two seconds of random walk: 2 + 2 * 0.25. Halves alike; the older scatter counts 0.95.
+    noise = 0.95 * 4 / (0.95 + 1)
+    gain = 2.5 / (2.5 + noise)
+    assert second.counts == pytest.approx(11 + gain * 1, rel=LEAST_NOISE)
+    assert second.std_dev == pytest.approx(math.sqrt(2.5 * (1 - gain)), rel=LEAST_NOISE)
+
+
+def test_the_ends_of_a_stretch_count_less():
+    tracker = ZeroTracker(0.0, 1e6, 0.0, RATE)
+
+    zero = tracker.update(0.0, _counts(10, 0, 0, 0))
+
+    # Weights sin^2(k pi / 5), k = 1 to 4, which add up to 5 / 2.
+    assert zero.counts == pytest.approx(10 * math.sin(math.pi / 5) ** 2 / 2.5, rel=1e-6)
+
+
+def test_a_stretch_too_short_to_average_counts_with_its_whole_variance():
+    tracker = ZeroTracker(0.0, 2.0, 0.0, 300.0)
+
+    zero = tracker.update(0.0, _counts(1, 5, 1, 5))
+
+    # Variance 4; gain 4 / (4 + 4).
+    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
+
+
+def test_a_line_that_goes_through_whole_periods_in_each_half_does_not_blur_the_zero():
+    tracker = ZeroTracker(0.0, 1e4, 0.0, 1000.0)
+    line = np.rint(1e6 * np.sin(2 * np.pi * 50 * np.arange(200) / 1000)).astype(np.int32)
+
+    zero = tracker.update(0.0, line + 7)
+
+    # The side lobe of a Hann window five periods long is below 1e-3 of the line.
+    assert zero.counts == pytest.approx(7, abs=1e3)
+    assert zero.std_dev < 1e3
+
+
+@pytest.mark.parametrize('counts', [_counts(), _counts(1000)])
+def test_without_samples_the_zero_is_carried_on_and_grows_uncertain(counts):
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    known = tracker.update(0.0, _counts(10, 12, 14, 16))
+
+    carried = tracker.update(4.0, counts)
+
+    assert carried.counts == known.counts
+    assert carried.std_dev == pytest.approx(math.sqrt(known.std_dev**2 + 4 * 0.25))
+
+
+def test_the_zero_never_gets_less_certain_than_at_calibration():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    tracker.update(0.0, _counts(10, 12, 14, 16))
+
+    assert tracker.update(1e6, _counts()).std_dev == pytest.approx(2.0)
+
+
+def test_a_clock_that_goes_back_takes_no_uncertainty_away():
+    tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
+    known = tracker.update(10.0, _counts(10, 12, 14, 16))
+
+    assert tracker.update(5.0, _counts()).std_dev == known.std_dev
+
+
+def test_a_jump_starts_the_filter_afresh():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        tracker.update(float(second), _counts(-1, -1, 1, 1))
+
+    zero = tracker.update(100.0, _counts(29, 29, 31, 31))
+
+    # Halves 2 apart, a variance of 1; afresh the gain is 100 / 101, without it about 1 / 100.
+    assert zero.counts == pytest.approx(30 * 100 / 101, rel=LEAST_NOISE)
+    assert zero.std_dev == pytest.approx(10 * math.sqrt(1 / 101), rel=LEAST_NOISE)
+
+
+def test_a_jump_beyond_all_drift_is_believed_when_it_is_seen_again():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
+
+    doubted = tracker.update(100.0, _counts(49, 49, 51, 51))
+    other = tracker.update(101.0, _counts(89, 89, 91, 91))
+    again = tracker.update(102.0, _counts(89, 89, 91, 91))
+
+    assert [zero.trusted for zero in (before, doubted, other, again)] == [True, False, False, True]
+    assert doubted.counts == before.counts
+    assert again.counts == pytest.approx(90 * 100 / 101, rel=LEAST_NOISE)
+
+
+def test_what_stood_on_the_belt_for_a_moment_changes_nothing():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
+    for second in range(100):
+        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
+
+    tracker.update(100.0, _counts(49, 49, 71, 71))
+    after = tracker.update(101.0, _counts(-1, -1, 1, 1))
+
+    assert after.trusted
+    assert after.counts == pytest.approx(before.counts, abs=1e-9)
+    assert after.std_dev < before.std_dev
+
+
+def test_the_noise_averages_out_from_product_to_product():
+    tracker = ZeroTracker(0.0, 1000.0, 0.0, RATE)
+    for second in range(64):
+        zero = tracker.update(float(second), _counts(-3, -3, 3, 3))
+
+    # 64 readings of variance 6^2 / 4 = 9; the prior of 1e6 does not matter.
+    assert zero.std_dev == pytest.approx(math.sqrt(9 / 64), rel=1e-2)
+
+
+def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
+    drift, interval, walk, swing = 1, 2.0, 1.0, 6
+    tracker = ZeroTracker(0.0, 1e3, walk, RATE)
+    for step in range(300):
+        level = drift * step
+        halves = [level - swing] * 8 + [level + swing] * 8
+        zero = tracker.update(interval * step, _counts(*halves))
+
+    # Local-level filter: p = (q + sqrt(q^2 + 4 q r)) / 2, gain p / (p + r); it lags a ramp by
+    # its step times (1 - gain) / gain.
+    q, r = walk**2 * interval, swing**2 + 1e-8 * 1e6
+    p = (q + math.sqrt(q * q + 4 * q * r)) / 2
+    gain = p / (p + r)
+    assert level - zero.counts == pytest.approx(drift * (1 - gain) / gain, rel=1e-6)
+    assert zero.std_dev == pytest.approx(math.sqrt(p * (1 - gain)), rel=1e-6)
+
+
+def test_the_gain_of_the_load_cell_does_not_matter():
+    plain, scaled = ZeroTracker(9.0, 2.0, 0.5, RATE), ZeroTracker(900.0, 200.0, 50.0, RATE)
+    for time, counts in ((0.0, _counts(10, 12, 14)), (1.0, _counts(30, 31)), (2.0, _counts())):
+        zero, hundredfold = plain.update(time, counts), scaled.update(time, 100 * counts)
+
+        assert hundredfold.counts == pytest.approx(100 * zero.counts, rel=1e-12)
+        assert hundredfold.std_dev == pytest.approx(100 * zero.std_dev, rel=1e-12)
+
+
+def test_the_zero_is_corrected_no_faster_than_the_rate():
+    tracker = ZeroTracker(0.0, 1e3, 0.0, RATE, ZeroLimits(rate=2.0))
+    tracker.update(0.0, _counts(0, 0, 0, 0))  # the first one is no tracking
+
+    behind = tracker.update(3.0, _counts(500, 500, 500, 500))
+
+    assert (behind.counts, behind.trusted) == (pytest.approx(6.0), False)
+    for second in range(4, 400):
+        zero = tracker.update(float(second), _counts(500, 500, 500, 500))
+    assert zero.counts == pytest.approx(500, rel=1e-3)
+    assert zero.trusted
+
+
+@pytest.mark.parametrize(
+    ('level', 'trusted'), [(99, True), (-99, True), (101, False), (-101, False)]
+)
+def test_a_zero_beyond_the_range_is_not_to_be_trusted(level, trusted):
+    tracker = ZeroTracker(0.0, 1e3, 0.0, RATE, ZeroLimits(range=100.0))
+
+    assert tracker.update(0.0, _counts(*[level] * 8)).trusted == trusted
+
+
+def test_a_stretch_that_is_not_at_rest_is_passed_over():
+    tracker = ZeroTracker(9.0, 2.0, 0.0, RATE, ZeroLimits(stability=5.0))
+
+    assert tracker.update(0.0, _counts(10, 10, 16, 16)) == Zero(9.0, 2.0)
+    assert tracker.update(1.0, _counts(10, 10, 14, 14)).counts > 9.0
+
+
+def test_a_stretch_is_at_rest_if_all_its_parts_are():
+    # At 40 Hz parts are 4 samples: both halves of this are 12.
+    tracker = ZeroTracker(9.0, 2.0, 0.0, 40.0, ZeroLimits(stability=5.0))
+
+    assert tracker.update(0.0, _counts(*[9] * 4, *[15] * 8, *[9] * 4)) == Zero(9.0, 2.0)
+
+
+@pytest.mark.parametrize(('level', 'read'), [(150, True), (155, False)])
+def test_a_part_that_stands_out_is_no_empty_belt(level, read):
+    # At 40 Hz parts are 2 samples: means 90 and 92 in turn, half of them 2 off the median.
+    counts = _counts(*[90, 90, 92, 92] * 4, level, level)
+
+    zero = ZeroTracker(90.0, 20.0, 0.0, 40.0).update(0.0, counts)
+
+    assert (zero != Zero(90.0, 20.0)) is read
+
+
+def test_what_has_not_settled_counts_with_its_whole_variance():
+    tracker = ZeroTracker(0.0, 2.0, 0.0, 4.0)
+
+    zero = tracker.update(0.0, _counts(1, 5, 1, 5), settled=False)
+
+    # Settled, its halves would be alike; so its variance is 4 and the gain 4 / (4 + 4).
+    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
+
+
+def test_setting_takes_the_reading_within_the_range_alone():
+    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE, ZeroLimits(range=100.0, rate=1e-9, stability=5.0))
+
+    assert tracker.set(0.0, _counts(50, 50, 60, 60)) is None
+    assert tracker.set(0.0, _counts(*[101] * 4)) == 101
+    assert tracker.zero == Zero(0.0, 10.0)
+    assert tracker.set(0.0, _counts(*[99] * 4)) == 99
+    assert tracker.zero.counts == 99

@@ -1,0 +1,178 @@
+"""The closed forms of the platform against integrations that know nothing of them."""
+
+from itertools import pairwise
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from checkweigher_dsp.denoising.load_rise import load_response
+from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
+
+PLATFORM = Platform(38.0, 0.06, 2.5)
+CROSSING = Crossing(0.0, 0.1, 0.2, 0.3)
+RATE = 960.0
+ROUNDING = 1e-10
+STAIRS = 8  # over which the mass of a product comes on and goes off
+
+
+def _time(begin=-0.1, end=0.4):
+    return np.arange(round(begin * RATE), round(end * RATE)) / RATE + 1e-4
+
+
+def _share_in_stairs(time, crossing):
+    """Share of the product that moves with the platform, constant in each eighth of a ramp."""
+    if time >= crossing.off_begin:
+        on, way = 1.0, (time - crossing.off_begin) / (crossing.off_end - crossing.off_begin)
+    else:
+        on, way = 0.0, (time - crossing.on_begin) / (crossing.on_end - crossing.on_begin)
+    share = 0.0 if way < 0 else min((math.floor(STAIRS * way) + 0.5) / STAIRS, 1.0)
+    share = 1.0 if way >= 1 else share
+    return abs(on - share)
+
+
+def _integrate(platform, mass, crossing, time, start=(0.0, 0.0), kick=(0.0, 0.0)):
+    """Step the platform on by matrix exponentials of (y, y', load, rate of the load)."""
+    omega = 2 * math.pi * platform.natural_frequency
+    ramps = [(crossing.on_begin, crossing.on_end, 1.0)]
+    if math.isfinite(crossing.off_begin):
+        ramps.append((crossing.off_begin, crossing.off_end, -1.0))
+    bounds = np.concatenate([np.linspace(a, b, STAIRS + 1) for a, b, _ in ramps])
+    grid = np.unique(np.concatenate([time, bounds[bounds > time[0]]]))
+    state, seen = np.array([*start, 0.0, 0.0]), {time[0]: start[0]}
+    for now, then in pairwise(grid):
+        middle = (now + then) / 2
+        if now == crossing.on_begin:
+            state[:2] += kick
+        state[3] = sum(sign / (b - a) for a, b, sign in ramps if a < middle < b)
+        ease = platform.moving_mass / (
+            platform.moving_mass + mass * _share_in_stairs(middle, crossing)
+        )
+        w2, damping = ease * omega**2, 2 * ease * platform.damping_ratio * omega
+        matrix = np.array([[0, 1, 0, 0], [-w2, -damping, w2, 0], [0, 0, 0, 1], [0, 0, 0, 0]], float)
+        state = expm((then - now) * matrix) @ state
+        seen[then] = state[0]
+    return np.array([seen[t] for t in time])
+
+
+@pytest.mark.parametrize('mass', [0.0, 0.2, 2.5])
+@pytest.mark.parametrize(
+    'crossing',
+    [CROSSING, Crossing(0.0, 0.1), Crossing(0.013, 0.08, 0.15, 0.2717)],
+    ids=['on and off', 'on', 'elsewhere'],
+)
+def test_the_response_to_a_load_agrees_with_matrix_exponentials(mass, crossing):
+    time = _time()
+
+    shape = responses(PLATFORM, mass, crossing, time)[0]
+
+    expected = _integrate(PLATFORM, mass, crossing, time)
+    np.testing.assert_allclose(shape, expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize('mass', [0.0, 0.2, 2.5])
+def test_free_oscillations_agree_with_matrix_exponentials(mass):
+    time, omega = _time(), 2 * math.pi * 38.0
+    nothing = _integrate(PLATFORM, mass, CROSSING, time)
+
+    rows = responses(PLATFORM, mass, CROSSING, time)
+
+    causes = [{'start': (1.0, 0.0)}, {'start': (0.0, omega)},
+              {'kick': (1.0, 0.0)}, {'kick': (0.0, omega)}]  # fmt: skip
+    for row, cause in zip(rows[1:], causes, strict=True):
+        expected = _integrate(PLATFORM, mass, CROSSING, time, **cause) - nothing
+        np.testing.assert_allclose(row, expected, atol=ROUNDING)
+
+
+def test_all_that_moves_the_belt_adds_up():
+    time, omega = _time(), 2 * math.pi * 38.0
+    amplitudes = np.array([0.7, 0.02, -0.03, 0.05, 0.01])
+
+    total = amplitudes @ responses(PLATFORM, 0.2, CROSSING, time)
+
+    # One integration of 1 / 0.7 of all the rest, as the load is 1 there.
+    a, b, c, d = amplitudes[1:] / 0.7
+    expected = 0.7 * _integrate(
+        PLATFORM, 0.2, CROSSING, time, (a, omega * b), (c, omega * d)
+    )  # fmt: skip
+    np.testing.assert_allclose(total, expected, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(('mass', 'error'), [(0.0745, 1e-4), (0.2545, 4e-4)])
+def test_stairs_are_off_by_less_than_stated_where_the_mass_comes_on_evenly(mass, error):
+    time, omega, m0 = _time(0.0), 2 * math.pi * 38.0, 2.5
+
+    def motion(t, state):
+        share = np.interp(t, [0.0, 0.1, 0.2, 0.3], [0.0, 1.0, 1.0, 0.0])
+        ease = m0 / (m0 + mass * share)
+        y, slope = state
+        return [slope, ease * (omega**2 * (share - y) - 2 * 0.06 * omega * slope)]
+
+    exact = solve_ivp(
+        motion, (0.0, time[-1]), [0.0, 0.0], t_eval=time, rtol=1e-9, atol=1e-12, max_step=2e-3
+    ).y[0]
+
+    shape = responses(PLATFORM, mass, CROSSING, np.append(0.0, time))[0, 1:]
+
+    assert np.abs(shape - exact).max() < error
+    # No stairs at all, the whole mass from t1 on, are worse.
+    lumped = load_response(
+        time, 0.1, *(value * math.sqrt(m0 / (m0 + mass)) for value in (38.0, 0.06))
+    )
+    until = time < 0.2
+    assert np.abs(shape - exact)[until].max() < np.abs(lumped - exact)[until].max() / 3
+
+
+@pytest.mark.parametrize(('frequency', 'damping'), [(38.0, 0.06), (22.0, 0.0), (60.0, 0.7)])
+def test_the_empty_platform_swings_by_its_closed_form(frequency, damping):
+    time = _time(-0.2, 0.0)
+    since = time - time[0]
+    omega = 2 * math.pi * frequency
+    decay, damped = damping * omega, omega * math.sqrt(1 - damping**2)
+    envelope = np.exp(-decay * since)
+
+    rows = responses(Platform(frequency, damping, 2.5), 0.3, Crossing(0.1, 0.2), time)
+
+    np.testing.assert_allclose(
+        rows[1],
+        envelope * (np.cos(damped * since) + decay / damped * np.sin(damped * since)),
+        atol=ROUNDING,
+    )
+    np.testing.assert_allclose(
+        rows[2], envelope * omega / damped * np.sin(damped * since), atol=ROUNDING
+    )
+    np.testing.assert_array_equal(rows[[0, 3, 4]], 0.0)
+
+
+def test_an_impact_shows_from_the_entry_on_and_swings_as_any_oscillation():
+    time = _time()
+    entry = int(np.sum(time < 0))
+
+    # A product without mass leaves the platform as it is.
+    rows = responses(PLATFORM, 0.0, Crossing(time[entry], 0.1), time)
+
+    np.testing.assert_array_equal(rows[3:, :entry], 0.0)
+    count = len(time) - entry
+    np.testing.assert_allclose(rows[3, entry:], rows[1, :count], atol=ROUNDING)
+    np.testing.assert_allclose(rows[4, entry:], rows[2, :count], atol=ROUNDING)
+
+
+def test_a_load_without_mass_comes_and_goes_by_the_response_to_a_rise():
+    time = _time()
+
+    shape = responses(PLATFORM, 0.0, CROSSING, time)[0]
+
+    on, off = (load_response(time - begin, 0.1, 38.0, 0.06) for begin in (0.0, 0.2))
+    np.testing.assert_allclose(shape, on - off, atol=ROUNDING)
+
+
+@pytest.mark.parametrize('mass', [0.01, 0.2, 5.0])
+def test_a_load_is_shown_at_its_own_at_rest_and_nothing_when_it_has_left(mass):
+    # 4 s are 57 time constants of the empty platform and 33 of that with 5 kg.
+    time = np.array([-0.1, 0.0, 4.0, 8.2])
+
+    shape = responses(PLATFORM, mass, Crossing(0.0, 0.1, 4.1, 4.2), time)[0]
+
+    np.testing.assert_allclose(shape, [0.0, 0.0, 1.0, 0.0], atol=1e-9)

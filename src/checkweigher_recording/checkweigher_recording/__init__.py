@@ -1,0 +1,1 @@
+"""Recordings of a line: bags, CSV logs and simulated lines."""

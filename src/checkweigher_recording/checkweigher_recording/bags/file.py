@@ -1,0 +1,282 @@
+"""A bag that is being written: MCAP with check sums and metadata.yaml."""
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+import os
+from pathlib import Path
+import shutil
+from types import TracebackType
+from typing import Any, Self
+
+from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v9
+import yaml
+
+from checkweigher_recording.bags.messages import Topic, lane_prefix, typestore
+from checkweigher_recording.whole_file import OutputError, check_folder_of, output_error
+
+# Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
+_FILE = 'line_0.mcap'
+_VERSION = 9  # of the bag format
+_QUEUE_DEPTH = 1000  # of the topics that are not latched
+_FOREVER = QosTime(9223372036, 854775807)
+
+
+class BagFile:
+    """A new bag of serialized messages.
+
+    A context manager. The bag is there, whole, when the block ends without an exception; until
+    then, and after an exception, there is nothing under its name. With `in_place` it grows there
+    from the first message on, and what is there stays, without ``metadata.yaml`` until the end: so
+    a recording is not lost with its recorder. Equal messages, flushed alike, give equal bytes in
+    all files of the bag.
+
+    Parameters
+    ----------
+    path : Path
+        Folder to make; its parent must exist.
+    topics : sequence of Topic
+        All topics that there will be messages of.
+    namespace : str
+        Of the lane, ``''`` for none.
+    in_place : bool
+        Whether to write under the bag's own name from the first message on.
+
+    Raises
+    ------
+    OutputError
+        If there is something at `path` already, or it cannot be written.
+    BagError
+        If the message definitions are not installed.
+
+    Notes
+    -----
+    The file has check sums of each chunk, of the data section and of the summary, so any damage
+    shows. That is why it is written by the mcap package: rosbags leaves the check sums out.
+    """
+
+    def __init__(
+        self, path: Path, topics: Sequence[Topic], namespace: str = '', *, in_place: bool = False
+    ) -> None:
+        check_output(path)
+        self._path = path
+        self._in_place = in_place
+        self._folder = path
+        if not in_place:
+            self._folder = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        self._mcap: Writer | None = None
+        self._topics = topics
+        self._prefix = lane_prefix(namespace)
+        self._counts: Counter[Topic] = Counter()
+        self._begin = self._end = 0
+
+    def __enter__(self) -> Self:
+        """Begin the bag."""
+        if not self._in_place:
+            self._open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Complete the bag; after an exception remove it, or leave what is there in place."""
+        try:
+            if error is None:
+                self._complete()
+            elif self._in_place and self._mcap is not None:
+                with suppress(OSError):
+                    self._mcap.flush()
+        except OSError as failure:
+            raise self._output_error(failure) from None
+        finally:
+            if self._mcap is not None:
+                with suppress(OSError):
+                    self._file.close()
+            if not self._in_place:
+                shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _open(self) -> Writer:
+        try:
+            self._folder.mkdir()
+        except OSError as error:
+            raise output_error(self._path, error) from None
+        try:
+            self._file = (self._folder / _FILE).open('xb')
+            # The check sum of the data section is off by default.
+            mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            # The name of the library, by default with its version, is part of the file.
+            mcap.start(profile='ros2', library='checkweigher')
+            self._file.flush()
+        except OSError as error:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise output_error(self._path, error) from None
+        self._mcap = mcap
+        self._channels = {topic: self._add_channel(mcap, topic) for topic in self._topics}
+        return mcap
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages so far."""
+        return self._counts.total()
+
+    def put(self, topic: Topic, stamp: int, data: bytes) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        topic : Topic
+            One of those that the bag was made for.
+        stamp : int
+            ns, log time.
+        data : bytes
+            The message in CDR.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, because the disk is full for instance.
+        """
+        mcap = self._mcap or self._open()
+        try:
+            mcap.add_message(self._channels[topic], stamp, data, publish_time=stamp)
+        except OSError as error:
+            raise self._output_error(error) from None
+        if not self._counts:
+            self._begin = self._end = stamp
+        self._counts[topic] += 1
+        self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
+
+    def flush(self) -> None:
+        """Write what has come so far, so that it is there if this process is killed.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        if self._mcap is not None:
+            try:
+                self._mcap.flush()
+            except OSError as error:
+                raise self._output_error(error) from None
+
+    def _output_error(self, error: OSError) -> OutputError:
+        text = str(output_error(self._path, error))
+        if self._in_place and self._folder.exists():
+            text += '; what was recorded before is there'
+        return OutputError(text)
+
+    def _name(self, topic: Topic) -> str:
+        absolute = topic.name.startswith('/')
+        return topic.name if absolute else f'{self._prefix}/{topic.name}'
+
+    def _add_channel(self, mcap: Writer, topic: Topic) -> int:
+        """Return the number of a new channel for a topic."""
+        text, _ = typestore().generate_msgdef(topic.message_type, ros_version=2)
+        schema = mcap.register_schema(topic.message_type, 'ros2msg', text.encode())
+        qos = yaml.safe_dump(dump_qos_v9([_qos(topic)]), sort_keys=False).strip()
+        digest = typestore().hash_rihs01(topic.message_type)
+        return mcap.register_channel(
+            self._name(topic),
+            'cdr',
+            schema,
+            {'offered_qos_profiles': qos, 'topic_type_hash': digest},
+        )
+
+    def _complete(self) -> None:
+        if self._mcap is None or not self._counts:
+            raise OutputError(f'{self._path}: there is nothing to write')
+        information = self._information()
+        text = yaml.safe_dump(information, sort_keys=False)
+        self._mcap.add_metadata('rosbag2', {'serialized_metadata': text})
+        self._mcap.finish()
+        self._file.close()
+        text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
+        # That this file is there tells that the bag is whole.
+        partial = self._folder / '.metadata.yaml.partial'
+        try:
+            partial.write_text(text, encoding='utf-8')
+            partial.rename(self._folder / 'metadata.yaml')
+        finally:
+            partial.unlink(missing_ok=True)
+        if not self._in_place:
+            self._folder.rename(self._path)
+
+    def _information(self) -> dict[str, Any]:
+        """Return what metadata.yaml says."""
+        topics = [
+            {
+                'topic_metadata': {
+                    'name': self._name(topic),
+                    'type': topic.message_type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': dump_qos_v9([_qos(topic)]),
+                    'type_description_hash': typestore().hash_rihs01(topic.message_type),
+                },
+                'message_count': self._counts[topic],
+            }
+            for topic in self._topics
+        ]
+        return {
+            'version': _VERSION,
+            'storage_identifier': 'mcap',
+            **self._span(),
+            'topics_with_message_count': topics,
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [_FILE],
+            'files': [{'path': _FILE, **self._span()}],
+            'custom_data': None,
+            'ros_distro': 'jazzy',
+        }
+
+    def _span(self) -> dict[str, Any]:
+        return {
+            'duration': {'nanoseconds': self._end - self._begin},
+            'starting_time': {'nanoseconds_since_epoch': self._begin},
+            'message_count': self._counts.total(),
+        }
+
+
+def check_output(path: Path) -> None:
+    """Check that a file or folder can be made, before the work for it begins.
+
+    Parameters
+    ----------
+    path : Path
+        The new file or folder.
+
+    Raises
+    ------
+    OutputError
+        If `path` exists or its parent is not a folder that can be written to.
+    """
+    if os.path.lexists(path):
+        raise OutputError(f'{path}: exists already; remove it or choose another name')
+    check_folder_of(path)
+
+
+def _qos(topic: Topic) -> Qos:
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1 if topic.latched else _QUEUE_DEPTH,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if topic.latched else QosDurability.VOLATILE,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )

@@ -1,0 +1,1 @@
+"""CSV logs of other systems."""

@@ -1,0 +1,115 @@
+"""The switching of the photo-eyes of a CSV log, from a JSON file beside it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from checkweigher_dsp.records import Eye
+from checkweigher_recording.csv.table import CsvError
+
+GRAMS = 1000.0  # in a kilogram
+
+
+@dataclass(frozen=True, slots=True)
+class EdgesFile:
+    """What an edges file says.
+
+    Attributes
+    ----------
+    switches : tuple of (Eye, float, bool)
+        Eye, row at which it switched, and whether it is blocked from there on.
+    masses : tuple of float
+        kg, true masses of the items in order of entry; empty if not known.
+    sample_rate : float or None
+        Hz.
+    """
+
+    switches: tuple[tuple[Eye, float, bool], ...]
+    masses: tuple[float, ...]
+    sample_rate: float | None
+
+
+def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
+    """Read an edges file.
+
+    Parameters
+    ----------
+    path : Path
+        JSON file: an object that has for each eye a list of ``[row, level]``, level 1 from that
+        row on if the eye is blocked; the first entry is the state at the begin and no edge.
+        Optional: ``sample_rate_hz``, and ``mass_g``, a number for all items or a list.
+    keys : dict of Eye to str
+        Where the list of each eye is.
+    rows : int
+        Number of rows of the log.
+
+    Raises
+    ------
+    CsvError
+        If the file cannot be read or does not hold that.
+    """
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
+        raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
+    except json.JSONDecodeError as error:
+        raise CsvError(f'{path}:{error.lineno}: not JSON: {error.msg}') from None
+    except RecursionError:
+        raise CsvError(f'{path}: not an edges file: nested too deeply') from None
+    if not isinstance(content, dict):
+        raise CsvError(f'{path}: not an edges file: no object with a list for each eye')
+    switches = tuple(
+        (eye, row, blocked)
+        for eye, key in keys.items()
+        for row, blocked in _switches(f'{path}: {key}', content.get(key), rows)
+    )
+    items = sum(eye is Eye.INFEED and blocked for eye, _, blocked in switches)
+    return EdgesFile(switches, _masses(path, content, items), _sample_rate(path, content))
+
+
+def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
+    """Return row and state of each edge of one eye."""
+    if not isinstance(entries, list) or not entries:
+        raise CsvError(f'{where}: must be a list of [row, level]')
+    states: list[tuple[float, bool]] = []
+    for entry in entries:
+        if not (isinstance(entry, list) and len(entry) == 2 and entry[1] in (0, 1)):
+            raise CsvError(f'{where}: {entry!r} is not [row, level] with level 0 or 1')
+        row, blocked = entry[0], bool(entry[1])
+        if not _is_number(row) or not 0 <= row < rows:
+            raise CsvError(f'{where}: row {row!r} is not in 0..{rows - 1}')
+        if states and (row <= states[-1][0] or blocked == states[-1][1]):
+            raise CsvError(f'{where}: {entry!r} does not follow {list(entries[len(states) - 1])!r}')
+        states.append((row, blocked))
+    return states[1:]
+
+
+def _masses(path: Path, content: dict[str, Any], items: int) -> tuple[float, ...]:
+    given = content.get('mass_g')
+    if given is None:
+        return ()
+    masses: Sequence[Any] = given if isinstance(given, list) else [given] * items
+    if len(masses) != items:
+        raise CsvError(f'{path}: mass_g: {len(masses)} masses for {items} items')
+    for mass in masses:
+        if not _is_number(mass) or mass < 0:
+            raise CsvError(f'{path}: mass_g: {mass!r} is not a mass in g')
+    return tuple(mass / GRAMS for mass in masses)
+
+
+def _sample_rate(path: Path, content: dict[str, Any]) -> float | None:
+    rate = content.get('sample_rate_hz')
+    if rate is None:
+        return None
+    if not _is_number(rate) or rate <= 0:
+        raise CsvError(f'{path}: sample_rate_hz: {rate!r} is not a rate in Hz')
+    return float(rate)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,259 @@
+"""Importing a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Eye,
+    EyeEdge,
+    LoadCell,
+    Reference,
+    SampleBlock,
+)
+from checkweigher_recording.csv.edges_file import EdgesFile, read_edges_file
+from checkweigher_recording.csv.table import CsvError, Table, read_table
+from checkweigher_recording.recording import Event, Recording
+
+GRAMS = 1000.0  # in a kilogram
+_INT32 = np.iinfo(np.int32)
+
+
+@dataclass(frozen=True)
+class ImportParameters(Parameters):
+    """What the columns of a log mean and how its signal becomes a mass.
+
+    A column is named as in the header row, or by its number from 0. The calibration is given
+    either in counts or, as laboratories have it, as mass = slope * signal + offset in g.
+
+    Raises
+    ------
+    ParameterError
+        If a value is out of range, or the calibration is missing or given twice.
+    """
+
+    node: ClassVar[str] = 'import'
+
+    signal: str = parameter('', 'column of the signal; empty takes the only column')
+    time: str = parameter('', 'column of the time in s; empty counts by sample_rate')
+    sample_rate: float = parameter(
+        0.0, 'samples a second; 0 takes it from the time column or the edges file',
+        unit='Hz', minimum=0.0, maximum=1e6,
+    )  # fmt: skip
+    delimiter: str = parameter(',', 'between columns', choices=(',', ';', 'tab', 'space'))
+    decimal: str = parameter('.', 'decimal mark', choices=('.', ','))
+    infeed: str = parameter('', 'column of the infeed eye; empty if there is an edges file')
+    outfeed: str = parameter('', 'column of the outfeed eye; empty if there is an edges file')
+    threshold: float = parameter(0.5, 'an eye is blocked above this value of its column')
+    blocked_below: bool = parameter(False, 'an eye is blocked below the threshold instead')
+    infeed_key: str = parameter('ftc1', 'key of the infeed eye in the edges file')
+    outfeed_key: str = parameter('ftc2', 'key of the outfeed eye in the edges file')
+    scale: float = parameter(
+        1.0, 'counts per unit of the signal, large enough to lose nothing by whole counts'
+    )
+    slope: float = parameter(0.0, 'of the calibration, g per unit of the signal', unit='g')
+    offset: float = parameter(0.0, 'of the calibration: mass at signal 0', unit='g')
+    counts_per_kg: float = parameter(0.0, 'static sensitivity, instead of slope', unit='1/kg')
+    zero_counts: float = parameter(0.0, 'reading of the empty belt, instead of offset')
+    min_counts: int = parameter(
+        int(_INT32.min), 'lower limit of the converter', minimum=_INT32.min, maximum=_INT32.max
+    )
+    max_counts: int = parameter(
+        int(_INT32.max), 'upper limit of the converter', minimum=_INT32.min, maximum=_INT32.max
+    )
+    capacity: float = parameter(10.0, 'of the load cell', unit='kg', minimum=1e-6)
+    weigh_length: float = parameter(
+        0.2, 'from the infeed eye to the outfeed eye', unit='m', minimum=0.001, maximum=100.0
+    )
+    model: str = parameter('', 'of the load cell')
+    serial_number: str = parameter('', 'of the load cell')
+    samples_per_block: int = parameter(10, 'samples in one block', minimum=1, maximum=10_000)
+    start_time: int = parameter(
+        1_700_000_000, 'stamp of the first sample, since 1970', unit='s', minimum=0,
+        maximum=2_000_000_000,
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.slope == 0) == (self.counts_per_kg == 0):
+            raise ParameterError('import.slope: give either slope or counts_per_kg, not 0')
+        if self.scale == 0:
+            raise ParameterError('import.scale: 0, the signal would be lost')
+        if bool(self.infeed) != bool(self.outfeed):
+            raise ParameterError('import.infeed: give a column of each of the two eyes, or of none')
+        if self.decimal == self.delimiter:
+            raise ParameterError('import.decimal: the same as delimiter')
+
+    def load_cell(self, sample_rate: float) -> LoadCell:
+        """Return the load cell that these parameters and a sample rate in Hz describe."""
+        counts_per_kg, zero_counts = self.counts_per_kg, self.zero_counts
+        if self.slope:
+            counts_per_kg = self.scale * GRAMS / self.slope
+            zero_counts = -self.scale * self.offset / self.slope
+        try:
+            return LoadCell(
+                sample_rate=sample_rate,
+                counts_per_kg=counts_per_kg,
+                zero_counts=zero_counts,
+                min_counts=self.min_counts,
+                max_counts=self.max_counts,
+                capacity=self.capacity,
+                weigh_length=self.weigh_length,
+                model=self.model,
+                serial_number=self.serial_number,
+            )
+        except ValueError as error:
+            raise ParameterError(f'import: {error}') from None
+
+
+def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = None) -> Recording:
+    """Read a log.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file, with or without a header row.
+    parameters : ImportParameters
+        Columns, calibration, load cell.
+    edges : Path or None
+        File with the switching of the photo-eyes, see `edges_file.read_edges_file`.
+
+    Returns
+    -------
+    Recording
+        With a jump of ``first_index`` where the time column jumps.
+
+    Raises
+    ------
+    CsvError
+        If a file cannot be read or does not hold what the parameters say.
+    ParameterError
+        If parameters and files do not fit each other.
+    """
+    if (edges is None) == (not parameters.infeed):
+        raise ParameterError('import.infeed: give either columns of the eyes or an edges file')
+    columns = {'signal': parameters.signal, 'time': parameters.time}
+    if edges is None:
+        columns |= {'infeed': parameters.infeed, 'outfeed': parameters.outfeed}
+    separator = {'tab': '\t', 'space': None}.get(parameters.delimiter, parameters.delimiter)
+    wanted = {use: name for use, name in columns.items() if name or use == 'signal'}
+    table = read_table(path, wanted, separator, parameters.decimal)
+    rows = len(table.columns['signal'])
+    keys = {Eye.INFEED: parameters.infeed_key, Eye.OUTFEED: parameters.outfeed_key}
+    content = None if edges is None else read_edges_file(edges, keys, rows)
+    clock = _clock(table, parameters, content)
+    events: list[Event] = list(_blocks(table, clock, parameters))
+    if content is None:
+        for eye in Eye:
+            events += _edges_of_column(table, clock, eye, parameters)
+    else:
+        events += _events_of_file(content, clock)
+    return Recording.from_events(parameters.load_cell(clock.sample_rate), events)
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    """When the rows of a log were sampled.
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    index : ndarray, (n,) int64
+        Of each row, in samples since the first one.
+    begin : int
+        ns, stamp of the first row.
+    """
+
+    sample_rate: float
+    index: NDArray[np.int64]
+    begin: int
+
+    def stamp(self, row: float) -> int:
+        """Return the stamp of a row, also between two rows."""
+        below = min(int(row), len(self.index) - 1)
+        above = min(below + 1, len(self.index) - 1)
+        begin, end = int(self.index[below]), int(self.index[above])
+        return self.begin + round(
+            (begin + (end - begin) * (row - below)) / self.sample_rate * NANOSECONDS
+        )
+
+
+def _clock(table: Table, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
+    """Place the rows on an even grid; a hole in the time column leaves a hole in the grid."""
+    rates = [parameters.sample_rate] if parameters.sample_rate else []
+    if content is not None and content.sample_rate is not None:
+        rates.append(content.sample_rate)
+    if len(rates) == 2 and not math.isclose(*rates, rel_tol=1e-6):
+        raise ParameterError(
+            f'import.sample_rate: {rates[0]:g} Hz, but the edges file says {rates[1]:g} Hz'
+        )
+    begin = parameters.start_time * NANOSECONDS
+    rows = len(table.columns['signal'])
+    time = table.columns.get('time')
+    if time is None:
+        if not rates:
+            raise ParameterError('import.sample_rate: not known; give it, or a time column')
+        return _Clock(rates[0], np.arange(rows), begin)
+    if rows < 2:
+        raise CsvError(f'{table.path}: a single row, no signal')
+    step = np.diff(time)
+    backward = np.flatnonzero(step <= 0)
+    if len(backward):
+        raise CsvError(f'{table.place(int(backward[0]) + 1)}: the time does not increase')
+    # From step to step, so that neither a rounded time column nor a rate that is a little wrong
+    # adds up to a hole.
+    samples = np.rint(step * rates[0] if rates else step / np.median(step)).astype(np.int64)
+    double = np.flatnonzero(samples == 0)
+    if len(double):
+        raise CsvError(
+            f'{table.place(int(double[0]) + 1)}: only {step[double[0]]:g} s after the row before, '
+            'not evenly sampled'
+        )
+    index = np.concatenate(([0], np.cumsum(samples)))
+    return _Clock(rates[0] if rates else float(index[-1] / (time[-1] - time[0])), index, begin)
+
+
+def _blocks(table: Table, clock: _Clock, parameters: ImportParameters) -> Iterator[SampleBlock]:
+    counts = np.rint(table.columns['signal'] * parameters.scale)
+    beyond = np.flatnonzero((counts < _INT32.min) | (counts > _INT32.max))
+    if len(beyond):
+        raise CsvError(
+            f'{table.place(int(beyond[0]))}: {counts[beyond[0]]:g} counts do not fit into 32 bits; '
+            'choose a smaller scale'
+        )
+    holes = np.flatnonzero(np.diff(clock.index) > 1) + 1
+    for begin, end in pairwise((0, *holes.tolist(), len(counts))):
+        for first in range(begin, end, parameters.samples_per_block):
+            last = min(first + parameters.samples_per_block, end)
+            yield SampleBlock(
+                clock.stamp(first), int(clock.index[first]), counts[first:last].astype(np.int32)
+            )
+
+
+def _edges_of_column(
+    table: Table, clock: _Clock, eye: Eye, parameters: ImportParameters
+) -> Iterator[EyeEdge]:
+    level = table.columns[eye.name.lower()]
+    blocked = (level < parameters.threshold) if parameters.blocked_below else (
+        level > parameters.threshold
+    )  # fmt: skip
+    for row in np.flatnonzero(np.diff(blocked)) + 1:
+        yield EyeEdge(clock.stamp(int(row)), eye, bool(blocked[row]))
+
+
+def _events_of_file(content: EdgesFile, clock: _Clock) -> Iterator[Event]:
+    masses = iter(content.masses)
+    for eye, row, blocked in content.switches:
+        stamp = clock.stamp(row)
+        yield EyeEdge(stamp, eye, blocked)
+        if content.masses and eye is Eye.INFEED and blocked:
+            yield Reference(stamp, next(masses))

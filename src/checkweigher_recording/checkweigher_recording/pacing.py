@@ -1,0 +1,140 @@
+"""When the next event of a recording or a simulation is due."""
+
+from collections import deque
+import threading
+
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
+from checkweigher_recording.recording import Event
+
+
+class Pacer:
+    """Translate stamps into due times on another clock, at a chosen rate.
+
+    Parameters
+    ----------
+    rate : float
+        Seconds of signal in a second; 0 for no pace at all.
+    sample_rate : float
+        Hz; a block is due when its last sample has been taken.
+    start : float
+        s, when the first event is due.
+    """
+
+    def __init__(self, rate: float, sample_rate: float, start: float) -> None:
+        self._rate = rate
+        self._sample_rate = sample_rate
+        self._start = start
+        self._first_stamp: int | None = None
+
+    def due(self, event: Event) -> float:
+        """Return when an event is due, s."""
+        if self._first_stamp is None:
+            self._first_stamp = event.stamp
+        if self._rate == 0:
+            return self._start
+        signal = (event.stamp - self._first_stamp) / NANOSECONDS
+        if isinstance(event, SampleBlock):
+            signal += len(event.counts) / self._sample_rate
+        return self._start + signal / self._rate
+
+
+class FlowControl:
+    """How far the line may lag behind the driver before the driver waits.
+
+    Counted in what the subscribers have said they have taken, so that it holds however deep or
+    shallow the queues in between are. Samples and edges are counted apart: they are topics of their
+    own, and one may be held up while the other is not. For any thread.
+
+    Parameters
+    ----------
+    max_duration : float
+        s of signal; below the lateness of edges that the segmenter allows for.
+    max_blocks, max_edges : int
+        Below the depth of the queues.
+    max_items : int
+        Items between segmenter and verdict.
+
+    Attributes
+    ----------
+    samples_sent : int
+    items_judged : int
+    """
+
+    def __init__(
+        self,
+        max_duration: float = 1.0,
+        max_blocks: int = 500,
+        max_edges: int = 500,
+        max_items: int = 100,
+    ) -> None:
+        self._max_duration = max_duration
+        self._max_blocks = max_blocks
+        self._max_edges = max_edges
+        self._max_items = max_items
+        self._lock = threading.RLock()
+        self.samples_sent = 0
+        self.items_judged = 0
+        self._edges: deque[int] = deque()  # stamps of those on their way
+        self._samples_taken = self._edges_taken = self._items_cut = 0
+        self._samples_missed = 0  # sent before there was this segmenter, which never saw them
+
+    def sent(self, event: Event) -> None:
+        """Note what is about to be sent."""
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                self.samples_sent += len(event.counts)
+            elif isinstance(event, EyeEdge):
+                self._edges.append(event.stamp)
+
+    def taken(self, samples: int, edges: int, items: int) -> None:
+        """Note what the segmenter says it has taken and cut in all."""
+        with self._lock:
+            if samples < self._samples_taken or edges < self._edges_taken:
+                # A new segmenter has taken the place of one that was ended: it never saw the rest.
+                self._samples_missed = self.samples_sent - samples
+                self.items_judged = items
+                self._edges.clear()
+            for _ in range(min(edges - self._edges_taken, len(self._edges))):
+                self._edges.popleft()
+            self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
+
+    def judged(self, item: int) -> None:
+        """Note that an item has its verdict."""
+        with self._lock:
+            self.items_judged = max(self.items_judged, item)
+
+    def may_send(self, event: Event, sample_rate: float) -> bool:
+        """Tell whether an event may follow now."""
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                limit = min(self._max_duration * sample_rate, self._max_blocks * len(event.counts))
+                if self._samples_on_their_way > limit:
+                    return False
+                if self._items_cut - self.items_judged > self._max_items:
+                    return False
+            return not self.awaits_edges(event, sample_rate)
+
+    def awaits_edges(self, event: Event, sample_rate: float) -> bool:
+        """Tell whether an event must wait for edges that were sent before it.
+
+        With a block the segmenter would have samples so much later than an edge that it gives the
+        edge up. An edge may find the queue full.
+        """
+        with self._lock:
+            if isinstance(event, SampleBlock):
+                end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
+                return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self._max_duration
+            return isinstance(event, EyeEdge) and len(self._edges) >= self._max_edges
+
+    def give_up_edges(self) -> int:
+        """Wait no longer for edges if they alone are missing; return how many those are."""
+        with self._lock:
+            if self._samples_on_their_way > 0:
+                return 0
+            lost = len(self._edges)
+            self._edges.clear()
+            return lost
+
+    @property
+    def _samples_on_their_way(self) -> int:
+        return self.samples_sent - self._samples_missed - self._samples_taken

@@ -1,0 +1,21 @@
+from setuptools import find_packages, setup
+
+package_name = 'checkweigher_recording'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(include=[package_name, package_name + '.*']),
+    package_data={package_name: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
+        ('share/' + package_name, ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    maintainer='Checkweigher maintainers',
+    maintainer_email='maintainers@checkweigher.example',
+    description='Recordings of a line: bags, CSV logs and simulated lines.',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest']},
+)

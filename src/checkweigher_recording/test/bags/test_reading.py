@@ -1,0 +1,273 @@
+"""Bags of any kind: the same events or one clear line."""
+
+from dataclasses import replace
+import random
+
+from mcap.writer import CompressionType
+import numpy as np
+import pytest
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from checkweigher_dsp.records import Eye
+from checkweigher_recording.bags.messages import (
+    HEADER,
+    INPUT_TOPICS,
+    SAMPLES,
+    TIME,
+    BagError,
+    typestore,
+)
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import write_bag
+
+
+def _read_or_refused(path):
+    """Return a recording, or None if the bag is refused with one line."""
+    try:
+        return read_bag(path)
+    except BagError as error:
+        text = str(error)
+    assert '\n' not in text
+    return None
+
+
+def _refused(path, *parts, namespace=None):
+    """Check that a bag is refused with one line that names it and says all parts."""
+    with pytest.raises(BagError) as caught:
+        read_bag(path, namespace)
+    text = str(caught.value)
+    assert '\n' not in text
+    assert str(path) in text
+    for part in parts:
+        assert part in text
+
+
+# --- What is read ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('plugin', 'mode'),
+    [
+        (StoragePlugin.MCAP, CompressionMode.NONE),
+        (StoragePlugin.MCAP, CompressionMode.STORAGE),
+        (StoragePlugin.MCAP, CompressionMode.MESSAGE),
+        (StoragePlugin.MCAP, CompressionMode.FILE),
+        (StoragePlugin.SQLITE3, CompressionMode.NONE),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE),
+    ],
+)
+def test_every_kind_of_storage_is_read(messages, recording, write_foreign, same, plugin, mode):
+    assert same(read_bag(write_foreign(messages, plugin=plugin, mode=mode)), recording)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_the_order_of_the_messages_does_not_matter(messages, recording, write_foreign, same, seed):
+    random.Random(seed).shuffle(messages)
+
+    assert same(read_bag(write_foreign(messages)), recording)
+
+
+def test_log_times_do_not_matter(messages, recording, tmp_path, write_mcap, same):
+    # As a recorder writes them that was late, by another amount for each message.
+    path = tmp_path / 'late.mcap'
+    delays = random.Random(4)
+    write_mcap(path, [(message, message.stamp + delays.randrange(10**9)) for message in messages])
+
+    assert same(read_bag(path), recording)
+
+
+def test_other_topics_are_left_alone(messages, recording, write_foreign, same):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for topic in INPUT_TOPICS:
+        store.fielddefs[topic.message_type] = typestore().fielddefs[topic.message_type]
+        store.types[topic.message_type] = typestore().types[topic.message_type]
+    note = replace(messages[0], topic='/note', message_type='std_msgs/msg/String')
+    note.content = {'data': 'shift 2'}
+
+    assert same(read_bag(write_foreign([*messages, note], store=store)), recording)
+
+
+def test_a_lane_is_found_by_its_namespace(messages, recording, write_foreign, same):
+    for message in messages:
+        message.topic = f'/plant/lane1{message.topic}'
+    path = write_foreign(messages)
+
+    for namespace in (None, '/plant/lane1', 'plant/lane1/'):
+        assert same(read_bag(path, namespace), recording)
+    _refused(path, 'has no lane /lane2', '/plant/lane1', namespace='lane2')
+
+
+def test_of_several_lanes_one_must_be_chosen(messages, recording, write_foreign, same):
+    other = [replace(message, topic=f'/lane2{message.topic}') for message in messages]
+    path = write_foreign([*other, *messages])
+
+    _refused(path, 'several lanes: /, /lane2')
+    assert same(read_bag(path, '/'), recording)
+    assert same(read_bag(path, 'lane2'), recording)
+
+
+def test_a_latched_message_may_come_twice(messages, recording, write_foreign, same):
+    again = replace(messages[0], stamp=messages[0].stamp + 10**9)
+
+    assert same(read_bag(write_foreign([*messages, again])), recording)
+
+
+def test_a_bag_without_definitions_is_matched_by_name(
+    messages, recording, tmp_path, write_mcap, same
+):
+    path = tmp_path / 'bare.mcap'
+    write_mcap(path, [(message, message.stamp) for message in messages], definitions=False)
+
+    assert same(read_bag(path), recording)
+
+
+def test_big_endian_messages_are_read(messages, recording, tmp_path, write_mcap, same):
+    path = tmp_path / 'big.mcap'
+    write_mcap(path, [(message, message.stamp) for message in messages], little_endian=False)
+
+    assert same(read_bag(path), recording)
+    assert read_bag(path).edges[0].eye is Eye.INFEED
+
+
+# --- What is refused ---------------------------------------------------------------------------
+
+
+def test_a_missing_path(tmp_path):
+    _refused(tmp_path / 'none', 'there is no such file')
+
+
+def test_what_is_not_a_bag(tmp_path):
+    (tmp_path / 'folder').mkdir()
+    _refused(tmp_path / 'folder', 'not a bag', 'metadata.yaml')
+    (tmp_path / 'log.csv').write_text('1\n')
+    _refused(tmp_path / 'log.csv', 'not a bag', '.mcap')
+    (tmp_path / 'text.mcap').write_text('no magic bytes in here, but long enough for a footer')
+    _refused(tmp_path / 'text.mcap', 'not an MCAP file')
+    (tmp_path / 'empty.mcap').touch()
+    _refused(tmp_path / 'empty.mcap', 'empty')
+    (tmp_path / 'text.db3').write_text('no')
+    _refused(tmp_path / 'text.db3', 'damaged')
+
+
+def test_a_folder_whose_file_is_gone(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    (tmp_path / 'bag' / 'line_0.mcap').unlink()
+    _refused(tmp_path / 'bag', 'line_0.mcap')
+
+
+def test_a_foreign_bag_is_refused_with_the_list_of_its_topics(messages, write_foreign):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    note = replace(messages[0], topic='/scan', message_type='std_msgs/msg/String')
+    note.content = {'data': ''}
+    _refused(write_foreign([note], store=store), 'not of a checkweigher', '/scan')
+
+
+def test_a_known_topic_with_another_type(messages, write_foreign):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    block = replace(messages[0], topic='/load_cell/samples', message_type='std_msgs/msg/String')
+    block.content = {'data': ''}
+    _refused(
+        write_foreign([block], store=store),
+        '/load_cell/samples holds std_msgs/msg/String, must hold ' + SAMPLES.message_type,
+    )
+
+
+def test_another_definition_of_a_known_type(messages, write_foreign):
+    store = get_typestore(Stores.EMPTY)
+    for message_type in (TIME, HEADER):
+        store.fielddefs[message_type] = typestore().fielddefs[message_type]
+        store.types[message_type] = typestore().types[message_type]
+    text = 'std_msgs/Header header\nuint64 first_index\nfloat64[] counts\n'
+    store.register(get_types_from_msg(text, SAMPLES.message_type))
+    block = next(message for message in messages if message.message_type == SAMPLES.message_type)
+    block.content['counts'] = np.zeros(10)
+    _refused(
+        write_foreign([block], store=store),
+        'another definition of ' + SAMPLES.message_type,
+        store.hash_rihs01(SAMPLES.message_type),
+        typestore().hash_rihs01(SAMPLES.message_type),
+    )
+
+
+def test_no_load_cell(messages, write_foreign):
+    _refused(write_foreign(messages[1:]), 'no load_cell/info')
+
+
+def test_different_load_cells(messages, write_foreign):
+    other = replace(messages[0], content=messages[0].content | {'zero_counts': 1.0})
+    _refused(write_foreign([*messages, other]), 'load_cell/info changes')
+
+
+def test_an_invalid_load_cell(messages, write_foreign):
+    messages[0].content |= {'counts_per_kg': 0.0}
+    _refused(write_foreign(messages), 'counts_per_kg is 0, must not be 0')
+
+
+def test_no_samples(messages, write_foreign):
+    rest = [message for message in messages if message.message_type != SAMPLES.message_type]
+    _refused(write_foreign(rest), 'no samples')
+
+
+@pytest.mark.parametrize(
+    ('topic', 'content'),
+    [('/photo_eyes', {'eye': 2}), ('/reference_mass', {'mass': float('nan')})],
+)
+def test_a_message_that_says_nothing_sensible(messages, write_foreign, topic, content):
+    message = next(message for message in messages if message.topic == topic)
+    message.content |= content
+    _refused(write_foreign(messages), 'damaged')
+
+
+# --- Damage ------------------------------------------------------------------------------------
+
+
+def test_a_cut_file(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    path = tmp_path / 'bag' / 'line_0.mcap'
+    whole = path.read_bytes()
+    for length in (*range(8, len(whole), 997), len(whole) - 1):
+        path.write_bytes(whole[:length])
+        _refused(path, 'cut off')
+        with pytest.raises(BagError, match='cut off'):
+            read_bag(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('name', ['line_0.mcap', 'metadata.yaml'])
+def test_no_damaged_byte_passes_unnoticed(tmp_path, recording, same, name):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    path = tmp_path / 'bag' / name
+    whole = path.read_bytes()
+    for position in range(0, len(whole), max(1, len(whole) // 150)):
+        damaged = bytearray(whole)
+        damaged[position] ^= 1 << position % 8
+        path.write_bytes(damaged)
+        read = _read_or_refused(tmp_path / 'bag')
+        assert read is None or same(read, recording)
+
+
+def test_a_damaged_chunk_of_another_recorder(tmp_path, messages, write_mcap):
+    # With a check sum of the chunk only, as the recorder of ROS 2 writes it.
+    path = tmp_path / 'recorded.mcap'
+    write_mcap(
+        path, [(message, message.stamp) for message in messages], compression=CompressionType.NONE
+    )
+    whole = bytearray(path.read_bytes())
+    position = whole.index(messages[20].content['counts'].tobytes())
+    whole[position] ^= 1
+    path.write_bytes(whole)
+    _refused(path, 'hecksum')
+
+
+@pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+def test_damage_without_check_sums_ends_in_one_line_at_worst(messages, write_foreign, plugin):
+    path = next(write_foreign(messages, plugin=plugin).glob('foreign.*'))
+    whole = path.read_bytes()
+    chance = random.Random(5)
+    for _ in range(150):
+        damaged = bytearray(whole)
+        position = chance.randrange(len(whole))
+        noise = chance.randbytes(chance.randrange(1, 40))
+        damaged[position : position + len(noise)] = noise
+        path.write_bytes(damaged[: len(whole)])
+        _read_or_refused(path.parent)

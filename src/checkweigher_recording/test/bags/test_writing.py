@@ -1,0 +1,204 @@
+"""Bags that the project writes: the same bytes, all or nothing, and what ROS tools expect."""
+
+import errno
+import json
+import os
+from pathlib import Path
+import resource
+import subprocess
+import sys
+
+from ament_index_python.packages import get_package_share_directory
+from mcap.reader import make_reader
+import pytest
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag2 import Reader
+import yaml
+
+from checkweigher_recording.bags.file import check_output
+from checkweigher_recording.bags.messages import INPUT_TOPICS, typestore
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import BagWriter, write_bag
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+from checkweigher_recording.whole_file import OutputError
+
+
+def _files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_what_is_written_is_read(tmp_path, recording, same):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+
+    assert same(read_bag(tmp_path / 'bag'), recording)
+    assert same(read_bag(tmp_path / 'bag' / 'line_0.mcap'), recording)
+
+
+def test_equal_events_give_equal_bytes_whatever_the_name(tmp_path):
+    parameters = SimulationParameters(count=3)
+    for name in ('one', 'another'):
+        simulation = Simulation(parameters)
+        write_bag(tmp_path / name, simulation.load_cell, simulation)
+
+    assert _files(tmp_path / 'one') == _files(tmp_path / 'another')
+
+
+def test_the_version_of_the_library_is_not_in_the_file(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+
+    with (tmp_path / 'bag' / 'line_0.mcap').open('rb') as file:
+        header = make_reader(file).get_header()
+    assert (header.profile, header.library) == ('ros2', 'checkweigher')
+
+
+def test_nothing_else_appears_beside_the_bag(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+    assert sorted(_files(tmp_path / 'bag')) == ['line_0.mcap', 'metadata.yaml']
+    ordinary = tmp_path / 'ordinary'
+    ordinary.mkdir()
+    assert (tmp_path / 'bag').stat().st_mode == ordinary.stat().st_mode
+
+
+def test_a_bag_describes_itself(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording, namespace='lane1')
+
+    with Reader(tmp_path / 'bag') as reader:
+        connections = {connection.topic: connection for connection in reader.connections}
+        assert set(connections) == {f'/lane1/{topic.name}' for topic in INPUT_TOPICS}
+        assert reader.start_time == recording.blocks[0].stamp
+        assert reader.duration == recording.blocks[-1].stamp - recording.blocks[0].stamp + 1
+        for topic in INPUT_TOPICS:
+            connection = connections[f'/lane1/{topic.name}']
+            assert connection.msgtype == topic.message_type
+            assert connection.digest == typestore().hash_rihs01(topic.message_type)
+            (qos,) = connection.ext.offered_qos_profiles
+            assert qos.reliability is QosReliability.RELIABLE
+            assert (qos.durability is QosDurability.TRANSIENT_LOCAL) == topic.latched
+            assert (qos.depth == 1) == topic.latched
+        assert connections['/lane1/load_cell/info'].msgcount == 1
+
+
+def test_log_times_are_the_stamps(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+
+    with (tmp_path / 'bag' / 'line_0.mcap').open('rb') as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    stamps = sorted(event.stamp for event in recording)
+    assert times == [stamps[0], *stamps]
+
+
+def test_metadata_agrees_with_the_file(tmp_path, recording):
+    write_bag(tmp_path / 'bag', recording.load_cell, recording)
+    stated = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
+    with (tmp_path / 'bag' / 'line_0.mcap').open('rb') as file:
+        (record,) = make_reader(file).iter_metadata()
+
+    information = stated['rosbag2_bagfile_information']
+    assert yaml.safe_load(record.metadata['serialized_metadata']) == information
+    assert information['message_count'] == 1 + sum(1 for _ in recording)
+
+
+@pytest.mark.parametrize('topic', INPUT_TOPICS, ids=lambda topic: topic.name)
+def test_type_hashes_are_those_of_the_installed_messages(topic):
+    package, folder, name = topic.message_type.split('/')
+    path = Path(get_package_share_directory(package), folder, f'{name}.json')
+    hashes = {
+        entry['type_name']: entry['hash_string']
+        for entry in json.loads(path.read_text())['type_hashes']
+    }
+
+    assert typestore().hash_rihs01(topic.message_type) == hashes[topic.message_type]
+
+
+def test_25_products_take_little_room(tmp_path):
+    simulation = Simulation(SimulationParameters(speed=0.5, count=25))
+    write_bag(tmp_path / 'bag', simulation.load_cell, simulation)
+
+    assert sum(map(len, _files(tmp_path / 'bag').values())) < 400_000
+
+
+def test_after_an_error_nothing_stays_behind(tmp_path, recording):
+    def broken():
+        yield from list(recording)[:50]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_bag(tmp_path / 'bag', recording.load_cell, broken())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bag_without_events_is_not_written(tmp_path, recording):
+    with pytest.raises(OutputError, match='there is nothing to write'):
+        write_bag(tmp_path / 'bag', recording.load_cell, [])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('make', ['folder', 'file', 'link'])
+def test_what_exists_is_not_overwritten(tmp_path, recording, make):
+    path = tmp_path / 'bag'
+    if make == 'folder':
+        path.mkdir()
+    elif make == 'file':
+        path.write_text('kept')
+    else:
+        path.symlink_to(tmp_path / 'nowhere')
+
+    with pytest.raises(OutputError, match='exists already') as caught:
+        write_bag(path, recording.load_cell, recording)
+    assert '\n' not in str(caught.value)
+    assert os.listdir(tmp_path) == ['bag']
+
+
+def test_a_missing_parent_is_refused(tmp_path, recording):
+    with pytest.raises(OutputError, match='there is no folder'):
+        BagWriter(tmp_path / 'none' / 'bag', recording.load_cell)
+
+
+def test_a_parent_that_cannot_be_written_to_is_refused(tmp_path):
+    parent = tmp_path / 'parent'
+    parent.mkdir(mode=0o555)
+    if os.access(parent, os.W_OK):
+        # For root every folder is writable, but not that of the kernel.
+        parent = Path('/proc/self')
+    with pytest.raises(OutputError):
+        write_bag(parent / 'bag', *_little())
+
+
+def test_a_file_as_parent_is_refused(tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(OutputError, match='there is no folder'):
+        check_output(tmp_path / 'file' / 'bag')
+
+
+def _no_file_beyond_4_kb():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+def test_a_full_disk_is_one_line(tmp_path):
+    # In a process of its own: the limit would hold for the report of the tests, too.
+    script = (
+        'import sys; from pathlib import Path; '
+        'from checkweigher_recording.bags.writing import write_bag; '
+        'from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters; '
+        'line = Simulation(SimulationParameters(count=2)); '
+        'write_bag(Path(sys.argv[1]), line.load_cell, line)'
+    )
+    done = subprocess.run(
+        [sys.executable, '-B', '-c', script, tmp_path / 'bag'],
+        preexec_fn=_no_file_beyond_4_kb,
+        capture_output=True,
+        text=True,
+    )
+    last_line = done.stderr.strip().splitlines()[-1]
+    assert last_line.startswith(
+        f'checkweigher_recording.whole_file.OutputError: {tmp_path / "bag"}: '
+    )
+    assert os.strerror(errno.EFBIG) in last_line
+    assert not list(tmp_path.iterdir())
+
+
+def _little():
+    simulation = Simulation(SimulationParameters(count=1, lead_in=0.1, run_out=0.0))
+    return simulation.load_cell, simulation

@@ -1,0 +1,256 @@
+"""The simulated line against its physics and geometry."""
+
+import gc
+from itertools import islice
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.records import Eye, EyeEdge, Reference
+from checkweigher_recording.recording import canonical_order
+from checkweigher_recording.simulation.simulator import (
+    MAX_COUNTS,
+    PROFILES,
+    Simulation,
+    SimulationParameters,
+    simulate,
+)
+
+START = 1_700_000_000_000_000_000
+RATE = 960.0
+
+
+def _counts(recording):
+    return np.concatenate([block.counts for block in recording.blocks])
+
+
+def _grams(recording):
+    cell = recording.load_cell
+    return (_counts(recording) - cell.zero_counts) / cell.counts_per_kg * 1000
+
+
+def _seconds(recording):
+    return np.array([edge.stamp - START for edge in recording.edges]) / 1e9
+
+
+@pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
+def test_a_product_at_rest_reads_its_mass(mass):
+    # A belt of 10 m at 1 m/s: the product is fully on for 9.9 s.
+    recording = simulate(
+        SimulationParameters(
+            profile='quiet', masses=(mass,), count=1, weigh_length=10.0, spacing=20.0
+        )
+    )
+    _, t2, t3, _ = _seconds(recording) * RATE
+    # After 5 s of ring-down, e^(-xi w t) < 1e-8 even under 7 kg.
+    plateau = _grams(recording)[math.ceil(t2) + 4800 : math.ceil(t3)]
+
+    # Electronic noise of 0.05 g and steps of 0.002 g remain.
+    assert plateau.mean() == pytest.approx(
+        1000 * mass, abs=5 * 0.05 / math.sqrt(len(plateau)) + 0.001
+    )
+    assert plateau.std() == pytest.approx(0.05, rel=0.05)
+
+
+def test_edges_and_references_follow_from_the_geometry():
+    # The quiet belt has no jitter.
+    recording = simulate(SimulationParameters(profile='quiet', speed=1.5, count=3, lead_in=1.25))
+    times = [1.25 + 0.66 / 1.5 * item for item in range(3)]
+
+    assert [(edge.eye, edge.blocked) for edge in recording.edges] == 3 * [
+        (Eye.INFEED, True), (Eye.INFEED, False), (Eye.OUTFEED, True), (Eye.OUTFEED, False)
+    ]  # fmt: skip
+    expected = [t1 + way / 1.5 for t1 in times for way in (0.0, 0.1, 0.2, 0.3)]
+    np.testing.assert_allclose(_seconds(recording), expected, rtol=0, atol=2e-9)
+    assert [entry.mass for entry in recording.references] == [0.0745, 0.1345, 0.1645]
+    assert [entry.stamp for entry in recording.references] == [
+        edge.stamp for edge in recording.edges if edge.eye is Eye.INFEED and edge.blocked
+    ]
+
+
+def test_samples_and_edges_have_the_same_clock():
+    # In the mean over a pass a linear platform neither changes the area under the load, mass L / v,
+    # nor its centre, except for the delay of its step response, 2 xi / w = 0.5 ms.
+    recording = simulate(SimulationParameters(profile='quiet', speed=0.5, masses=(0.2,), count=1))
+    t1, _, _, t4 = _seconds(recording) * RATE
+    begin, end = math.floor(t1) - 100, math.ceil(t4) + 400
+    grams = _grams(recording)[begin:end]
+    index = np.arange(begin, end)
+
+    noise = 5 * 0.05 * math.sqrt(len(grams)) / RATE
+    assert grams.sum() / RATE == pytest.approx(200.0 * 0.2 / 0.5, abs=noise + 0.01)
+    centre = (grams * index).sum() / grams.sum()
+    delay = (centre - (t1 + t4) / 2) / RATE
+    # Half a sample is 0.5 ms, half an integration step 0.07 ms.
+    assert delay == pytest.approx(2 * 0.06 / (2 * math.pi * 38), abs=0.1e-3)
+
+
+def test_samples_are_evenly_stamped_and_numbered():
+    recording = simulate(SimulationParameters(count=2, samples_per_block=7))
+
+    assert all(len(block.counts) == 7 for block in recording.blocks[:-1])
+    assert _counts(recording).dtype == np.int32
+    for number, block in enumerate(recording.blocks):
+        assert block.first_index == 7 * number
+        assert block.stamp == START + round(block.first_index * 1e9 / RATE)
+
+
+def test_samples_reach_from_lead_in_to_run_out():
+    recording = simulate(SimulationParameters(profile='quiet', count=1, lead_in=0.5, run_out=0.25))
+    # t4 = 0.5 s + 0.3 m / 1 m/s
+    assert len(_counts(recording)) == math.ceil((0.5 + 0.3 + 0.25) * RATE) + 1
+
+
+def test_equal_parameters_give_equal_counts_and_other_seeds_others():
+    first, again, other = (simulate(SimulationParameters(count=3, seed=seed)) for seed in (5, 5, 6))
+
+    np.testing.assert_array_equal(_counts(first), _counts(again))
+    assert first.edges == again.edges
+    assert not np.array_equal(_counts(first)[:900], _counts(other)[:900])
+    assert first.edges != other.edges
+
+
+def test_first_products_do_not_depend_on_how_many_follow():
+    short = simulate(SimulationParameters(count=2))
+    long = simulate(SimulationParameters(count=9))
+    # The long line's third product enters 0.66 m after the second.
+    common = math.floor((long.edges[8].stamp - START) / 1e9 * RATE) - 1
+
+    assert short.edges == long.edges[:8]
+    np.testing.assert_array_equal(_counts(short)[:common], _counts(long)[:common])
+
+
+def test_an_endless_line_begins_like_a_short_one():
+    short = simulate(SimulationParameters(count=3))
+    endless = list(islice(Simulation(SimulationParameters(count=0)), 250))
+
+    assert [event for event in endless if isinstance(event, EyeEdge)] == [
+        edge for edge in short.edges if edge.stamp <= endless[-1].stamp
+    ]
+
+
+@pytest.mark.parametrize('spacing', [0.11, 0.25, 0.3, 0.66])
+def test_events_come_in_canonical_order(spacing):
+    parameters = SimulationParameters(count=30, spacing=spacing, speed=1.5)
+    events = list(Simulation(parameters))
+
+    assert events == sorted(events, key=canonical_order)
+    assert sum(isinstance(event, EyeEdge) for event in events) == 120
+    assert sum(isinstance(event, Reference) for event in events) == 30
+
+
+def test_two_products_on_the_belt_add_up():
+    # Every 0.2 m a product on a belt of 1.1 m between the eyes: always 5.5 of them, on average
+    # over a spacing.
+    recording = simulate(
+        SimulationParameters(
+            profile='quiet', masses=(0.1,), count=60, spacing=0.2, weigh_length=1.1
+        )
+    )
+    middle = _grams(recording)[round(6 * RATE) : round(10 * RATE)]
+
+    assert middle.mean() == pytest.approx(550.0, abs=0.1)
+
+
+def test_the_zero_drifts_as_told():
+    recording = simulate(
+        SimulationParameters(profile='quiet', masses=(0.0,), count=1, lead_in=9.0, zero_drift=0.001)
+    )
+    grams = _grams(recording)
+    slope, intercept = np.polyfit(np.arange(len(grams)) / RATE, grams, 1)
+
+    assert slope == pytest.approx(1.0, abs=1e-3)
+    assert intercept == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize('speed', [0.5, 1.0])
+def test_roller_lines_are_at_the_rollers_turning_and_its_harmonics(speed):
+    recording = simulate(
+        SimulationParameters(profile='roller', speed=speed, masses=(0.0,), count=1, lead_in=40.0)
+    )
+    grams = _grams(recording)[round(2 * RATE) : round(40 * RATE)]
+    time = np.arange(len(grams)) / RATE
+    turning = speed / (math.pi * 0.032)
+    for order, level in enumerate(PROFILES['roller'].roller, start=1):
+        frequency = order * turning
+        line = 2 * abs(np.mean(grams * np.exp(-2j * math.pi * frequency * time)))
+        beside = 2 * abs(np.mean(grams * np.exp(-2j * math.pi * (frequency + 0.5) * time)))
+        # Amplitude of the force times the platform's gain.
+        ratio = frequency / 38
+        gain = 1 / math.hypot(1 - ratio**2, 2 * 0.06 * ratio)
+        assert line == pytest.approx(level * speed * gain * 1000, rel=0.05)
+        assert beside < 0.1 * line
+
+
+def test_the_floor_shakes_between_4_and_12_hz():
+    recording = simulate(
+        SimulationParameters(profile='floor', speed=0.01, masses=(0.0,), count=1, lead_in=60.0)
+    )
+    grams = _grams(recording)[960 : 60 * 960]
+    power = abs(np.fft.rfft(grams) / len(grams)) ** 2 * 2
+    frequency = np.fft.rfftfreq(len(grams), 1 / RATE)
+    inside = power[(frequency > 3) & (frequency < 14)].sum()
+
+    # The platform's gain in the band is between 1.01 and 1.11.
+    assert math.sqrt(inside) == pytest.approx(PROFILES['floor'].floor * 1000 * 1.05, rel=0.1)
+    assert power[(frequency > 0.2) & (frequency < 2)].sum() < 0.01 * inside
+
+
+def test_readings_stop_at_the_converters_limits():
+    recording = simulate(
+        SimulationParameters(count=1, masses=(3.0,), counts_per_kg=1e6, zero_counts=6e6)
+    )
+    assert _counts(recording).max() == MAX_COUNTS == recording.load_cell.max_counts == 2**23 - 1
+
+
+def test_an_inverted_cell_counts_downwards():
+    recording = simulate(
+        SimulationParameters(profile='quiet', count=1, masses=(0.2,), counts_per_kg=-5e5)
+    )
+    assert _counts(recording).min() < 1_250_000 - 99_000
+    assert _grams(recording).max() == pytest.approx(200, rel=0.2)
+
+
+def test_a_long_line_needs_no_more_memory_than_a_short_one():
+    events = iter(Simulation(SimulationParameters(count=0, speed=1.5)))
+
+    def held(blocks):
+        for _ in range(blocks):
+            next(events)
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        short, long = held(1000), held(12_000)
+    finally:
+        tracemalloc.stop()
+    # A second of the signal is held; the 125 s in between would be 480 kB. Caches of the libraries
+    # may still grow by some tens of kB.
+    assert long < short + 100_000
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'profile': 'worn'}, "simulator.profile: 'worn' is not one of paper, roller"),
+        ({'masses': ()}, 'simulator.masses: empty'),
+        ({'masses': (-1.0,)}, r'simulator.masses: -1.0 is not in 0\.\.7\.2 kg'),
+        ({'spacing': 0.1}, 'simulator.spacing: 0.1 m is not above product_length 0.1 m'),
+        ({'speed': 0.0}, r'simulator.speed: 0.0 is not in 0\.01\.\.5 m/s'),
+        ({'zero_drift': 0.1}, 'simulator.zero_drift'),
+        ({'counts_per_kg': 0.0}, 'simulator.counts_per_kg: 0'),
+        ({'seed': -1}, 'simulator.seed'),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(values, message):
+    with pytest.raises(ParameterError, match=message):
+        SimulationParameters(**values)
+
+
+def test_an_endless_line_has_no_recording():
+    with pytest.raises(ParameterError, match=r'simulator\.count'):
+        simulate(SimulationParameters(count=0))

@@ -1,0 +1,1 @@
+"""Accuracy of estimators: passes of known mass, errors, classes and tables."""

@@ -1,0 +1,227 @@
+"""Accuracy classes of checkweighers: OIML R 51-1:2006, category X, and GB/T 27739-2011.
+
+A class XI, XII, XIII or XIV bounds the mean error in verification scale intervals e, its class
+factor x scales the bound of the standard deviation. The limits of Long et al. (their Table 2) are
+those of XIII(1) with e = 0.1 g at initial verification.
+
+Nothing here is type-approved for legal metrology: a verdict says what a simulation or a test run
+would have met, not that a machine conforms. The rows of the standard deviation above 300 g are
+quoted from memory and not checked against the standard's text.
+"""
+
+from dataclasses import dataclass
+import math
+
+from checkweigher_validation.accuracy.errors import ConditionResult
+
+# A mass that lies on a bound must not exceed it by a rounding error.
+_ON_BOUND = 1 + 1e-9
+
+# Loads in e up to which the mean error may be 0.5 e, 1 e and 1.5 e at initial verification.
+_MEAN_ERROR_STEPS = {
+    'XI': (50_000.0, 200_000.0, math.inf),
+    'XII': (5_000.0, 20_000.0, 100_000.0),
+    'XIII': (500.0, 2_000.0, 10_000.0),
+    'XIV': (50.0, 200.0, 1_000.0),
+}
+CLASSES = tuple(_MEAN_ERROR_STEPS)
+
+# Load in kg up to which a row holds; limit at initial verification and in service, for x = 1:
+# a share of the load, or kg.
+_SHARE, _CONSTANT = True, False
+_STD_DEV_ROWS = (
+    (0.05, _SHARE, 0.48e-2, 0.6e-2),
+    (0.1, _CONSTANT, 0.24e-3, 0.3e-3),
+    (0.2, _SHARE, 0.24e-2, 0.3e-2),
+    (0.3, _CONSTANT, 0.48e-3, 0.6e-3),
+    # From here on quoted from memory, not checked against the standard's text.
+    (0.5, _SHARE, 0.16e-2, 0.2e-2),
+    (1.0, _CONSTANT, 0.8e-3, 1.0e-3),
+    (10.0, _SHARE, 0.08e-2, 0.1e-2),
+    (15.0, _CONSTANT, 8e-3, 10e-3),
+    (math.inf, _SHARE, 0.053e-2, 0.067e-2),
+)
+
+# Load in kg up to which so many weighings are the least.
+_WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
+
+
+@dataclass(frozen=True, slots=True)
+class AccuracyClass:
+    """A class as it stands on a nameplate, and the occasion.
+
+    Attributes
+    ----------
+    name : str
+        XI, XII, XIII or XIV.
+    factor : float
+        Class factor x.
+    interval : float
+        Verification scale interval e, kg.
+    in_service : bool
+        Whether the limits in service hold instead of those at initial verification.
+
+    Raises
+    ------
+    ValueError
+        If there is no such class, or a number is not positive.
+    """
+
+    name: str = 'XIII'
+    factor: float = 1.0
+    interval: float = 0.1e-3
+    in_service: bool = False
+
+    def __post_init__(self) -> None:
+        _check_class(self.name)
+        _check_positive(self.factor, 'class factor x')
+        _check_positive(self.interval, 'verification scale interval e')
+
+    def __str__(self) -> str:
+        occasion = 'in service' if self.in_service else 'initial verification'
+        return f'{self.name}({self.factor:g}), e = {1000 * self.interval:g} g, {occasion}'
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A condition against its limits.
+
+    Attributes
+    ----------
+    max_mean_error, max_std_dev : float
+        kg; the former is NaN if the load is above what the class goes up to.
+    mean_error_passed, std_dev_passed : bool
+        Whether the limit is kept; false if there is no limit or no value.
+    weighings, weighings_required : int
+        Passes that were weighed and how many the rule asks for.
+    """
+
+    max_mean_error: float
+    max_std_dev: float
+    mean_error_passed: bool
+    std_dev_passed: bool
+    weighings: int
+    weighings_required: int
+
+    @property
+    def enough_weighings(self) -> bool:
+        """Whether there are as many weighings as the rule asks for."""
+        return self.weighings >= self.weighings_required
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether both limits are kept, by however many weighings."""
+        return self.mean_error_passed and self.std_dev_passed
+
+    @property
+    def passed(self) -> bool:
+        """Whether both limits are kept by enough weighings."""
+        return self.within_limits and self.enough_weighings
+
+
+def max_mean_error(
+    mass: float, interval: float = 0.1e-3, class_name: str = 'XIII', in_service: bool = False
+) -> float:
+    """Return the largest mean error that a class allows, as a magnitude.
+
+    Parameters
+    ----------
+    mass : float
+        Load, kg, above 0.
+    interval : float
+        Verification scale interval e, kg.
+    class_name : str
+        XI, XII, XIII or XIV.
+    in_service : bool
+        In service it is twice that at initial verification.
+
+    Returns
+    -------
+    float
+        kg; NaN for a load above what the class goes up to.
+
+    Raises
+    ------
+    ValueError
+        If there is no such class, or a number is not positive.
+    """
+    _check_class(class_name)
+    _check_positive(mass, 'mass')
+    _check_positive(interval, 'verification scale interval e')
+    steps = _MEAN_ERROR_STEPS[class_name]
+    for bound, intervals in zip(steps, (0.5, 1.0, 1.5), strict=True):
+        if mass <= bound * interval * _ON_BOUND:
+            return intervals * interval * (2 if in_service else 1)
+    return math.nan
+
+
+def max_std_dev(mass: float, factor: float = 1.0, in_service: bool = False) -> float:
+    """Return the largest standard deviation of the error that a class factor allows.
+
+    Parameters
+    ----------
+    mass : float
+        Load, kg, above 0. What is returned for loads above 0.3 kg is quoted from memory and not
+        checked against the standard's text.
+    factor : float
+        Class factor x.
+    in_service : bool
+        Whether in service or at initial verification.
+
+    Returns
+    -------
+    float
+        kg.
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive.
+    """
+    _check_positive(mass, 'mass')
+    _check_positive(factor, 'class factor x')
+    _, kind, initial, service = next(row for row in _STD_DEV_ROWS if mass <= row[0] * _ON_BOUND)
+    limit = service if in_service else initial
+    return factor * limit * (mass if kind is _SHARE else 1.0)
+
+
+def weighings_required(mass: float) -> int:
+    """Return how many weighings of a load in kg a verification takes at least."""
+    _check_positive(mass, 'mass')
+    return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
+
+
+def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
+    """Hold a condition to the limits of a class.
+
+    Passes that got no mass are no weighings; how many there were says `ConditionResult.faults`.
+
+    Parameters
+    ----------
+    condition : ConditionResult
+        Passes at one mass.
+    accuracy_class : AccuracyClass
+        Class, class factor, e and occasion.
+    """
+    mass, in_service = condition.mass, accuracy_class.in_service
+    mean_limit = max_mean_error(mass, accuracy_class.interval, accuracy_class.name, in_service)
+    std_dev_limit = max_std_dev(mass, accuracy_class.factor, in_service)
+    return Judgement(
+        max_mean_error=mean_limit,
+        max_std_dev=std_dev_limit,
+        # A comparison with NaN is false, as it should be.
+        mean_error_passed=abs(condition.mean_error) <= mean_limit,
+        std_dev_passed=condition.std_dev <= std_dev_limit,
+        weighings=condition.count,
+        weighings_required=weighings_required(mass),
+    )
+
+
+def _check_class(name: str) -> None:
+    if name not in _MEAN_ERROR_STEPS:
+        raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
+
+
+def _check_positive(value: float, name: str) -> None:
+    if not 0 < value < math.inf:
+        raise ValueError(f'{name}: {value:g} is not a positive number')

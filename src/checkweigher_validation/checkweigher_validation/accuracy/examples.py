@@ -1,0 +1,113 @@
+"""Signals for the figures of a report: a pass as it came, as it should be, and denoised."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+import pywt
+
+from checkweigher_dsp.denoising.denoiser import METHODS, DenoiseParameters, Denoiser
+from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS, WAVELET
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import WeighWindow, seconds
+from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
+from checkweigher_recording.simulation.simulator import (
+    DAMPING_RATIO,
+    MOVING_MASS,
+    PROFILES,
+    Simulation,
+    SimulationParameters,
+)
+from checkweigher_validation.accuracy.errors import Example
+from checkweigher_validation.accuracy.passes import KnownPass, known_passes
+
+_PRODUCTS = 3  # of a simulated example; the last one is shown, with the ring-down of another before
+_LEAD = 0.15  # s before t1
+_TRAIL = 1.0  # s after t3, at most: until the item has left
+
+
+def simulated_examples(
+    profile: str, speeds: Sequence[float], mass: float, parameters: LineParameters, seed: int
+) -> tuple[Example, ...]:
+    """Return one pass of a simulated machine at each speed.
+
+    Parameters
+    ----------
+    profile : str
+        Of the machine.
+    speeds : sequence of float
+        m/s.
+    mass : float
+        kg.
+    parameters : LineParameters
+        How it is segmented and denoised.
+    seed : int
+        Of all that is random.
+    """
+    segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
+    built = PROFILES[profile]
+    platform = Platform(built.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+    examples = []
+    for speed in speeds:
+        simulation = Simulation(
+            SimulationParameters(
+                profile=profile, speed=speed, masses=(mass,), count=_PRODUCTS, seed=seed
+            )
+        )
+        shown = known_passes(simulation.load_cell, simulation, segmenter)[-1]
+        examples.append(example_of(shown, speed, parameters.denoise, platform))
+    return tuple(examples)
+
+
+def example_of(
+    shown: KnownPass, speed: float, denoise: DenoiseParameters, platform: Platform | None = None
+) -> Example:
+    """Return a whole pass as an example.
+
+    Parameters
+    ----------
+    shown : KnownPass
+        The pass.
+    speed : float
+        m/s, nominal.
+    denoise : DenoiseParameters
+        How it is denoised.
+    platform : Platform, optional
+        Of the machine, if it is known: then there is an ideal signal.
+    """
+    window = shown.window
+    t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0
+    entry = seconds(t1 - window.stamp) * window.sample_rate
+    first = max(int(entry - _LEAD * window.sample_rate), window.empty_begin, 0)
+    origin = seconds(window.stamp) + first / window.sample_rate
+    on, full, off = (seconds(stamp) - origin for stamp in (t1, t2, t3))
+    signal = window.force[first:]
+    time = np.arange(len(signal)) / window.sample_rate
+    ideal: NDArray[np.float64] = np.zeros(0)
+    if platform is not None:
+        crossing = Crossing(on, full, off, off + full - on)
+        ideal = shown.mass * responses(platform, shown.mass, crossing, time)[0]
+    return Example(
+        speed=speed, mass=shown.mass, sample_rate=window.sample_rate,
+        t1=on, t2=full, t3=off, t4=off + full - on,
+        signal=signal, ideal=ideal,
+        denoised=tuple((method, _denoised(window, denoise, method)) for method in METHODS),
+        bands=_bands(signal),
+    )  # fmt: skip
+
+
+def _denoised(window: WeighWindow, denoise: DenoiseParameters, method: str) -> NDArray[np.float64]:
+    clean = Denoiser(replace(denoise, method=method)).denoise(window).denoised
+    return clean[window.window_begin : window.window_end]
+
+
+def _bands(signal: NDArray[np.float64]) -> tuple[tuple[str, NDArray[np.float64]], ...]:
+    """Return what each band of the transform contributes to a signal: they add up to it."""
+    period = 2**LEVELS
+    room = -len(signal) % period + 4 * period
+    padded = np.pad(signal, (room // 2, room - room // 2), 'symmetric')
+    parts = pywt.mra(padded, WAVELET, level=LEVELS, transform='swt')
+    names = (f'a{LEVELS}', *(f'd{level}' for level in range(LEVELS, 0, -1)))
+    kept = slice(room // 2, room // 2 + len(signal))
+    return tuple((name, part[kept]) for name, part in zip(names, parts, strict=True))

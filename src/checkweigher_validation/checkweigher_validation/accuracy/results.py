@@ -1,0 +1,180 @@
+"""What became of each item, joined with its reference: the table, the CSV and the summary."""
+
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterable, Sequence
+import csv
+from dataclasses import dataclass
+import math
+import statistics
+from typing import TextIO
+
+from checkweigher_dsp.pipeline.line import Weighing
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    MassEstimate,
+    Reference,
+    Verdict,
+)
+from checkweigher_validation.accuracy.references import ReferenceMasses
+
+GRAMS = 1000.0  # in a kilogram
+
+CSV_COLUMNS = (
+    'item_id', 't1', 't2', 't3', 't4', 'belt_speed_m_per_s', 'mass_g', 'std_dev_g', 'decision',
+    'reasons', 'reference_g', 'estimator', 'zero_g', 'product_length_m', 'a1', 'a2', 'b1_g',
+    'natural_frequency_hz', 'damping_ratio', 'lower_limit_g', 'upper_limit_g', 'reject_at',
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class ItemResult:
+    """One item with all that is known of it; ``reference`` in kg, NaN if there is none."""
+
+    estimate: MassEstimate
+    verdict: Verdict
+    t4: int | None = None
+    reference: float = math.nan
+
+    @property
+    def error(self) -> float:
+        """Mass less reference in kg, NaN if either is not known."""
+        return self.estimate.mass - self.reference
+
+
+class ResultJoiner:
+    """Join weighings with what a bag tells beside them.
+
+    Parameters
+    ----------
+    edges : iterable of EyeEdge
+        All photo-eye edges, for t4: the verdict is due before it.
+    references : iterable of Reference
+        Known masses.
+    """
+
+    def __init__(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
+        outfeed = sorted((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
+        self._outfeed_stamps = [stamp for stamp, _ in outfeed]
+        self._outfeed_blocked = [blocked for _, blocked in outfeed]
+        self._references = ReferenceMasses(references)
+
+    def join(self, estimate: MassEstimate, verdict: Verdict) -> ItemResult:
+        """Return the result of one item."""
+        reference = self._references.at(estimate.t1)
+        return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
+
+    def _t4(self, t3: int | None) -> int | None:
+        """Return the edge after t3, if the outfeed eye clears with it."""
+        if t3 is None:
+            return None
+        position = bisect_right(self._outfeed_stamps, t3)
+        if position == len(self._outfeed_stamps) or self._outfeed_blocked[position]:
+            return None
+        return self._outfeed_stamps[position]
+
+
+def join_all(
+    weighings: Iterable[Weighing], edges: Iterable[EyeEdge], references: Iterable[Reference]
+) -> list[ItemResult]:
+    """Return the results of all items in order of entry."""
+    joiner = ResultJoiner(edges, references)
+    results = [joiner.join(weighing.estimate, weighing.verdict) for weighing in weighings]
+    return sorted(results, key=lambda result: result.estimate.item_id)
+
+
+def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
+    """Write results as CSV: one row an item, empty where a value is not known."""
+    writer = csv.writer(file, lineterminator='\n')
+    writer.writerow(CSV_COLUMNS)
+    for result in results:
+        writer.writerow(_csv_row(result))
+
+
+def _csv_row(result: ItemResult) -> list[str]:
+    estimate, verdict = result.estimate, result.verdict
+    return [
+        str(estimate.item_id),
+        *(_time(stamp) for stamp in (estimate.t1, estimate.t2, estimate.t3, result.t4)),
+        _number(estimate.belt_speed),
+        _number(GRAMS * estimate.mass, 9),
+        _number(GRAMS * estimate.std_dev, 9),
+        verdict.decision.name,
+        ';'.join(verdict.reasons),
+        _number(GRAMS * result.reference),
+        estimate.estimator,
+        _number(GRAMS * estimate.zero),
+        _number(estimate.product_length),
+        _number(estimate.a1, 9),
+        _number(estimate.a2, 9),
+        _number(GRAMS * estimate.b1, 9),
+        _number(estimate.natural_frequency),
+        _number(estimate.damping_ratio),
+        _limit(verdict.lower_limit),
+        _limit(verdict.upper_limit),
+        _time(verdict.reject_at),
+    ]
+
+
+def _time(stamp: int | None) -> str:
+    """Format ns as seconds without rounding, which a float of today's date would."""
+    if stamp is None:
+        return ''
+    whole, part = divmod(stamp, NANOSECONDS)
+    return f'{whole}.{part:09d}'
+
+
+def _number(value: float, digits: int = 6) -> str:
+    return '' if math.isnan(value) else f'{value:.{digits}f}'
+
+
+def _limit(value: float) -> str:
+    return '' if math.isinf(value) else _number(GRAMS * value)
+
+
+TABLE_HEADER = (
+    f'{"item":>6} {"t1 s":>9} {"m/min":>6} {"mass g":>10} {"+- g":>7} {"reference":>10} '
+    f'{"error g":>8}  verdict'
+)
+
+
+def table_row(result: ItemResult, origin: int) -> str:
+    """Return one line for a screen.
+
+    Parameters
+    ----------
+    result : ItemResult
+        The item.
+    origin : int
+        ns, what the column t1 counts from.
+    """
+    estimate, verdict = result.estimate, result.verdict
+    t1 = '' if estimate.t1 is None else f'{(estimate.t1 - origin) / NANOSECONDS:.3f}'
+
+    def cell(value: float, width: int, digits: int, sign: str = '') -> str:
+        return f'{"-":>{width}}' if math.isnan(value) else f'{value:{sign}{width}.{digits}f}'
+
+    return (
+        f'{estimate.item_id:>6} {t1:>9} {cell(60 * estimate.belt_speed, 6, 1)} '
+        f'{cell(GRAMS * estimate.mass, 10, 3)} {cell(GRAMS * estimate.std_dev, 7, 3)} '
+        f'{cell(GRAMS * result.reference, 10, 3)} {cell(GRAMS * result.error, 8, 3, "+")}  '
+        + ' '.join((verdict.decision.name, *verdict.reasons))
+    )
+
+
+def summary(results: Sequence[ItemResult]) -> str:
+    """Return one line on all items: counts, and the errors of those with a reference."""
+    counts = Counter(result.verdict.decision for result in results)
+    parts = [f'{len(results)} item{"" if len(results) == 1 else "s"}']
+    parts += [f'{counts[decision]} {decision.name}' for decision in Decision if counts[decision]]
+    errors = [GRAMS * result.error for result in results if not math.isnan(result.error)]
+    if errors:
+        parts.append(f'mean error {statistics.fmean(errors):+.3f} g')
+    if len(errors) > 1:
+        parts.append(f'standard deviation {statistics.stdev(errors):.3f} g')
+    if errors:
+        parts.append(f'largest error {max(errors, key=abs):+.3f} g')
+    return ', '.join(parts)

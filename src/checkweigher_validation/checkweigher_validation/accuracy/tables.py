@@ -1,0 +1,210 @@
+"""An evaluation as a table for a terminal, as CSV and as JSON."""
+
+from collections.abc import Sequence
+import csv
+import io
+import json
+import math
+from pathlib import Path
+
+from checkweigher_recording.whole_file import write_whole
+from checkweigher_validation.accuracy.classes import AccuracyClass, judge
+from checkweigher_validation.accuracy.errors import (
+    ConditionResult,
+    Evaluation,
+    average,
+    coverage,
+    same,
+)
+from checkweigher_validation.protocol.paper_table import PAPER_MASSES, PAPER_SPEEDS, paper_index
+
+GRAMS = 1000.0  # in a kilogram
+METRES_PER_MINUTE = 60.0  # in a metre per second
+
+CSV_COLUMNS = (
+    'part', 'estimator', 'belt_speed_m_per_s', 'mass_g', 'count', 'faults', 'mean_error_g',
+    'std_dev_g', 'index_g', 'bound_g', 'std_dev_over_bound', 'coverage_68', 'coverage_95',
+    'max_mean_error_g', 'max_std_dev_g', 'within_class',
+)  # fmt: skip
+
+# Of the stated intervals, wherever their coverage is told.
+LEVELS = (0.68, 0.95)
+
+
+def write_csv(
+    path: Path, evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()
+) -> None:
+    """Write one row for each condition, empty where a value is not known.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    evaluation : Evaluation
+        What is written.
+    accuracy_class : AccuracyClass
+        Whose limits stand beside it; ``within_class`` is 1 if both are kept by enough weighings.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    write_whole(path, csv_text(evaluation, accuracy_class))
+
+
+def write_json(path: Path, evaluation: Evaluation) -> None:
+    """Write title, provenance and one object for each condition with every error, in SI units.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    write_whole(path, json_text(evaluation))
+
+
+def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
+    """Return the content of `write_csv`."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator='\n')
+    writer.writerow(CSV_COLUMNS)
+    for one in _ordered(evaluation):
+        grams = (one.mean_error, one.std_dev, one.index, one.bound)
+        shares = (one.ratio, *(one.coverage(level) for level in LEVELS))
+        judged = judge(one, accuracy_class)
+        limits = (judged.max_mean_error, judged.max_std_dev)
+        writer.writerow(
+            [
+                one.part, one.estimator, f'{one.speed:.6g}', f'{GRAMS * one.mass:.6g}', one.count,
+                one.faults, *(_cell(GRAMS * value, 6) for value in grams),
+                *(_cell(value, 4) for value in shares),
+                *(_cell(GRAMS * value, 6) for value in limits), int(judged.passed),
+            ]
+        )  # fmt: skip
+    return file.getvalue()
+
+
+def json_text(evaluation: Evaluation) -> str:
+    """Return the content of `write_json`."""
+    content = {
+        'title': evaluation.title,
+        'provenance': [list(pair) for pair in evaluation.provenance],
+        'conditions': [_json_object(one) for one in _ordered(evaluation)],
+    }
+    return json.dumps(content, indent=1, allow_nan=False) + '\n'
+
+
+def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
+    """Return means over the masses by speed and estimator, then those over all, for a terminal.
+
+    It tells of the test passes if there are any: how often the stated 68 % and 95 % intervals hold,
+    and in how many conditions the limits of a class are kept. Beside each stands the paper's A
+    where speed and masses are the paper's.
+    """
+    if not evaluation.conditions:
+        return f'{evaluation.title}: nothing was evaluated'
+    part = evaluation.parts[0]
+    with_paper = has_paper_masses(evaluation)
+    header = (
+        f'{"m/min":>6}  {"estimator":<14}{"sigma g":>9}{"|mu| g":>9}{"A g":>9}{"/bound":>8}'
+        f'{"in 68%":>8}{"in 95%":>8}{"faults":>8}{"class":>8}'
+        + (f'{"paper A g":>11}' if with_paper else '')
+    )
+    lines = [
+        f'{evaluation.title}: means over the masses, {part} passes; class {accuracy_class}',
+        header,
+    ]
+    for speed in evaluation.speeds:
+        lines += _text_block(evaluation, accuracy_class, part, speed)
+    if len(evaluation.speeds) > 1:
+        lines += _text_block(evaluation, accuracy_class, part, None)
+    return '\n'.join(lines)
+
+
+def has_paper_masses(evaluation: Evaluation) -> bool:
+    """Whether the masses are those of the paper, so that averages over them can be compared."""
+    masses = evaluation.masses
+    return len(masses) == len(PAPER_MASSES) and all(map(same, masses, PAPER_MASSES))
+
+
+def has_paper_speeds(evaluation: Evaluation) -> bool:
+    """Whether the speeds are those of the paper."""
+    speeds = evaluation.speeds
+    return len(speeds) == len(PAPER_SPEEDS) and all(map(same, speeds, PAPER_SPEEDS))
+
+
+def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
+    parts, estimators = evaluation.parts, evaluation.estimators
+    return sorted(
+        evaluation.conditions,
+        key=lambda one: (
+            parts.index(one.part), one.speed, estimators.index(one.estimator), one.mass,
+        ),
+    )  # fmt: skip
+
+
+def _json_object(one: ConditionResult) -> dict[str, object]:
+    values: dict[str, float] = {
+        'mean_error_kg': one.mean_error,
+        'std_dev_kg': one.std_dev,
+        'index_kg': one.index,
+        'bound_kg': one.bound,
+        'std_dev_over_bound': one.ratio,
+        **{f'coverage_{100 * level:.0f}': one.coverage(level) for level in LEVELS},
+    }
+    return {
+        'part': one.part,
+        'estimator': one.estimator,
+        'belt_speed_m_per_s': one.speed,
+        'mass_kg': one.mass,
+        'count': one.count,
+        'faults': one.faults,
+        **{name: value if math.isfinite(value) else None for name, value in values.items()},
+        'errors_kg': one.errors.tolist(),
+        'stated_std_devs_kg': [
+            value if math.isfinite(value) else None for value in one.std_devs.tolist()
+        ],
+    }
+
+
+def _text_block(
+    evaluation: Evaluation, accuracy_class: AccuracyClass, part: str, speed: float | None
+) -> list[str]:
+    """Return the rows of a speed, or of all speeds together."""
+    label = 'all' if speed is None else f'{METRES_PER_MINUTE * speed:.4g}'
+    bound = average(evaluation.select(speed=speed, part=part)).bound
+    rows = [f'{label:>6}  {"bound":<14}{_cell(GRAMS * bound, 3) or "-":>9}']
+    comparable = has_paper_masses(evaluation) and (
+        speed is not None or has_paper_speeds(evaluation)
+    )
+    for estimator in evaluation.estimators:
+        there = evaluation.select(estimator=estimator, speed=speed, part=part)
+        if there:
+            paper = paper_index(estimator, speed) if comparable else math.nan
+            rows.append(_text_row(estimator, there, accuracy_class, paper))
+    return rows
+
+
+def _text_row(
+    estimator: str,
+    conditions: Sequence[ConditionResult],
+    accuracy_class: AccuracyClass,
+    paper: float,
+) -> str:
+    means = average(conditions)
+    values = (means.std_dev, means.mean_error, means.index)
+    passed = sum(judge(one, accuracy_class).passed for one in conditions)
+    covered = (f'{100 * coverage(conditions, level):.0f}' for level in LEVELS)
+    row = (
+        f'{"":>6}  {estimator:<14}'
+        + ''.join(f'{_cell(GRAMS * value, 3) or "-":>9}' for value in values)
+        + f'{_cell(means.ratio, 2) or "-":>8}'
+        + ''.join(f'{share.replace("nan", "-"):>8}' for share in covered)
+        + f'{means.faults:>8}{f"{passed}/{len(conditions)}":>8}{_cell(GRAMS * paper, 3):>11}'
+    )
+    return row.rstrip()
+
+
+def _cell(value: float, digits: int) -> str:
+    return '' if math.isnan(value) else f'{value:.{digits}f}'

@@ -1,0 +1,337 @@
+r"""The smallest standard deviation that any unbiased linear estimate of a simulated mass can have.
+
+Of a pass with signal r = M s + n, with s the response of the platform to a load of 1 kg and C the
+covariance of the noise n, the smallest variance of an unbiased linear estimate of M is
+:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). A simulator knows both, so every accuracy that is found
+on its passes can be held against what is possible there at all.
+
+What C is made of: the rollers' and the motor's lines, of known amplitude and random phase; the
+broadband noise and the floor's vibration, which are white noise through a linear system and so
+follow exactly from its difference equation; the impact at entry, of known form and random size; the
+noise and the steps of the converter. All forces go through the platform, which gets heavier while
+the product rolls on. The previous product has left no trace: its ring-down counts as known.
+
+The platform's dependence on the mass that is sought is taken as known, too. It moves s by a few
+parts in a thousand and would give an estimator next to nothing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov
+from scipy.signal import butter
+
+from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
+from checkweigher_recording.simulation.platform_dynamics import Platform
+from checkweigher_recording.simulation.simulator import (
+    DAMPING_RATIO,
+    FLOOR_BAND,
+    IMPACT_DURATION,
+    MOVING_MASS,
+    OVERSAMPLING,
+    PROFILES,
+    ROLLER_DIAMETER,
+    SimulationParameters,
+)
+
+# Until a line's switching on has died away: below 1e-7 of it on the softest platform.
+_SETTLING = 2.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Bounds of the standard deviation of one mass, all in kg.
+
+    Attributes
+    ----------
+    std_dev : float
+        If the zero is known exactly. The tightest: no estimate is better.
+    zero_unknown_std_dev : float
+        If nothing is known of the zero but what the signal before the product says.
+    """
+
+    std_dev: float
+    zero_unknown_std_dev: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassModel:
+    """What is known of the signal of a pass before it is recorded.
+
+    Attributes
+    ----------
+    time : ndarray, (n,) float64
+        s from t1; the last sample is the last one before t3.
+    response : ndarray, (n,) float64
+        To the load of a product, per kg of it.
+    covariance : ndarray, (n, n) float64
+        Of the noise, kg^2.
+    """
+
+    time: NDArray[np.float64]
+    response: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> Bound:
+    """Return the Gauss-Markov bounds for a product of a simulated line.
+
+    Parameters
+    ----------
+    parameters : SimulationParameters
+        Machine, belt speed and lengths; which products run over it does not matter.
+    mass : float
+        kg, of the product, above 0.
+    before : float
+        s, signal before t1 that an estimate may use; the signal after t3 it may not.
+
+    Raises
+    ------
+    ValueError
+        If the mass is not positive or `before` is negative.
+    """
+    return bound_of(pass_model(parameters, mass, before))
+
+
+def bound_of(model: PassModel) -> Bound:
+    """Return the bounds for a signal whose response and noise are known."""
+    regressors = np.column_stack((model.response, np.ones(len(model.response))))
+    information = regressors.T @ cho_solve(cho_factor(model.covariance), regressors)
+    # The other one, an unknown constant, takes its share of the information (Schur complement).
+    left = information[0, 0] - information[0, 1] ** 2 / information[1, 1]
+    return Bound(1 / math.sqrt(information[0, 0]), 1 / math.sqrt(left))
+
+
+def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:
+    """Return response and covariance of a pass; parameters as in `bound`."""
+    if not 0 < mass < math.inf:
+        raise ValueError(f'mass: {mass:g} kg is not a positive number')
+    if not 0 <= before < math.inf:
+        raise ValueError(f'before: {before:g} s is not a length of time')
+    simulated = _SimulatedPass(parameters, mass, before)
+    noise = simulated.lines() + simulated.impact() + simulated.white_noise()
+    return PassModel(
+        time=simulated.sample_time(),
+        response=simulated.kept(simulated.response(simulated.load) / mass),
+        covariance=noise,
+    )
+
+
+class _SimulatedPass:
+    """One product on an otherwise empty belt, on the simulator's own grid of steps.
+
+    Attributes
+    ----------
+    load : ndarray, (steps,) float64
+        Force of the product, kg.
+    """
+
+    def __init__(self, parameters: SimulationParameters, mass: float, before: float) -> None:
+        self._profile = PROFILES[parameters.profile]
+        self._parameters = parameters
+        self._mass = mass
+        sample_rate = parameters.sample_rate
+        self._step = 1 / (OVERSAMPLING * sample_rate)
+        # t1 falls on a sample. In truth it falls anywhere between two, with next to no effect.
+        # On a whole second, so that it hardly ever depends on `before` how times are rounded.
+        entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
+        last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
+        self._first = entry - round(before * sample_rate)
+        self._entry = entry
+        self._samples = entry + last
+        self._t1 = entry / sample_rate
+        line = Line(
+            speed=parameters.speed,
+            speed_jitter=0.0,
+            spacing=parameters.spacing,
+            product_length=parameters.product_length,
+            weigh_length=parameters.weigh_length,
+            masses=(mass,),
+            count=1,
+            first_entry=self._t1,
+        )
+        belt = BeltTravel(line, np.random.Generator(np.random.PCG64(0)))
+        steps = np.arange(self._samples * OVERSAMPLING, dtype=np.float64)
+        self._time = (steps + 0.5 - (OVERSAMPLING - 1) / 2) * self._step
+        belt.plan(float(self._time[0]), float(self._time[-1]))
+        self._travel = belt.travel(self._time)
+        self.load = belt.load(self._time, self._travel)
+        self._bounds, self._loads = belt.stretches(self._time, self._travel)
+
+    def sample_time(self) -> NDArray[np.float64]:
+        """Return the time of the samples that are used, in s from t1."""
+        return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
+
+    def kept(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return those samples of a signal that are used."""
+        return signal[self._first :]
+
+    def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the converter reads, in samples, of a force in steps."""
+        reading = self._platform().run(force, self._bounds, self._loads)
+        return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1), np.float64)
+
+    def lines(self) -> NDArray[np.float64]:
+        """Return the covariance of rollers and motor: sines of random phase."""
+        profile, speed = self._profile, self._parameters.speed
+        angles = [
+            (amplitude, 2 * order / ROLLER_DIAMETER)
+            for order, amplitude in enumerate(profile.roller, start=1)
+        ]
+        angles.append((profile.motor, 2 * math.pi * profile.motor_frequency))
+        parts = [
+            # A sine of random phase is a sine and a cosine, uncorrelated, of half its power each.
+            speed * amplitude / math.sqrt(2) * self.kept(self.response(wave(angle * self._travel)))
+            for amplitude, angle in angles
+            if amplitude
+            for wave in (np.sin, np.cos)
+        ]
+        matrix = np.array(parts).reshape(-1, self._samples - self._first)
+        return np.asarray(matrix.T @ matrix)
+
+    def impact(self) -> NDArray[np.float64]:
+        """Return the covariance of the impact at entry: one form of random size."""
+        size = self._profile.impact * self._mass * self._parameters.speed
+        phase = (self._time - self._t1) / IMPACT_DURATION
+        force = np.where((phase >= 0) & (phase < 1), size * np.sin(math.pi * phase), 0.0)
+        form = self.kept(self.response(force))
+        return np.asarray(np.outer(form, form), np.float64)
+
+    def white_noise(self) -> NDArray[np.float64]:
+        """Return the covariance of broadband noise, floor and converter."""
+        covariance = self._shaken(*self._broadband()) + self._shaken(*self._floor())
+        step = 1 / self._parameters.counts_per_kg
+        covariance += np.eye(len(covariance)) * (self._profile.electronic**2 + step**2 / 12)
+        return covariance
+
+    def _broadband(self) -> tuple[NDArray[np.float64], ...]:
+        """Return a system without a state of its own: white noise as a force."""
+        half_rate = 1 / (2 * self._step)
+        force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
+        return np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.array(force)
+
+    def _floor(self) -> tuple[NDArray[np.float64], ...]:
+        """Return the band-pass filter of the floor as a system that white noise goes through."""
+        rate = 1 / self._step
+        width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
+        sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
+        size = self._profile.floor / math.sqrt(width / (rate / 2))
+        return _state_space(sections, size)
+
+    def _shaken(
+        self,
+        transition: NDArray[np.float64],
+        drive: NDArray[np.float64],
+        output: NDArray[np.float64],
+        through: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Return the covariance of the readings under a force that white noise makes.
+
+        The force is output z + through w, with z' = transition z + drive w and w white of
+        variance 1. The whole state is that of the platform, reading and its derivative, and z.
+        """
+        if not np.any(through) and not np.any(output):
+            size = self._samples - self._first
+            return np.zeros((size, size))
+
+        def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            a11, a12, a21, a22 = self._platform().transition(load)
+            own = np.array(((a11, a12), (a21, a22)))
+            push = np.array((1 - a11, -a21))
+            whole = np.block(
+                [[own, np.outer(push, output)], [np.zeros((len(drive), 2)), transition]]
+            )
+            return whole, np.concatenate((push * through, drive))
+
+        loads = np.repeat(self._loads, np.diff(self._bounds)).reshape(-1, OVERSAMPLING)
+        return _covariance_of_readings(step, loads[self._first :])
+
+    def _platform(self) -> Platform:
+        return Platform(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, self._step)
+
+
+def _covariance_of_readings(
+    step: Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]],
+    loads: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the covariance of samples, each the mean of the readings at the begin of its steps.
+
+    Parameters
+    ----------
+    step : function
+        From a load to F (d, d) and G (d,) of x' = F x + G w; the reading is x[0].
+    loads : ndarray, (n, steps)
+        kg in each step of each sample; before the first one the state is stationary.
+    """
+    whole, drive = step(float(loads[0, 0]))
+    size = len(drive)
+    state = solve_discrete_lyapunov(whole, np.outer(drive, drive))
+    covariance = np.empty((len(loads), len(loads)))
+    # Of the state with the samples so far.
+    cross = np.empty((size, 0))
+    known: dict[bytes, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for index, row in enumerate(loads):
+        key = row.tobytes()
+        if key not in known:
+            known[key] = _sample_step([step(float(load)) for load in row])
+        over, noise = known[key]
+        joint = over @ state @ over.T + noise
+        state, own = joint[:size, :size], joint[:size, size]
+        cross = over @ cross
+        covariance[index, :index] = covariance[:index, index] = cross[size]
+        covariance[index, index] = joint[size, size]
+        cross = np.column_stack((cross[:size], own))
+    return covariance
+
+
+def _sample_step(
+    steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what becomes of the state in one sample, with the sample itself as the last row.
+
+    Returns
+    -------
+    ndarray, (d + 1, d)
+        Of the state at the begin of the sample.
+    ndarray, (d + 1, d + 1)
+        Covariance of what the noise adds within the sample.
+    """
+    size = len(steps[0][1])
+    over = np.eye(size + 1, size)
+    noise = np.zeros((size + 1, size + 1))
+    for whole, drive in steps:
+        single = np.eye(size + 1)
+        single[:size, :size] = whole
+        single[size, 0] = 1 / len(steps)
+        push = np.append(drive, 0.0)
+        over = single @ over
+        noise = single @ noise @ single.T + np.outer(push, push)
+    return over, noise
+
+
+def _state_space(
+    sections: NDArray[np.float64], size: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return transition, drive, output and passage of a cascade of second-order sections.
+
+    Each section is y = b0 u + z0, z0' = b1 u - a1 y + z1, z1' = b2 u - a2 y (transposed direct
+    form II), and its y is the u of the next. `size` scales the input.
+    """
+    count = 2 * len(sections)
+    transition, drive = np.zeros((count, count)), np.zeros(count)
+    # The input of the section at hand as a sum over the states and the white noise.
+    of_states, of_noise = np.zeros(count), size
+    for first, (b0, b1, b2, _, a1, a2) in zip(range(0, count, 2), sections, strict=True):
+        out_states = b0 * of_states
+        out_states[first] += 1
+        out_noise = b0 * of_noise
+        transition[first] = b1 * of_states - a1 * out_states
+        transition[first, first + 1] += 1
+        transition[first + 1] = b2 * of_states - a2 * out_states
+        drive[first] = b1 * of_noise - a1 * out_noise
+        drive[first + 1] = b2 * of_noise - a2 * out_noise
+        of_states, of_noise = out_states, out_noise
+    return transition, drive, of_states, np.array(of_noise)

@@ -1,0 +1,180 @@
+"""The protocol of the paper on a simulated machine: 5 speeds, 5 masses, 120 passes of each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+from checkweigher_validation.accuracy.errors import ConditionResult
+from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
+from checkweigher_validation.parallel import run_all
+from checkweigher_validation.protocol.gauss_markov_bound import bound
+from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.tuner import Tuned, tune
+
+SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s: 30, 45, 60, 75 and 90 m/min
+MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg
+PASSES = 120  # of each mass at each speed: the first half trains, the second half tests
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """The passes of one speed.
+
+    Attributes
+    ----------
+    speed : float
+        m/s, nominal.
+    train, test : tuple of KnownPass
+        The first and the second half of the run.
+    simulation : SimulationParameters
+        How it came about.
+    """
+
+    speed: float
+    train: tuple[KnownPass, ...]
+    test: tuple[KnownPass, ...]
+    simulation: SimulationParameters
+
+
+def run_protocol(
+    profile: str, speed: float, passes: int, seed: int, segmenter: SegmenterParameters
+) -> Run:
+    """Simulate one speed of the protocol as one line that does not stop.
+
+    The masses come in random order, each as often in the first half as in the second: what a
+    product leaves behind on the belt must not depend on which one follows.
+
+    Parameters
+    ----------
+    profile : str
+        Of the simulated machine.
+    speed : float
+        m/s.
+    passes : int
+        Of each mass; half of them train.
+    seed : int
+        Of all that is random; every speed draws numbers of its own.
+    segmenter : SegmenterParameters
+        How items are told apart.
+    """
+    half = passes // 2
+    order = np.random.default_rng((seed, round(1000 * speed)))
+    masses = np.concatenate(
+        [order.permutation(np.repeat(MASSES, half)), order.permutation(np.repeat(MASSES, half))]
+    )
+    parameters = SimulationParameters(
+        profile=profile, speed=speed, masses=tuple(float(mass) for mass in masses),
+        count=len(masses), seed=int(order.integers(2**31)),
+    )  # fmt: skip
+    simulation = Simulation(parameters)
+    known = known_passes(simulation.load_cell, simulation, segmenter)
+    trained = half * len(MASSES)
+    return Run(speed, tuple(known[:trained]), tuple(known[trained:]), parameters)
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """What is simulated."""
+
+    profile: str = 'paper'
+    passes: int = PASSES
+    seed: int = 1
+    speeds: tuple[float, ...] = SPEEDS
+
+
+@dataclass(frozen=True, slots=True)
+class _RunTask:
+    profile: str
+    speed: float
+    passes: int
+    seed: int
+    segmenter: SegmenterParameters
+
+    def run(self) -> Run:
+        return run_protocol(self.profile, self.speed, self.passes, self.seed, self.segmenter)
+
+
+@dataclass(frozen=True, slots=True)
+class _BoundTask:
+    parameters: SimulationParameters
+    mass: float
+
+    def run(self) -> float:
+        return bound(self.parameters, self.mass).std_dev
+
+
+Progress = Callable[[str, int, int], None]
+
+
+def evaluate_protocol(
+    protocol: Protocol,
+    estimators: Sequence[str],
+    base: LineParameters,
+    *,
+    budget: int = BUDGET,
+    workers: int | None = None,
+    on_progress: Progress = lambda doing, done, total: None,
+) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
+    """Simulate the protocol, tune on the first half of the passes, weigh both halves.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        What is simulated.
+    estimators : sequence of str
+        Names.
+    base : LineParameters
+        Everything that is not tuned.
+    budget : int
+        Evaluations of each estimator at each speed.
+    workers : int, optional
+        Processes; by default one for each core.
+    on_progress : callable
+        Called with what is being done, how many steps of it are done, and that of all.
+
+    Returns
+    -------
+    conditions : tuple of ConditionResult
+        By estimator.
+    tuned : dict of str to Tuned
+        By estimator.
+    """
+
+    def progress(doing: str) -> Callable[[int, int], None]:
+        return lambda done, total: on_progress(doing, done, total)
+
+    runs = run_all(
+        [
+            _RunTask(protocol.profile, speed, protocol.passes, protocol.seed, base.segmenter)
+            for speed in protocol.speeds
+        ],
+        workers, progress('simulating'),
+    )  # fmt: skip
+    found = run_all(
+        [_BoundTask(run.simulation, mass) for run in runs for mass in MASSES],
+        workers, progress('computing the bound'),
+    )  # fmt: skip
+    bounds = [
+        dict(zip(MASSES, found[first : first + len(MASSES)], strict=True))
+        for first in range(0, len(found), len(MASSES))
+    ]
+    groups = [
+        SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
+    ]
+    tuned = tune(
+        groups, estimators, base, budget=budget, workers=workers, on_progress=progress('tuning')
+    )
+    batches = [
+        Batch(run.speed, part, passes, bound_by_mass)
+        for run, bound_by_mass in zip(runs, bounds, strict=True)
+        for part, passes in (('train', run.train), ('test', run.test))
+    ]
+    conditions = evaluate_batches(
+        batches, [tuned[name].parameters for name in estimators], workers, progress('weighing')
+    )
+    return conditions, tuned

@@ -1,0 +1,187 @@
+"""Limits of OIML R 51-1 and GB/T 27739 against numbers worked by hand."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from checkweigher_validation.accuracy.classes import (
+    CLASSES,
+    AccuracyClass,
+    judge,
+    max_mean_error,
+    max_std_dev,
+    weighings_required,
+)
+
+EXACT = 1e-12  # relative
+
+
+@pytest.mark.parametrize(
+    ('mass', 'mean_error', 'std_dev'),
+    [
+        # 745 e, 1345 e, 1645 e, 1945 e: 1 e. 2545 e: 1.5 e.
+        (0.0745, 0.1e-3, 0.24e-3),  # 50 g to 100 g: 0.24 g
+        (0.1345, 0.1e-3, 0.3228e-3),  # 100 g to 200 g: 0.24 % of 134.5 g
+        (0.1645, 0.1e-3, 0.3948e-3),
+        (0.1945, 0.1e-3, 0.4668e-3),
+        (0.2545, 0.15e-3, 0.48e-3),  # 200 g to 300 g: 0.48 g
+    ],
+)
+def test_limits_of_class_xiii_1_are_those_of_table_2_of_the_paper(mass, mean_error, std_dev):
+    assert max_mean_error(mass) == pytest.approx(mean_error, rel=EXACT)
+    assert max_std_dev(mass) == pytest.approx(std_dev, rel=EXACT)
+
+
+@pytest.mark.parametrize(
+    ('name', 'loads'),
+    [
+        ('XI', (50_000, 200_000)),
+        ('XII', (5_000, 20_000, 100_000)),
+        ('XIII', (500, 2_000, 10_000)),
+        ('XIV', (50, 200, 1_000)),
+    ],
+)
+@pytest.mark.parametrize('interval', [1e-4, 2e-4, 5e-3])
+def test_the_mean_error_steps_right_after_its_loads(name, loads, interval):
+    for steps, load in zip((0.5, 1.0, 1.5), loads, strict=False):
+        assert max_mean_error(load * interval, interval, name) == pytest.approx(steps * interval)
+        above = max_mean_error((load + 1e-3) * interval, interval, name)
+        if steps == 1.5:
+            assert math.isnan(above)
+        else:
+            assert above == pytest.approx((steps + 0.5) * interval)
+
+
+def test_class_xi_has_no_largest_load():
+    assert max_mean_error(1e6, 1e-4, 'XI') == pytest.approx(1.5e-4)
+
+
+@pytest.mark.parametrize(
+    ('mass', 'initial', 'in_service'),
+    [
+        (0.010, 0.048e-3, 0.06e-3),
+        (0.050, 0.24e-3, 0.3e-3),
+        (0.075, 0.24e-3, 0.3e-3),
+        (0.150, 0.36e-3, 0.45e-3),
+        (0.250, 0.48e-3, 0.6e-3),
+        (0.300, 0.48e-3, 0.6e-3),
+        (0.400, 0.64e-3, 0.8e-3),
+        (0.750, 0.8e-3, 1.0e-3),
+        (5.0, 4e-3, 5e-3),
+        (12.0, 8e-3, 10e-3),
+        (20.0, 10.6e-3, 13.4e-3),
+    ],
+)
+def test_standard_deviations_of_each_row_are_those_worked_by_hand(mass, initial, in_service):
+    assert max_std_dev(mass) == pytest.approx(initial, rel=EXACT)
+    assert max_std_dev(mass, in_service=True) == pytest.approx(in_service, rel=EXACT)
+
+
+@pytest.mark.parametrize('in_service', [False, True])
+@pytest.mark.parametrize('bound', [0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 10.0])
+def test_the_standard_deviation_has_no_jump_up_to_15_kg(bound, in_service):
+    # A percentage up to a bound meets the constant after it, and the other way round.
+    below = max_std_dev(bound, in_service=in_service)
+    above = max_std_dev(bound * (1 + 1e-6), in_service=in_service)
+
+    assert above == pytest.approx(below, rel=2e-6)
+
+
+def test_in_service_the_mean_error_may_be_twice_as_large():
+    assert max_mean_error(0.1645, in_service=True) == pytest.approx(0.2e-3, rel=EXACT)
+
+
+@given(st.floats(1e-3, 50), st.floats(0.1, 10))
+def test_the_class_factor_scales_the_standard_deviation_alone(mass, factor):
+    assert max_std_dev(mass, factor) == pytest.approx(factor * max_std_dev(mass), rel=EXACT)
+
+
+@pytest.mark.parametrize(
+    ('mass', 'count'),
+    [(0.1, 60), (1.0, 60), (1.1, 30), (10.0, 30), (15.0, 20), (20.0, 20), (21.0, 10)],
+)
+def test_weighings_required_are_those_of_the_rule(mass, count):
+    assert weighings_required(mass) == count
+
+
+def test_a_condition_within_both_limits_passes(make_condition, errors_with):
+    verdict = judge(make_condition(errors_with(-0.099e-3, 0.39e-3)), AccuracyClass())
+
+    assert verdict.passed
+    assert (verdict.weighings, verdict.weighings_required) == (60, 60)
+    assert verdict.max_mean_error == pytest.approx(0.1e-3)
+    assert verdict.max_std_dev == pytest.approx(0.3948e-3)
+
+
+@pytest.mark.parametrize(
+    ('mean', 'std_dev', 'mean_passed', 'std_dev_passed'),
+    [(-0.101e-3, 0.39e-3, False, True), (0.099e-3, 0.4e-3, True, False)],
+)
+def test_a_condition_over_one_limit_fails_by_that_one(
+    make_condition, errors_with, mean, std_dev, mean_passed, std_dev_passed
+):
+    verdict = judge(make_condition(errors_with(mean, std_dev)), AccuracyClass())
+
+    assert not verdict.passed
+    assert verdict.mean_error_passed is mean_passed
+    assert verdict.std_dev_passed is std_dev_passed
+
+
+def test_the_nameplate_decides_which_limits_hold(make_condition, errors_with):
+    one = make_condition(errors_with(0.15e-3, 0.45e-3))
+
+    assert not judge(one, AccuracyClass()).within_limits
+    # In service 0.2 g and 0.3 % of 164.5 g = 0.4935 g.
+    assert judge(one, AccuracyClass(in_service=True)).within_limits
+    # With x = 2 only the standard deviation is within.
+    assert judge(one, AccuracyClass(factor=2)).std_dev_passed
+    assert not judge(one, AccuracyClass(factor=2)).mean_error_passed
+    # With e = 0.2 g the load is 822.5 e: 1 e.
+    assert judge(one, AccuracyClass(interval=0.2e-3)).mean_error_passed
+
+
+def test_too_few_weighings_do_not_pass(make_condition, errors_with):
+    verdict = judge(make_condition(errors_with(0, 1e-6, count=58), faults=2), AccuracyClass())
+
+    assert verdict.within_limits
+    assert not verdict.enough_weighings
+    assert not verdict.passed
+
+
+def test_a_condition_without_weighings_does_not_pass(make_condition):
+    verdict = judge(make_condition([], faults=60), AccuracyClass())
+
+    assert not verdict.mean_error_passed
+    assert not verdict.std_dev_passed
+
+
+def test_a_load_above_the_class_does_not_pass(make_condition, errors_with):
+    # XIV goes up to 1000 e = 100 g.
+    verdict = judge(make_condition(errors_with(0, 1e-6)), AccuracyClass('XIV'))
+
+    assert math.isnan(verdict.max_mean_error)
+    assert not verdict.passed
+
+
+@pytest.mark.parametrize(
+    'refused',
+    [
+        lambda: AccuracyClass('X'),
+        lambda: AccuracyClass(factor=0),
+        lambda: AccuracyClass(interval=math.nan),
+        lambda: max_mean_error(0.1, class_name='xiii'),
+        lambda: max_mean_error(0.0),
+        lambda: max_std_dev(-0.1),
+        lambda: weighings_required(math.inf),
+    ],
+)
+def test_what_no_class_has_is_refused(refused):
+    with pytest.raises(ValueError, match=r'none of XI|not a positive number'):
+        refused()
+
+
+def test_there_are_four_classes():
+    assert CLASSES == ('XI', 'XII', 'XIII', 'XIV')
+    assert str(AccuracyClass()) == 'XIII(1), e = 0.1 g, initial verification'

@@ -1,0 +1,161 @@
+"""Evaluations as text, CSV and JSON: the numbers in them are those that went in."""
+
+import csv
+import io
+import json
+import math
+import os
+import stat
+
+import pytest
+
+from checkweigher_recording.whole_file import OutputError, write_whole
+from checkweigher_validation.accuracy.errors import Evaluation
+from checkweigher_validation.accuracy.tables import (
+    CSV_COLUMNS,
+    csv_text,
+    json_text,
+    text_table,
+    write_csv,
+    write_json,
+)
+
+
+def rows_of(evaluation):
+    return list(csv.DictReader(io.StringIO(csv_text(evaluation))))
+
+
+def test_the_csv_has_one_row_for_each_condition(make_evaluation):
+    rows = rows_of(make_evaluation())
+
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert len(rows) == 2 * 2 * 5 * 5
+    keys = {(r['part'], r['estimator'], r['belt_speed_m_per_s'], r['mass_g']) for r in rows}
+    assert len(keys) == len(rows)
+
+
+def test_the_csv_says_what_is_known_in_grams(make_evaluation):
+    row = next(
+        row
+        for row in rows_of(make_evaluation())
+        if (row['part'], row['estimator']) == ('train', 'iswd_eksi')
+        and (row['belt_speed_m_per_s'], row['mass_g']) == ('1.5', '254.5')
+    )
+
+    # The second estimator: mu -0.02 g in training, sigma 2 * 0.05 * 1.5 g, bound 0.02 g.
+    assert float(row['mean_error_g']) == pytest.approx(-0.02)
+    assert float(row['std_dev_g']) == pytest.approx(0.15)
+    assert float(row['index_g']) == pytest.approx(0.47)
+    assert float(row['bound_g']) == pytest.approx(0.02)
+    assert float(row['std_dev_over_bound']) == pytest.approx(7.5)
+    assert (row['count'], row['faults']) == ('60', '0')
+    # Class XIII(1), e = 0.1 g, initial: 1.5 e above 200 g, and 0.48 g from 200 g to 300 g.
+    assert (row['max_mean_error_g'], row['max_std_dev_g']) == ('0.150000', '0.480000')
+    assert row['within_class'] == '1'
+
+
+def test_what_is_not_known_is_empty_in_csv_and_null_in_json(make_condition):
+    evaluation = Evaluation('one', (make_condition([1e-3], faults=59, std_devs=[math.nan]),), ())
+    (row,) = rows_of(evaluation)
+    (entry,) = json.loads(json_text(evaluation))['conditions']
+
+    for name in ('std_dev_g', 'index_g', 'bound_g', 'std_dev_over_bound', 'coverage_68'):
+        assert row[name] == ''
+    for name in ('std_dev_kg', 'index_kg', 'bound_kg', 'std_dev_over_bound', 'coverage_95'):
+        assert entry[name] is None
+    assert (row['mean_error_g'], row['faults']) == ('1.000000', '59')
+    assert (entry['mean_error_kg'], entry['faults']) == (1e-3, 59)
+    assert (entry['errors_kg'], entry['stated_std_devs_kg']) == ([1e-3], [None])
+    assert row['within_class'] == '0'
+
+
+def test_the_json_is_in_si_units_with_all_digits(make_evaluation):
+    evaluation = make_evaluation()
+    content = json.loads(json_text(evaluation))
+
+    assert content['title'] == evaluation.title
+    assert content['provenance'] == [['profile', 'paper'], ['seed', '1 & 2']]
+    assert len(content['conditions']) == len(evaluation.conditions)
+    for entry in content['conditions']:
+        (one,) = evaluation.select(
+            estimator=entry['estimator'],
+            speed=entry['belt_speed_m_per_s'],
+            mass=entry['mass_kg'],
+            part=entry['part'],
+        )
+        assert entry['std_dev_kg'] == one.std_dev
+        assert entry['mean_error_kg'] == one.mean_error
+        assert entry['index_kg'] == one.index
+
+
+def test_the_text_table_says_means_and_the_papers_index(make_evaluation):
+    lines = text_table(make_evaluation()).splitlines()
+    cells = [line.split() for line in lines]
+
+    # A title and a header; bound and two estimators at each of five speeds and over all.
+    assert len(lines) == 2 + 3 * 6
+    assert cells[2] == ['30', 'bound', '0.020']
+    # sigma 0.025, |mu| 0.01, A 0.085 g; sigma / 0.02 g.
+    # All errors are within 0.0994 g, the stated 68 %, and within class XIII.
+    assert cells[3] == ['hann', '0.025', '0.010', '0.085', '1.25', '100', '100', '0', '5/5']
+    # Twice as much; the paper: (0.111 + 3 * 0.169) / 5.
+    assert cells[4][:5] == ['iswd_eksi', '0.050', '0.020', '0.170', '2.50']
+    assert cells[4][5:] == ['100', '100', '0', '5/5', '0.124']
+    # Mean of the speeds 1 m/s: sigma 0.1 g, A 0.32 g.
+    assert cells[-1][:5] == ['iswd_eksi', '0.100', '0.020', '0.320', '5.00']
+    assert cells[-3] == ['all', 'bound', '0.020']
+
+
+def test_the_text_table_tells_of_the_test_passes_alone(make_evaluation):
+    assert 'train' not in text_table(make_evaluation())
+    assert 'train passes' in text_table(make_evaluation(parts=('train',)))
+
+
+def test_other_masses_are_not_held_against_the_papers(make_evaluation):
+    assert 'paper' not in text_table(make_evaluation(masses=(0.0745, 0.1345), title='line'))
+    # At other speeds there is nothing to hold against, nor over all of them.
+    table = text_table(make_evaluation(speeds=(0.5, 2.0))).splitlines()
+    assert table[4].split()[-1] == '0.124'
+    assert len(table[7].split()) == len(table[10].split()) == 9
+
+
+def test_an_evaluation_of_nothing_says_so():
+    assert text_table(Evaluation('empty', (), ())) == 'empty: nothing was evaluated'
+    assert rows_of(Evaluation('empty', (), ())) == []
+
+
+def test_unknown_values_are_dashes_in_the_text_table(make_condition):
+    table = text_table(Evaluation('one', (make_condition([], faults=3),), ()))
+
+    assert table.splitlines()[-1].split() == ['mean', *'-' * 6, '3', '0/1']
+
+
+def test_files_are_written_in_place_of_older_ones(make_evaluation, tmp_path):
+    evaluation = make_evaluation()
+    for write, text in ((write_csv, csv_text), (write_json, json_text)):
+        path = tmp_path / write.__name__
+        path.write_text('older')
+        write(path, evaluation)
+        assert path.read_text() == text(evaluation)
+        assert stat.S_IMODE(path.stat().st_mode) == 0o644
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, monkeypatch):
+    path = tmp_path / 'table.csv'
+    path.write_text('older')
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(os, 'replace', full)
+    with pytest.raises(OutputError, match=r'table\.csv: cannot be written: No space left'):
+        write_whole(path, 'newer')
+
+    assert path.read_text() == 'older'
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(OutputError, match='cannot be written: No such file'):
+        write_whole(tmp_path / 'nowhere' / 'table.csv', 'text')

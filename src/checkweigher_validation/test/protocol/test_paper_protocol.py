@@ -1,0 +1,108 @@
+"""The protocol of the paper: what is simulated, and that nobody beats physics in it."""
+
+from collections import Counter
+
+import pytest
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_validation.accuracy.errors import average, coverage
+from checkweigher_validation.protocol.paper_protocol import (
+    MASSES,
+    Protocol,
+    evaluate_protocol,
+    run_protocol,
+)
+
+SEGMENTER = SegmenterParameters()
+
+
+def run(seed=1, speed=1.5, passes=8):
+    return run_protocol('paper', speed, passes, seed, SEGMENTER)
+
+
+def masses(passes):
+    return [each.mass for each in passes]
+
+
+class TestRun:
+    def test_each_half_has_each_mass_equally_often(self):
+        found = run()
+        for part in (found.train, found.test):
+            assert Counter(masses(part)) == dict.fromkeys(MASSES, 4)
+
+    def test_the_halves_follow_each_other_and_share_no_pass(self):
+        found = run()
+        numbers = [each.window.item_id for each in (*found.train, *found.test)]
+        assert numbers == list(range(1, 41))
+
+    def test_the_masses_do_not_come_in_turn(self):
+        found = run()
+        order = masses((*found.train, *found.test))
+        assert masses(found.train) != masses(found.test)
+        assert len({tuple(order[n : n + 5]) for n in range(0, 40, 5)}) > 4
+
+    def test_the_same_seed_gives_the_same_passes(self):
+        one, other = run(), run()
+        assert one.train == other.train
+        assert one.test == other.test
+
+    @pytest.mark.parametrize('change', [{'seed': 2}, {'speed': 1.25}])
+    def test_another_seed_and_another_speed_give_others(self, change):
+        assert masses(run(**change).train) != masses(run().train)
+
+    def test_all_passes_can_be_weighed(self):
+        found = run()
+        assert all(each.whole for each in (*found.train, *found.test))
+
+
+PROTOCOL = Protocol(passes=24, seed=1, speeds=(1.0, 1.5))
+ESTIMATORS = ('hann', 'iswd_eksi', 'gauss_markov')
+
+
+@pytest.fixture(scope='module')
+def evaluation():
+    told = []
+    conditions, tuned = evaluate_protocol(
+        PROTOCOL, ESTIMATORS, LineParameters(), budget=2, workers=1,
+        on_progress=lambda *progress: told.append(progress),
+    )  # fmt: skip
+    return conditions, tuned, told
+
+
+def select(conditions, estimator, part='test'):
+    return [one for one in conditions if (one.estimator, one.part) == (estimator, part)]
+
+
+class TestEvaluation:
+    def test_every_estimator_weighs_all_passes_of_both_parts(self, evaluation):
+        conditions, tuned, _ = evaluation
+        assert tuple(tuned) == ESTIMATORS
+        for estimator in ESTIMATORS:
+            for part in ('train', 'test'):
+                found = select(conditions, estimator, part)
+                expected = [(speed, mass) for speed in PROTOCOL.speeds for mass in MASSES]
+                assert [(one.speed, one.mass) for one in found] == expected
+                assert {(one.count, one.faults) for one in found} == {(12, 0)}
+
+    def test_progress_of_each_step_is_told_to_its_end(self, evaluation):
+        ends = {doing: done == total for doing, done, total in evaluation[2]}
+        assert ends == {
+            'simulating': True, 'computing the bound': True, 'tuning': True, 'weighing': True
+        }  # fmt: skip
+
+    @pytest.mark.parametrize('estimator', ['iswd_eksi', 'gauss_markov'])
+    def test_none_is_better_than_the_bound_and_the_tuned_ones_are_better_than_hann(
+        self, evaluation, estimator
+    ):
+        found = average(select(evaluation[0], estimator))
+        # 110 degrees of freedom: a standard deviation is known to 7 %.
+        assert 0.8 < found.ratio < 2.0
+        assert found.std_dev < 0.7 * average(select(evaluation[0], 'hann')).std_dev
+
+    @pytest.mark.parametrize('estimator', ['iswd_eksi', 'gauss_markov'])
+    def test_stated_intervals_cover_the_test_passes(self, evaluation, estimator):
+        found = select(evaluation[0], estimator)
+        assert sum(one.count for one in found) == 120
+        assert 0.60 <= coverage(found, 0.68) <= 0.76
+        assert 0.90 <= coverage(found, 0.95) <= 0.99

@@ -1,0 +1,154 @@
+"""A line with a product node over real DDS, and an operator beside it."""
+
+from array import array
+from collections.abc import Callable
+from pathlib import Path
+import queue
+from typing import Any
+
+from checkweigher_msgs.srv import SelectProduct
+from rclpy.node import Node
+from test_nodes import call, wait_for
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import Spinner
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.production.audit_log import Entry, read_log
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Eye,
+    EyeEdge,
+    LoadCell,
+    MassEstimate,
+)
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import (
+    edge_to,
+    estimate_to,
+    load_cell_to,
+    stamp_from,
+)
+
+RECIPES = """
+products:
+  crisps:
+    nominal: 0.150
+    tare: 0.004
+    lower_limit: TU1
+    upper_limit: 0.165
+    parameters: {identifier: {estimator: hann}}
+  nuts: {nominal: 0.2, lower_limit: 0.19}
+  bars: {nominal: 0.1, length: [0.05, 0.15], speed: [0.5, 1.5]}
+  snails: {nominal: 0.1, speed: [0.01, 0.05]}
+  half_trained:
+    nominal: 0.1
+    parameters:
+      denoise: {stretch: 2048}
+      identifier: {estimator: mean, mean: {gain: [1.0, 1.1]}}
+"""
+TU1_GROSS = 0.14325 + 0.004
+BELT = LoadCell(960.0, 5e5, 1.25e6, -(2**23), 2**23 - 1, 7.2, 0.2)
+
+
+class Line:
+    """Stages and product node on one executor, and an operator beside them."""
+
+    def __init__(
+        self,
+        spinner: Spinner,
+        folder: Path,
+        without: str = '',
+        needs_product: bool = False,
+        **parameters: object,
+    ) -> None:
+        self.spinner = spinner
+        self.recipes = folder / 'recipes.yaml'
+        self.recipes.write_text(RECIPES, encoding='utf-8')
+        self.log = folder / 'audit.log'
+        # Without deadlines, for a bag comes faster than its time.
+        self.for_reject = {'deadlines': False, 'needs_product': needs_product}
+        self.stages = {name: self.make(name) for name in STAGE_NODES if name != without}
+        self.product = ProductNode(
+            {'recipes': str(self.recipes), 'audit_log': str(self.log), **parameters}
+        )
+        self.operator = Node('operator')
+        self.verdicts: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.statistics: list[Any] = []
+        self.publishers: dict[str, Any] = {}
+        self.judged = 0
+        self.listen(ports.VERDICT, self.verdicts.put)
+        self.listen(ports.STATISTICS, self.statistics.append)
+        for node in (*self.stages.values(), self.product, self.operator):
+            spinner.add(node)
+
+    def make(self, name: str) -> Any:
+        return STAGE_NODES[name](self.for_reject if name == 'reject' else None)
+
+    def start_anew(self, name: str) -> None:
+        """Destroy a stage and put another one in its place."""
+        self.spinner.remove(self.stages[name])
+        # Two nodes of one name in one process and the graph loses the name of the second.
+        wait_for(lambda: name not in self.operator.get_node_names())
+        self.stages[name] = self.make(name)
+        self.spinner.add(self.stages[name])
+        self.publishers.clear()
+
+    def listen(self, topic: ports.Topic, callback: Callable[[Any], None]) -> None:
+        self.operator.create_subscription(topic.type, topic.name, callback, topic.qos)
+
+    def call(self, kind: Any, name: str, **request: object) -> Any:
+        return call(self.operator, kind, name, **request)
+
+    def select(self, product: str) -> Any:
+        return self.call(SelectProduct, 'select_product', product=product)
+
+    def judge(self, mass: float, length: float = 0.1, reasons: tuple[str, ...] = ()) -> Any:
+        """Have an item of a mass pass the eyes and be judged, and return its verdict."""
+        self.judged += 1
+        begin = (1_700_000_000 + 5 * self.judged) * NANOSECONDS
+        t1, t2, t3, t4 = (begin + tenths * NANOSECONDS // 10 for tenths in range(4))
+        self.publish(ports.LOAD_CELL_INFO, load_cell_to(BELT, begin))
+        for stamp, eye, blocked in (
+            (t1, Eye.INFEED, True), (t2, Eye.INFEED, False),
+            (t3, Eye.OUTFEED, True), (t4, Eye.OUTFEED, False),
+        ):  # fmt: skip
+            self.publish(ports.PHOTO_EYES, edge_to(EyeEdge(stamp, eye, blocked)))
+        estimate = MassEstimate(
+            self.judged,
+            t1,
+            t2,
+            t3,
+            mass=mass,
+            std_dev=1e-4,
+            belt_speed=1.0,
+            line_speed=1.0,
+            product_length=length,
+            reasons=reasons,
+        )
+        self.publish(ports.MASS_ESTIMATE, estimate_to(estimate))
+        while True:
+            verdict = self.verdicts.get(timeout=20.0)
+            # The segmenter, which gets no samples, has its say of old items to a new reject node.
+            if stamp_from(verdict.t1) == t1:
+                return verdict
+
+    def publish(self, topic: ports.Topic, message: Any) -> None:
+        if topic.name not in self.publishers:
+            publisher = self.operator.create_publisher(topic.type, topic.name, topic.qos)
+            wait_for(lambda: publisher.get_subscription_count() >= 2)
+            self.publishers[topic.name] = publisher
+        self.publishers[topic.name].publish(message)
+
+    def parameters(self) -> dict[str, dict[str, object]]:
+        return {
+            name: {
+                n: list(p.value) if isinstance(p.value, (array, tuple)) else p.value
+                for n, p in node.get_parameters_by_prefix('').items()
+            }
+            for name, node in self.stages.items()
+        }
+
+    def entries(self, *kinds: str) -> list[Entry]:
+        found = read_log(self.log)
+        assert found.whole
+        return [entry for entry in found.entries if entry.kind in kinds]
