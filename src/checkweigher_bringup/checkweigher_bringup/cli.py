@@ -34,7 +34,7 @@ COMMANDS = (
      'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
     ('audit', 'audit', 'verify the chain of an audit log and show what was changed',
      'audit /var/log/checkweigher/lane1.log'),
-    ('import', 'import_csv', 'turn a CSV log of a scale into a bag',
+    ('import', 'import_', 'turn a CSV log of a scale into a bag',
      'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
 )  # fmt: skip
 
