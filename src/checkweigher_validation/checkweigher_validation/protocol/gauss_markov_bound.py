@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov
+from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangular
 from scipy.signal import butter
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
@@ -50,7 +50,8 @@ class Bound:
     std_dev : float
         If the zero is known exactly. The tightest: no estimate is better.
     zero_unknown_std_dev : float
-        If nothing is known of the zero but what the signal before the product says.
+        If nothing is known of the zero but what the signal before the product says; infinite if
+        the signal cannot tell a mass from a zero.
     """
 
     std_dev: float
@@ -97,12 +98,24 @@ def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) ->
 
 
 def bound_of(model: PassModel) -> Bound:
-    """Return the bounds for a signal whose response and noise are known."""
-    regressors = np.column_stack((model.response, np.ones(len(model.response))))
-    information = regressors.T @ cho_solve(cho_factor(model.covariance), regressors)
-    # The other one, an unknown constant, takes its share of the information (Schur complement).
-    left = information[0, 0] - information[0, 1] ** 2 / information[1, 1]
-    return Bound(1 / math.sqrt(information[0, 0]), 1 / math.sqrt(left))
+    """Return the bounds for a signal whose response and noise are known.
+
+    An unknown zero explains the part of the whitened response that lies along a whitened constant;
+    only the part across it tells the mass. That part is projected out of the response about its
+    mean, for the difference of the two kinds of information cancels where they are nearly equal.
+    If it is no larger than the rounding of the response, `zero_unknown_std_dev` is infinite.
+    """
+    root = cholesky(model.covariance, lower=True)
+    tilt = model.response - np.mean(model.response)
+    columns = np.column_stack((model.response, np.ones(len(tilt)), tilt))
+    response, constant, tilt = solve_triangular(root, columns, lower=True).T
+    constant /= norm(constant)
+    across = norm(tilt - constant * (constant @ tilt))
+    rounding = np.finfo(np.float64).eps * norm(model.response) / norm(root, -2)
+    return Bound(
+        std_dev=float(1 / norm(response)),
+        zero_unknown_std_dev=float(1 / across) if across > rounding else math.inf,
+    )
 
 
 def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:

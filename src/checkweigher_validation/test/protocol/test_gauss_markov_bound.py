@@ -82,6 +82,27 @@ def test_the_bound_of_a_constant_in_autoregressive_noise_is_that_of_theory():
     assert bound_of(model).std_dev == pytest.approx(1 / math.sqrt(information), rel=1e-6)
 
 
+@pytest.mark.parametrize('tilt', [1e-3, 1e-6, 1e-9, 1e-12])
+def test_a_response_that_hardly_differs_from_a_constant_has_the_bound_of_its_tilt(tilt):
+    # With white noise of variance 1 the information is the sum of squares about the mean,
+    # tilt^2 n (n^2 - 1) / 12.
+    n = 50
+    model = PassModel(np.arange(n), 1 + tilt * np.arange(n), np.eye(n))
+
+    expected = 1 / (tilt * math.sqrt(n * (n**2 - 1) / 12))
+    # Each sample of the response is rounded to a few 1e-16.
+    assert bound_of(model).zero_unknown_std_dev == pytest.approx(expected, rel=1e-15 / tilt + 1e-9)
+
+
+@pytest.mark.parametrize('p', [0.0, 0.8, 0.99])
+@pytest.mark.parametrize('level', [1.0, 0.1, 1 / 3])
+def test_an_unknown_zero_that_cannot_be_told_from_the_response_is_an_infinite_bound(p, level):
+    model = PassModel(np.arange(50.0), np.full(50, level), toeplitz(p ** np.arange(50)))
+
+    assert bound_of(model).zero_unknown_std_dev == math.inf
+    assert 0 < bound_of(model).std_dev < math.inf
+
+
 def test_a_quiet_machine_is_bounded_by_its_electronic_noise():
     # Nearly the bound of white noise for the load as it rides on, 0.1 s, and rests, 0.1 s:
     # s^2 sums to 96 / 3 + 96 = 128 samples. The ringing of the platform adds little to that.
