@@ -7,8 +7,8 @@ import queue
 from typing import Any
 
 from checkweigher_msgs.srv import SelectProduct
+from graph import call, wait_for
 from rclpy.node import Node
-from test_nodes import call, wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner

@@ -3,38 +3,40 @@
 import argparse
 from collections.abc import Sequence
 from importlib import import_module
+from keyword import iskeyword
 import os
 import signal
 import sys
+from types import ModuleType
 from typing import NoReturn
 
-# Name, module, what it does, one example.
+# Name, purpose and one example of each; its module in commands/ has its name.
 COMMANDS = (
-    ('simulate', 'simulate', 'write a bag of simulated products with known masses',
+    ('simulate', 'write a bag of simulated products with known masses',
      'simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line'),
-    ('weigh', 'weigh', 'weigh a bag offline, with the same stages as the graph',
+    ('weigh', 'weigh a bag offline, with the same stages as the graph',
      'weigh bags/paper_60 --csv masses.csv'),
-    ('replay', 'replay', 'play a bag through the ROS graph and show each verdict',
+    ('replay', 'play a bag through the ROS graph and show each verdict',
      'replay bags/paper_60 --rate 0'),
-    ('run', 'run', 'run a live line, show each verdict, start again what dies',
+    ('run', 'run a live line, show each verdict, start again what dies',
      'run --params my_line.yaml --processes'),
-    ('record', 'record', 'record a running graph into a bag',
+    ('record', 'record a running graph into a bag',
      'record --output /tmp/shift1 --duration 60'),
-    ('recover', 'recover', 'make a whole bag of a recording that broke off',
+    ('recover', 'make a whole bag of a recording that broke off',
      'recover shift1 --output shift1_whole'),
-    ('echo', 'echo', 'show masses and verdicts of a running graph as they come',
+    ('echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
-    ('status', 'status', 'show what is wrong with a running line, worst first, and what to check',
+    ('status', 'show what is wrong with a running line, worst first, and what to check',
      'status --count 1'),
-    ('tune', 'tune', 'learn parameters from passes of known mass',
+    ('tune', 'learn parameters from passes of known mass',
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
-    ('evaluate', 'evaluate', 'show the accuracy of the estimators on passes of known mass',
+    ('evaluate', 'show the accuracy of the estimators on passes of known mass',
      'evaluate --protocol paper --html report.html'),
-    ('calibrate', 'calibrate', 'calibrate the load cell with known masses at rest',
+    ('calibrate', 'calibrate the load cell with known masses at rest',
      'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
-    ('audit', 'audit', 'verify the chain of an audit log and show what was changed',
+    ('audit', 'verify the chain of an audit log and show what was changed',
      'audit /var/log/checkweigher/lane1.log'),
-    ('import', 'import_', 'turn a CSV log of a scale into a bag',
+    ('import', 'turn a CSV log of a scale into a bag',
      'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
 )  # fmt: skip
 
@@ -68,7 +70,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     commands = parser.add_subparsers(
         dest='command', metavar='COMMAND', required=True, parser_class=_Parser
     )
-    for name, module_name, text, example in COMMANDS:
+    for name, text, example in COMMANDS:
         command = commands.add_parser(
             name,
             help=text,
@@ -77,8 +79,14 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if only == name or only not in names:
-            import_module(f'checkweigher_bringup.commands.{module_name}').add_arguments(command)
+            _module_of(name).add_arguments(command)
     return parser
+
+
+def _module_of(command: str) -> ModuleType:
+    # `import` is a word of Python, and no module can be imported by that name.
+    suffix = '_' if iskeyword(command) else ''
+    return import_module(f'checkweigher_bringup.commands.{command}{suffix}')
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -92,10 +100,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     arguments = sys.argv[1:] if arguments is None else arguments
     parsed = build_parser(arguments[0] if arguments else None).parse_args(arguments)
-    module_name = next(module for name, module, *_ in COMMANDS if name == parsed.command)
-    run = import_module(f'checkweigher_bringup.commands.{module_name}').run
     try:
-        status = run(parsed)
+        status = _module_of(parsed.command).run(parsed)
         sys.stdout.flush()
     except ValueError as error:
         # Bags, parameters, CSV logs and outputs raise their own kinds of ValueError, each with

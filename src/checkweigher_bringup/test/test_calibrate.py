@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-import subprocess
 import sys
 import threading
 import time
 
+from calibration_dialogue import Dialogue
 import numpy as np
 import pytest
 import rclpy
@@ -73,35 +73,6 @@ def scale() -> Iterator[Scale]:
     made = Scale()
     yield made
     made.close()
-
-
-class Dialogue:
-    """The command in a process of its own, with a technician at its keyboard."""
-
-    def __init__(self, *arguments: object) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, '-m', 'checkweigher_bringup.cli', 'calibrate', *map(str, arguments)],
-            text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
-
-    def asked(self) -> str:
-        """Wait for the next question and return it."""
-        assert self.process.stderr is not None
-        text = ''
-        while not text.endswith('press Enter '):
-            sign = self.process.stderr.read(1)
-            assert sign, f'ended after {text!r}'
-            text += sign
-        return text.strip()
-
-    def answer(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write('\n')
-        self.process.stdin.flush()
-
-    def end(self) -> tuple[int, str, str]:
-        output, errors = self.process.communicate(timeout=60)
-        return self.process.returncode, output, errors
 
 
 def test_a_line_that_runs_is_calibrated_in_a_dialogue(scale: Scale, tmp_path: Path):

@@ -6,11 +6,11 @@ import queue
 from typing import Any
 
 from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
+from graph import call, wait_for
 import pytest
 from rclpy.node import Node
 from serial_line import SerialDevice
 from std_srvs.srv import Trigger
-from test_nodes import call, wait_for
 import yaml
 
 from checkweigher_bringup.line import STAGE_NODES

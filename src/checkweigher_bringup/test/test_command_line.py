@@ -14,7 +14,7 @@ from checkweigher_dsp.pipeline import side_processes
 from checkweigher_recording.bags.messages import BagError
 from checkweigher_recording.csv.log_import import ImportParameters
 
-EXAMPLES = {name: example for name, _, _, example in COMMANDS}
+EXAMPLES = {name: example for name, _, example in COMMANDS}
 
 
 def test_help_lists_every_command_with_its_example():

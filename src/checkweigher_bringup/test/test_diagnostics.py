@@ -7,12 +7,12 @@ import re
 import threading
 from typing import Any
 
+from graph import publish, wait_for
 from lines import simulated
 import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from running import ROOT, run_command
-from test_nodes import publish, wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning

@@ -8,16 +8,16 @@ import queue
 import time
 from typing import Any
 
+from calibration_dialogue import Dialogue
 from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
+from graph import call
 from lines import simulated
 import numpy as np
 import pytest
 from rclpy.node import Node
 import running  # noqa: F401  sets the domain
 from std_srvs.srv import Trigger
-from test_calibrate import Dialogue
-from test_nodes import call
 
 from checkweigher_bringup.dynamic_setting import DynamicSettingNode
 from checkweigher_bringup.line import STAGE_NODES

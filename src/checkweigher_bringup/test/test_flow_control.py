@@ -8,12 +8,12 @@ from pathlib import Path
 import time
 from typing import Any
 
+from graph import make_stages, wait_for
 from processes import MODULES, command, parameter_file, started
 import pytest
 from rclpy.node import Node
 from running import BAGS
-from test_lane_hosts import offline
-from test_nodes import make_stages, wait_for
+from verdicts import offline_verdicts
 
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.records import Verdict
@@ -72,7 +72,7 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
         {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
     )
     driver = [*command(MODULES['driver'], file, NAMESPACE), '-r', 'photo_eyes:=camera/photo_eyes']
-    expected = offline(read_bag(BAG))
+    expected = offline_verdicts(read_bag(BAG))
     with started({'driver': driver}):
         wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)
     found = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 import json
 from pathlib import Path
 import subprocess
@@ -15,12 +14,11 @@ from hosts import Hosts, two_hosts
 from processes import MODULES, command, parameter_file, started
 import pytest
 from running import BAGS, ROOT
+from verdicts import offline_verdicts
 
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, Reference
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye
 from checkweigher_dsp.ros import ports
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 LANES = {'lane1': 'paper_60', 'lane2': 'paper_90'}
@@ -92,16 +90,6 @@ def lines(
         witness.end()
 
 
-def offline(recording: Recording) -> list[Told]:
-    """Return the verdicts on a recording without the graph, as a witness tells them."""
-    line = WeighingLine(recording.load_cell, LineParameters())
-    found = []
-    for event in recording:
-        if not isinstance(event, Reference):
-            found += line.add(event)
-    return [json.loads(json.dumps(asdict(w.verdict))) for w in (*found, *line.finish())]
-
-
 def bare(told: list[Told]) -> list[Told]:
     """Return verdicts without where and when they came, in order of entry."""
     verdicts = [{k: v for k, v in t.items() if k not in ('lane', 'topic', 'came')} for t in told]
@@ -123,7 +111,7 @@ def test_two_lanes_across_two_hosts_give_the_same_verdicts_as_offline(tmp_path: 
             # Each passes at least the samples of one lane on: 4 bytes each.
             assert hosts.received(host) > 4 * 960 * 20
     for lane, bag in LANES.items():
-        assert bare(witness.verdicts[lane]) == offline(read_bag(BAGS / bag))
+        assert bare(witness.verdicts[lane]) == offline_verdicts(read_bag(BAGS / bag))
 
 
 OUTAGE = 3.0  # s
@@ -218,4 +206,4 @@ def told_at(witness: Witness, verdict: Told) -> int:
 def offline_masses(count: int) -> dict[int, float]:
     """Return the masses of the simulated line by t1."""
     parameters = SimulationParameters.from_mapping({**SOURCE, 'count': count})
-    return {told['t1']: told['mass'] for told in offline(simulate(parameters))}
+    return {told['t1']: told['mass'] for told in offline_verdicts(simulate(parameters))}

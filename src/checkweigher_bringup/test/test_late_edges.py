@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 import time
 
+from graph import publish
 import pytest
-from test_nodes import publish
-from test_reject_graph import Line, estimate
+from reject_line import RejectLine, estimate
 
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.ros import ports
@@ -20,7 +20,7 @@ def spinner() -> Iterator[Spinner]:
 
 def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner):
     # 1 s behind the outfeed eye. Item 1 is judged after 0.1 s, on a busy machine later.
-    line = Line(spinner, rejector_distance=0.5, verdict_margin=0.9)
+    line = RejectLine(spinner, rejector_distance=0.5, verdict_margin=0.9)
     line.pass_item(1)
     assert not line.verdict().late
     time.sleep(2.5)  # item 2 passes 1 s after item 1; its edges do not

@@ -8,12 +8,13 @@ import sys
 from typing import Any
 
 from checkweigher_msgs.msg import StopRequest, StreamStatus, Verdict
+from graph import heard, wait_for
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from rclpy.node import Node
-from test_nodes import wait_for
-from test_reject_graph import Line, estimate, heard
+from reject_line import RejectLine, estimate
+from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
@@ -65,7 +66,7 @@ def next_of(messages: 'queue.SimpleQueue[Any]') -> Any:
 
 
 def test_a_reject_node_that_is_not_active_stops_the_line_and_judges_nothing(spinner: Spinner):
-    line = Line(spinner, autostart=False, rejector_distance=0.1)
+    line = RejectLine(spinner, autostart=False, rejector_distance=0.1)
     manager = Manager(line.node, 'reject')
     request = line.stop()
     assert (request.state, request.reason) == (StopRequest.STOP, 'NotReady')
@@ -83,7 +84,7 @@ def test_a_reject_node_that_is_not_active_stops_the_line_and_judges_nothing(spin
 
 
 def test_deactivating_reject_gives_what_is_on_its_way_a_fault(spinner: Spinner):
-    line = Line(spinner, rejector_distance=100.0)
+    line = RejectLine(spinner, rejector_distance=100.0)
     manager = Manager(line.node, 'reject')
     assert line.stop().state == StopRequest.RUN
     line.pass_item(1)
@@ -185,18 +186,6 @@ def start_reject() -> 'subprocess.Popen[bytes]':
 def judge_until(verdicts: 'queue.SimpleQueue[Any]', found: list[Verdict], decision: int) -> None:
     while not found or found[-1].decision != decision:
         found.append(next_of(verdicts))
-
-
-def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
-    """Check that all items from the first one to the last have one verdict, under one number."""
-    starts = [stamp_from(verdict.t1) for verdict in found]
-    entered = []
-    while not edges.empty():
-        _, edge = edges.get()
-        if edge.eye == edge.INFEED and edge.blocked:
-            entered.append(stamp_from(edge.header.stamp))
-    assert sorted(starts) == [t1 for t1 in entered if min(starts) <= t1 <= max(starts)]
-    assert len({verdict.item_id for verdict in found}) == len(found)
 
 
 def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinner):

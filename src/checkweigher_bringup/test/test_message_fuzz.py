@@ -10,6 +10,7 @@ from typing import Any
 
 from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
 from diagnostic_msgs.msg import DiagnosticArray
+from graph import make_stages, play, wait_for
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -19,7 +20,6 @@ from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from std_srvs.srv import Trigger
-from test_nodes import make_stages, play, wait_for
 
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning

@@ -1,9 +1,8 @@
 """The nodes over real DDS against whatever a message may hold."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import math
 import queue
-import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -16,17 +15,16 @@ from checkweigher_msgs.msg import (
     Verdict,
     WeighWindow,
 )
+from graph import make_stages, play, publish, wait_for
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from running import BAGS
 from std_msgs.msg import Header
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import EchoNode, ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.ports import Topic
 
@@ -93,65 +91,6 @@ GARBAGE: list[tuple[Topic, Any]] = [
 def spinner() -> Iterator[Spinner]:
     with spinning('nodes') as running:
         yield running
-
-
-def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'timed out'
-        time.sleep(0.01)
-
-
-def call(node: Node, kind: Any, name: str, **values: object) -> Any:
-    """Call a service from a node that spins, and return the answer."""
-    client = node.create_client(kind, name)
-    wait_for(client.service_is_ready)
-    answer = client.call_async(kind.Request(**values))
-    wait_for(answer.done)
-    return answer.result()
-
-
-def publish(node: Node, topic: Topic, message: Any) -> None:
-    publisher = node.create_publisher(topic.type, topic.name, topic.qos)
-    wait_for(lambda: publisher.get_subscription_count() > 0)
-    publisher.publish(message)
-    assert publisher.wait_for_all_acked()
-    node.destroy_publisher(publisher)
-
-
-def make_stages() -> list[Node]:
-    """Make all stages, for bags that come faster than their time."""
-    return [
-        make({'deadlines': False} if name == 'reject' else None)
-        for name, make in STAGE_NODES.items()
-    ]
-
-
-def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
-    """Play a bag through the stages that are there and return what became of its items."""
-    while not listener.weighings.empty():
-        listener.weighings.get()
-    ends: queue.SimpleQueue[int] = queue.SimpleQueue()
-    topic = ports.SEGMENTER_STATUS
-    status = listener.create_subscription(
-        topic.type, topic.name, lambda m: ends.put(m.state), topic.stage_qos
-    )
-    driver = DriverNode({'source': 'bag', 'bag.path': str(BAGS / 'paper_90'), 'rate': 0.0})
-    spinner.add(driver)
-    running = False
-    while True:
-        state = ends.get(timeout=20.0)
-        if running and state == StreamStatus.FINISHED:
-            break
-        running = running or state == StreamStatus.RUNNING
-    spinner.remove(driver)
-    listener.destroy_subscription(status)
-    weighings = []
-    while len(weighings) < 25:
-        weighing = listener.weighings.get(timeout=20.0)
-        if weighing.estimate.weighed:
-            weighings.append(weighing)
-    return weighings
 
 
 def test_no_message_ends_a_node_or_spoils_the_next_line(spinner: Spinner):

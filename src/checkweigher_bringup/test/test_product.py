@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from graph import wait_for
 from product_line import RECIPES, TU1_GROSS, Line
 import pytest
-from test_nodes import wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning

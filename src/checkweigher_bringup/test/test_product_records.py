@@ -11,12 +11,12 @@ import statistics
 
 from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import NewBatch, ResetStatistics
+from graph import wait_for
 from product_line import Line
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from running import BAGS, run_command
-from test_nodes import wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning

@@ -9,13 +9,13 @@ import signal
 import subprocess
 import sys
 
+from graph import wait_for
 from lines import counts_of, simulated
 import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from running import run_command
-from test_nodes import wait_for
 import yaml
 
 from checkweigher_bringup.spinning import spinning

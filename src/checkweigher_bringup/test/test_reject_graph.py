@@ -1,34 +1,26 @@
 """The reject node over real DDS when masses do not come, and what it asks of the line."""
 
 from collections.abc import Iterator
-import queue
 import signal
 import subprocess
 import sys
-import time
-from typing import Any
 
 from checkweigher_msgs.msg import StopRequest, Verdict
+from graph import heard, publish, wait_for
 import pytest
 from rclpy.node import Node
+from reject_line import RejectLine, edges, estimate
 from std_srvs.srv import Trigger
-from test_nodes import publish, wait_for
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_to, estimate_to, load_cell_to, stamp_from
-from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.conversion import edge_to, estimate_to, stamp_from
 
-CELL = LoadCell(
-    sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
-    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
-)  # fmt: skip
-START = 1_700_000_000 * NANOSECONDS
 # An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector. Both are for
 # a machine that is busy with something else.
 IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
@@ -38,64 +30,6 @@ IN_TIME = {'rejector_distance': 4.0, 'verdict_margin': 2.0}
 def spinner() -> Iterator[Spinner]:
     with spinning('rejecting') as running:
         yield running
-
-
-def heard(node: Node, topic: Topic, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
-    """Return where a topic's messages come, each with its time of arrival in ns."""
-    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    node.create_subscription(
-        topic.type,
-        topic.name,
-        lambda message: messages.put((time.monotonic_ns(), message)),
-        topic.qos if latched else topic.stage_qos,
-    )
-    return messages
-
-
-def edges(number: int) -> list[EyeEdge]:
-    """Edges of an item of 0.1 m at 0.5 m/s."""
-    t1 = START + number * NANOSECONDS
-    steps = ((0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True))
-    return [EyeEdge(t1 + step * NANOSECONDS // 10, eye, blocked) for step, eye, blocked in steps]
-
-
-def estimate(number: int, mass: float) -> MassEstimate:
-    """The estimate of an item, numbered from 1."""
-    t1, t2, t3 = (edge.stamp for edge in edges(number))
-    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5)
-
-
-class Line:
-    """A reject node and whatever the test says in the name of the others."""
-
-    def __init__(self, spinner: Spinner, **parameters: object) -> None:
-        self.node = Node('others')
-        self.verdicts = heard(self.node, ports.VERDICT)
-        self.stops = heard(self.node, ports.STOP_REQUEST, latched=True)
-        self.reset = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
-        self.edges = self.node.create_publisher(
-            ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
-        )
-        spinner.add(self.node)
-        self.reject = RejectNode(parameters)
-        spinner.add(self.reject)
-        wait_for(lambda: self.edges.get_subscription_count() > 0)
-        publish(self.node, ports.LOAD_CELL_INFO, load_cell_to(CELL, START))
-        # Edges come on another topic: they must not overtake it.
-        wait_for(lambda: self.reject._stage.weigh_length is not None)
-
-    def pass_item(self, number: int) -> None:
-        """Have an item pass the eyes."""
-        for edge in edges(number):
-            self.edges.publish(edge_to(edge))
-
-    def verdict(self) -> Verdict:
-        """Return the next verdict."""
-        return self.verdicts.get(timeout=20.0)[1]
-
-    def stop(self) -> StopRequest:
-        """Return the next word on whether to stop."""
-        return self.stops.get(timeout=20.0)[1]
 
 
 def start(stage: str) -> 'subprocess.Popen[bytes]':
@@ -202,7 +136,7 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
 
 
 def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
-    line = Line(spinner)
+    line = RejectLine(spinner)
     diagnostics = heard(line.node, ports.DIAGNOSTICS)
     line.pass_item(1)
     assert list(line.verdict().reasons) == ['NoEstimate']
@@ -220,7 +154,7 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
 
 
 def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner: Spinner):
-    line = Line(spinner, min_belt_speed=0.4, edge_lateness=0.2, rejector_distance=10.0)
+    line = RejectLine(spinner, min_belt_speed=0.4, edge_lateness=0.2, rejector_distance=10.0)
     for edge in edges(1)[:2]:
         line.edges.publish(edge_to(edge))
 
@@ -234,7 +168,7 @@ def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner:
 
 
 def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
-    line = Line(spinner, deadlines=False, rejector_distance=0.0)
+    line = RejectLine(spinner, deadlines=False, rejector_distance=0.0)
     line.pass_item(1)
     line.pass_item(2)
     publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
@@ -244,7 +178,7 @@ def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
 
 
 def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinner):
-    line = Line(spinner, max_rejects_in_a_row=2)
+    line = RejectLine(spinner, max_rejects_in_a_row=2)
     assert line.stop().state == StopRequest.RUN
     for number in (1, 2):
         line.pass_item(number)
@@ -262,7 +196,7 @@ def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinne
 
 
 def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
-    line = Line(spinner, confirmation_time=2.0, rejector_distance=0.5)
+    line = RejectLine(spinner, confirmation_time=2.0, rejector_distance=0.5)
     assert line.stop().state == StopRequest.RUN
     line.pass_item(1)
     # The eye is told of at once: a busy machine must not make it too late. Whichever comes first,

@@ -1,5 +1,6 @@
 """Each of the six nodes killed and stopped in turn while products pass: a campaign of minutes."""
 
+from collections.abc import Iterator
 import os
 from pathlib import Path
 import signal
@@ -8,7 +9,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 import pytest
-from test_run import RunningLine, line  # noqa: F401
+from supervised_line import SupervisedLine, supervised_line
 
 from checkweigher_bringup.running_line import MODULES
 from checkweigher_dsp.records import NANOSECONDS
@@ -17,10 +18,16 @@ from checkweigher_dsp.ros.conversion import stamp_from
 pytestmark = pytest.mark.soak
 
 
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[SupervisedLine]:
+    with supervised_line(tmp_path) as running:
+        yield running
+
+
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
 @pytest.mark.parametrize('name', MODULES)
 def test_every_item_has_one_verdict_whichever_node_dies(
-    line: RunningLine,  # noqa: F811
+    line: SupervisedLine,
     name: str,
     number: signal.Signals,
     record_property: Any,
@@ -52,7 +59,7 @@ def test_every_item_has_one_verdict_whichever_node_dies(
         assert sorted(verdicts) == [t1 for t1 in items if min(verdicts) <= t1 <= last]
 
 
-def _entered(line: RunningLine) -> list[int]:  # noqa: F811
+def _entered(line: SupervisedLine) -> list[int]:
     """Return t1 of all items in order of entry."""
     edges = []
     while not line.edges.empty():

@@ -1,0 +1,33 @@
+"""The command `calibrate` with a technician at its keyboard."""
+
+import subprocess
+import sys
+
+
+class Dialogue:
+    """The command in a process of its own, with a technician at its keyboard."""
+
+    def __init__(self, *arguments: object) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'checkweigher_bringup.cli', 'calibrate', *map(str, arguments)],
+            text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+
+    def asked(self) -> str:
+        """Wait for the next question and return it."""
+        assert self.process.stderr is not None
+        text = ''
+        while not text.endswith('press Enter '):
+            sign = self.process.stderr.read(1)
+            assert sign, f'ended after {text!r}'
+            text += sign
+        return text.strip()
+
+    def answer(self) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write('\n')
+        self.process.stdin.flush()
+
+    def end(self) -> tuple[int, str, str]:
+        output, errors = self.process.communicate(timeout=60)
+        return self.process.returncode, output, errors

@@ -1,0 +1,89 @@
+"""Talk to the nodes of a graph, and play a bag through its stages."""
+
+from collections.abc import Callable
+import queue
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import StreamStatus
+from rclpy.node import Node
+from running import BAGS
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import Spinner
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.pipeline.line import Weighing
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.ports import Topic
+
+
+def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, 'timed out'
+        time.sleep(0.01)
+
+
+def call(node: Node, kind: Any, name: str, **values: object) -> Any:
+    """Call a service from a node that spins, and return the answer."""
+    client = node.create_client(kind, name)
+    wait_for(client.service_is_ready)
+    answer = client.call_async(kind.Request(**values))
+    wait_for(answer.done)
+    return answer.result()
+
+
+def publish(node: Node, topic: Topic, message: Any) -> None:
+    publisher = node.create_publisher(topic.type, topic.name, topic.qos)
+    wait_for(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked()
+    node.destroy_publisher(publisher)
+
+
+def heard(node: Node, topic: Topic, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
+    """Return where a topic's messages come, each with its time of arrival in ns."""
+    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    node.create_subscription(
+        topic.type,
+        topic.name,
+        lambda message: messages.put((time.monotonic_ns(), message)),
+        topic.qos if latched else topic.stage_qos,
+    )
+    return messages
+
+
+def make_stages() -> list[Node]:
+    """Make all stages, for bags that come faster than their time."""
+    return [
+        make({'deadlines': False} if name == 'reject' else None)
+        for name, make in STAGE_NODES.items()
+    ]
+
+
+def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
+    """Play a bag through the stages that are there and return what became of its items."""
+    while not listener.weighings.empty():
+        listener.weighings.get()
+    ends: queue.SimpleQueue[int] = queue.SimpleQueue()
+    topic = ports.SEGMENTER_STATUS
+    status = listener.create_subscription(
+        topic.type, topic.name, lambda m: ends.put(m.state), topic.stage_qos
+    )
+    driver = DriverNode({'source': 'bag', 'bag.path': str(BAGS / 'paper_90'), 'rate': 0.0})
+    spinner.add(driver)
+    running = False
+    while True:
+        state = ends.get(timeout=20.0)
+        if running and state == StreamStatus.FINISHED:
+            break
+        running = running or state == StreamStatus.RUNNING
+    spinner.remove(driver)
+    listener.destroy_subscription(status)
+    weighings = []
+    while len(weighings) < 25:
+        weighing = listener.weighings.get(timeout=20.0)
+        if weighing.estimate.weighed:
+            weighings.append(weighing)
+    return weighings

@@ -1,0 +1,64 @@
+"""A reject node alone, with a test in the place of the other nodes of its line."""
+
+from checkweigher_msgs.msg import StopRequest, Verdict
+from graph import heard, publish, wait_for
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from checkweigher_bringup.spinning import Spinner
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import edge_to, load_cell_to
+
+CELL = LoadCell(
+    sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
+    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
+)  # fmt: skip
+START = 1_700_000_000 * NANOSECONDS
+
+
+def edges(number: int) -> list[EyeEdge]:
+    """Edges of an item of 0.1 m at 0.5 m/s."""
+    t1 = START + number * NANOSECONDS
+    steps = ((0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True))
+    return [EyeEdge(t1 + step * NANOSECONDS // 10, eye, blocked) for step, eye, blocked in steps]
+
+
+def estimate(number: int, mass: float) -> MassEstimate:
+    """The estimate of an item, numbered from 1."""
+    t1, t2, t3 = (edge.stamp for edge in edges(number))
+    return MassEstimate(number, t1, t2, t3, mass=mass, std_dev=1e-4, line_speed=0.5)
+
+
+class RejectLine:
+    """A reject node, and a node that publishes and hears what the others of a line would."""
+
+    def __init__(self, spinner: Spinner, **parameters: object) -> None:
+        self.node = Node('others')
+        self.verdicts = heard(self.node, ports.VERDICT)
+        self.stops = heard(self.node, ports.STOP_REQUEST, latched=True)
+        self.reset = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
+        self.edges = self.node.create_publisher(
+            ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
+        )
+        spinner.add(self.node)
+        self.reject = RejectNode(parameters)
+        spinner.add(self.reject)
+        wait_for(lambda: self.edges.get_subscription_count() > 0)
+        publish(self.node, ports.LOAD_CELL_INFO, load_cell_to(CELL, START))
+        # Edges come on another topic: they must not overtake it.
+        wait_for(lambda: self.reject._stage.weigh_length is not None)
+
+    def pass_item(self, number: int) -> None:
+        """Have an item pass the eyes."""
+        for edge in edges(number):
+            self.edges.publish(edge_to(edge))
+
+    def verdict(self) -> Verdict:
+        """Return the next verdict."""
+        return self.verdicts.get(timeout=20.0)[1]
+
+    def stop(self) -> StopRequest:
+        """Return the next word on whether to stop."""
+        return self.stops.get(timeout=20.0)[1]

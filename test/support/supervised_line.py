@@ -1,0 +1,116 @@
+"""A line under the command `run`, each node in a process of its own."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import queue
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import Verdict
+from graph import heard
+from rclpy.node import Node
+from verdicts import assert_one_verdict_each
+
+from checkweigher_bringup.running_line import MODULES
+from checkweigher_bringup.spinning import spinning
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros import ports
+
+PARAMETERS = """
+/**/driver:
+  ros__parameters:
+    simulator.count: 0
+    simulator.spacing: 0.5
+    lossless: false
+/**/reject:
+  ros__parameters:
+    rejector_distance: 1.0
+"""
+
+
+class SupervisedLine:
+    """A line under `run`, and what a listener has heard of it."""
+
+    def __init__(self, folder: Path, listener: Node) -> None:
+        self.verdicts = heard(listener, ports.VERDICT, latched=True)
+        self.edges = heard(listener, ports.PHOTO_EYES)
+        self.found: list[Any] = []
+        parameters = folder / 'line.yaml'
+        parameters.write_text(PARAMETERS, encoding='utf-8')
+        self.log = folder / 'log'
+        with self.log.open('w', encoding='utf-8') as file:
+            self.command = subprocess.Popen(
+                [
+                    *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--processes'),
+                    *('--namespace', 'running', '--params', str(parameters)),
+                ],
+                stdout=file,
+                stderr=file,
+            )
+
+    def pid(self, name: str) -> int:
+        """Return the process of a node."""
+        for pid in self.children():
+            if MODULES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
+                return pid
+        raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
+
+    def children(self) -> list[int]:
+        path = Path(f'/proc/{self.command.pid}/task')
+        return [int(p) for t in path.iterdir() for p in (t / 'children').read_text().split()]
+
+    def judge_until(self, decision: int, timeout: float = 60.0) -> int:
+        """Collect verdicts until one of a decision comes; return when that was, ns."""
+        end = time.monotonic() + timeout
+        while True:
+            try:
+                came, verdict = self.verdicts.get(timeout=max(0.1, end - time.monotonic()))
+            except queue.Empty:
+                raise AssertionError(self.log.read_text()) from None
+            self.found.append(verdict)
+            if verdict.decision == decision:
+                return came
+
+    def recovery(self, name: str, number: int) -> float:
+        """Send a signal to a node and return after how many s an item is weighed again."""
+        sent = time.monotonic_ns()
+        os.kill(self.pid(name), number)
+        self.judge_until(Verdict.FAULT)
+        return (self.judge_until(Verdict.ACCEPT) - sent) / NANOSECONDS
+
+    def check(self) -> None:
+        """Check that each item has one verdict and is a FAULT where it has no mass."""
+        while not self.verdicts.empty():  # those on their way when it ended
+            self.found.append(self.verdicts.get()[1])
+        assert_one_verdict_each(self.edges, self.found)
+        for verdict in self.found:
+            assert verdict.decision in (Verdict.ACCEPT, Verdict.FAULT)
+            assert bool(verdict.reasons) == (verdict.decision == Verdict.FAULT)
+
+    def end(self) -> int:
+        """Interrupt the command and return its status; nothing may be left."""
+        children = self.children()
+        self.command.send_signal(signal.SIGINT)
+        status = self.command.wait(timeout=60)
+        assert not [pid for pid in children if Path(f'/proc/{pid}').exists()]
+        return status
+
+
+@contextmanager
+def supervised_line(folder: Path) -> Iterator[SupervisedLine]:
+    """Run a line for as long as the block lasts."""
+    with spinning('running') as spinner:
+        listener = Node('listener')
+        line = SupervisedLine(folder, listener)
+        spinner.add(listener)
+        try:
+            yield line
+        finally:
+            if line.command.poll() is None:
+                line.command.terminate()
+                line.command.wait(timeout=60)

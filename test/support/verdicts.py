@@ -1,0 +1,35 @@
+"""The verdicts that a line should give: one for each item, and those of the offline path."""
+
+from dataclasses import asdict
+import json
+import queue
+from typing import Any
+
+from checkweigher_msgs.msg import Verdict
+
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.records import Reference
+from checkweigher_dsp.ros.conversion import stamp_from
+from checkweigher_recording.recording import Recording
+
+
+def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:
+    """Check that all items from the first one to the last have one verdict, under one number."""
+    starts = [stamp_from(verdict.t1) for verdict in found]
+    entered = []
+    while not edges.empty():
+        _, edge = edges.get()
+        if edge.eye == edge.INFEED and edge.blocked:
+            entered.append(stamp_from(edge.header.stamp))
+    assert sorted(starts) == [t1 for t1 in entered if min(starts) <= t1 <= max(starts)]
+    assert len({verdict.item_id for verdict in found}) == len(found)
+
+
+def offline_verdicts(recording: Recording) -> list[dict[str, Any]]:
+    """Return the verdicts on a recording without the graph, as a witness tells them."""
+    line = WeighingLine(recording.load_cell, LineParameters())
+    found = []
+    for event in recording:
+        if not isinstance(event, Reference):
+            found += line.add(event)
+    return [json.loads(json.dumps(asdict(w.verdict))) for w in (*found, *line.finish())]
