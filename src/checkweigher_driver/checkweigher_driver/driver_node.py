@@ -83,7 +83,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.subscribe(ports.SEGMENTER_STATUS, self._on_segmenter_status)
         self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request, needed=False)
-        self.create_service(LineHistoryService, ports.LINE_HISTORY, self._on_line_history)
+        self.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._on_line_history)
         if self._outputs.exist:
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         self._calibration = CalibrationServices(

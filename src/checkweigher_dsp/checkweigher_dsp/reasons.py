@@ -75,6 +75,7 @@ class StopReason(StrEnum):
     CONFIRMED_ACCEPT = 'ConfirmedAccept'
     DRIVER_TROUBLE = 'DriverTrouble'
     NOT_READY = 'NotReady'
+    UNKNOWN = 'Unknown'
 
     @property
     def hint(self) -> str:
@@ -88,4 +89,5 @@ _STOP_HINTS = {
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
     StopReason.DRIVER_TROUBLE: 'the driver has trouble with load cell, photo-eyes or outputs',
     StopReason.NOT_READY: 'no verdicts come: reject is not active; activate it or start it again',
+    StopReason.UNKNOWN: 'a stop request came without a reason that this version knows',
 }

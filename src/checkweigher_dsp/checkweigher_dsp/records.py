@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from enum import IntEnum
 import math
 from operator import attrgetter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,10 @@ from checkweigher_dsp.reasons import StopReason
 
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
+
+
+# A time on the clock of the samples; None where it is not known.
+Stamp = Annotated[int, 'ns']
 
 
 class Eye(IntEnum):
@@ -111,7 +115,7 @@ class LoadCell:
 class SampleBlock:
     """Consecutive converter readings: ``counts`` (n,) int32, the first one taken at ``stamp``."""
 
-    stamp: int
+    stamp: Stamp
     first_index: int
     counts: NDArray[np.int32]
 
@@ -120,7 +124,7 @@ class SampleBlock:
 class EyeEdge:
     """One edge of a photo-eye at ``stamp``: ``blocked`` is its state from then on."""
 
-    stamp: int
+    stamp: Stamp
     eye: Eye
     blocked: bool
 
@@ -131,7 +135,7 @@ class EyeEdge:
 class Reference:
     """The true mass of an item in kg; ``stamp`` is its t1."""
 
-    stamp: int
+    stamp: Stamp
     mass: float
 
     __reduce__ = _as_call
@@ -180,9 +184,9 @@ class WeighWindow:
     """
 
     item_id: int
-    t1: int | None
-    t2: int | None
-    t3: int | None
+    t1: Stamp | None
+    t2: Stamp | None
+    t3: Stamp | None
     belt_speed: float = math.nan
     product_length: float = math.nan
     line_speed: float = math.nan
@@ -192,7 +196,7 @@ class WeighWindow:
     zero: float = math.nan
     zero_std_dev: float = math.nan
     first_index: int = 0
-    stamp: int = 0
+    stamp: Stamp = 0
     empty_begin: int = 0
     window_begin: int = 0
     window_end: int = 0
@@ -231,9 +235,9 @@ class MassEstimate:
     """
 
     item_id: int
-    t1: int | None
-    t2: int | None
-    t3: int | None
+    t1: Stamp | None
+    t2: Stamp | None
+    t3: Stamp | None
     reasons: tuple[str, ...] = ()
     mass: float = math.nan
     std_dev: float = math.nan
@@ -274,15 +278,15 @@ class Verdict:
     """
 
     item_id: int
-    t3: int | None
+    t3: Stamp | None
     decision: Decision
     reasons: tuple[str, ...] = ()
     mass: float = math.nan
     std_dev: float = math.nan
     lower_limit: float = -math.inf
     upper_limit: float = math.inf
-    reject_at: int | None = None
-    t1: int | None = None
+    reject_at: Stamp | None = None
+    t1: Stamp | None = None
     estimate_id: int = 0
     late: bool = False
 
@@ -301,10 +305,47 @@ class ZeroChange:
         Of the new one, kg.
     """
 
-    stamp: int
+    stamp: Stamp
     zero: float
     previous: float
     std_dev: float
+
+
+class StreamState(IntEnum):
+    """How a stream of samples is."""
+
+    RUNNING = 0
+    FINISHED = 1  # the source has ended: what was counted is final
+    FAILED = 2  # the source broke off
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStatus:
+    """How far the driver or the segmenter has come with a stream.
+
+    Attributes
+    ----------
+    stamp : int
+        ns, of the last sample.
+    stream : int
+        The driver's number for it.
+    state : StreamState
+        Whether more is to come.
+    samples, edges : int
+        Sent by the driver, or taken by the segmenter.
+    items : int
+        Items that have left the segmenter.
+    text : str
+        What a technician should know; empty while all is well.
+    """
+
+    stamp: Stamp
+    stream: int
+    state: StreamState
+    samples: int = 0
+    edges: int = 0
+    items: int = 0
+    text: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +357,7 @@ class StopRequest:
 
     reason: StopReason
     item_id: int
-    stamp: int | None = None
+    stamp: Stamp | None = None
     text: str = ''
 
     @property
@@ -344,7 +385,7 @@ class LineHistory:
     """
 
     stream: int
-    stamp: int
+    stamp: Stamp
     first_edge: int = 0
     edges: tuple[EyeEdge, ...] = ()
     verdicts: tuple[Verdict, ...] = ()

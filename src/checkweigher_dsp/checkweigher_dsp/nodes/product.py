@@ -8,9 +8,7 @@ from typing import Any, ClassVar
 
 from checkweigher_msgs.msg import Statistics
 from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
-from rcl_interfaces.msg import ParameterEvent
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import qos_profile_parameter_events
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
@@ -36,15 +34,11 @@ from checkweigher_dsp.ros.line_parameters import (
     Values,
     python_value,
 )
-from checkweigher_dsp.ros.ports import Topic
 from checkweigher_dsp.ros.stage_node import StageNode, run
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
 _AUDITED = ('segmenter', 'denoise', 'identifier', 'reject', 'product', 'driver')
-_PARAMETER_EVENTS = Topic(
-    '/parameter_events', ParameterEvent, qos_profile_parameter_events, qos_profile_parameter_events
-)
 
 
 @dataclass(frozen=True)
@@ -95,7 +89,7 @@ class ProductNode(StageNode[ProductParameters]):
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self._serve()
         if self._log is not None:
-            self.subscribe(_PARAMETER_EVENTS, self._on_parameter_event)
+            self.subscribe(ports.PARAMETER_EVENTS, self._on_parameter_event)
             self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
             self.subscribe(ports.ZERO_SETTING, self._on_zero_setting)
             self.create_timer(

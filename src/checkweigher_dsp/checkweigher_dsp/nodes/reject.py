@@ -60,7 +60,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_ended = False
         self._active = False
         self._recall: Recall | None = None
-        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY)
+        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
         self._stop_requests = self.create_publisher(
             ports.STOP_REQUEST.type, ports.STOP_REQUEST.name, ports.STOP_REQUEST.qos
@@ -207,7 +207,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         try:
             recall.answer(history_from(answer.result()))
         except Exception as error:
-            self.warn(f'{ports.LINE_HISTORY}: {type(error).__name__}: {error}')
+            self.warn(f'{ports.LINE_HISTORY.name}: {type(error).__name__}: {error}')
             recall.answer(None)
         self._wake()
 
