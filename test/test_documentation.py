@@ -11,7 +11,7 @@ from running import ROOT
 import yaml
 
 from checkweigher_bringup.cli import COMMANDS
-from checkweigher_bringup.dynamic_setting import DynamicSettingParameters
+from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingParameters
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
 from checkweigher_driver.line_io.modbus import ModbusOutputParameters

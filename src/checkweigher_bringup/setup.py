@@ -24,7 +24,7 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            'dynamic_setting = checkweigher_bringup.dynamic_setting:main',
+            'dynamic_setting = checkweigher_bringup.commissioning.dynamic_setting:main',
             'line = checkweigher_bringup.line:main',
             'checkweigher = checkweigher_bringup.cli:main',
         ],

@@ -1,4 +1,4 @@
-"""Passes of known mass from bags, and bars for what takes minutes."""
+"""Training on passes of known mass in bags, and progress bars for work of minutes."""
 
 from collections.abc import Callable, Sequence
 from itertools import chain
@@ -10,10 +10,15 @@ from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import warn_unfinished
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.block_cutting import JoinedSignal
-from checkweigher_validation.accuracy.passes import KnownPass, known_passes
+from checkweigher_recording.whole_file import write_whole
+from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
+from checkweigher_validation.tuning.parameter_file import parameter_file
+from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.tuner import tune
 
 
 def read_passes(
@@ -56,8 +61,53 @@ def read_passes(
     return passes, lines
 
 
+def train(
+    bags: Sequence[Path],
+    output: Path,
+    estimators: Sequence[str],
+    base: LineParameters,
+    *,
+    budget: int = BUDGET,
+    lane: str | None = None,
+    jobs: int | None = None,
+) -> None:
+    """Tune estimators on the passes of known mass in bags, and write the parameter file.
+
+    Parameters
+    ----------
+    bags : sequence of Path
+    output : Path
+        The parameter file; one that exists is replaced.
+    estimators : sequence of str
+        Names; the file selects the first one.
+    base : LineParameters
+        The parameters that are not tuned.
+    budget : int
+        Evaluations of each estimator at each speed, at most.
+    lane : str or None
+        Namespace to take from bags that hold several.
+    jobs : int or None
+        Processes; None for one on each core.
+
+    Raises
+    ------
+    BagError, UserError, TuningError, OutputError
+        If a bag cannot be read or has too few passes, or the file cannot be written.
+    """
+    passes, source = read_passes(bags, lane, base.segmenter)
+    with ProgressBars() as bars:
+        tuned = tune(
+            group_by_speed(passes), estimators, base, budget=budget, workers=jobs,
+            on_progress=bars.of('tuning'),
+        )  # fmt: skip
+    text = parameter_file(tuned, source)
+    write_whole(output, text)
+    comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
+    print('\n'.join(line for line in comments if line.split()[0] in ('estimator', *estimators)))
+
+
 class ProgressBars:
-    """One bar after the other on a terminal; nothing where stderr is none."""
+    """One progress bar after the other on a terminal; none where stderr is not a terminal."""
 
     def __init__(self) -> None:
         self._bar: tqdm[object] | None = None
@@ -75,11 +125,11 @@ class ProgressBars:
         self._close()
 
     def of(self, doing: str) -> Callable[[int, int], None]:
-        """Return what shows the progress of one piece of work."""
+        """Return a callback that shows the progress of one piece of work."""
         return lambda done, total: self.show(doing, done, total)
 
     def show(self, doing: str, done: int, total: int) -> None:
-        """Show how many of the steps of what is being done are behind us."""
+        """Show how many steps of a piece of work are done."""
         if self._bar is None or doing != self._doing:
             self._close()
             self._doing = doing

@@ -15,8 +15,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from running import ROOT, run_command
 
 from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.line_status import Row, StatusBoard, headline, table
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_bringup.watching import Row, Watch, headline, table
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.nodes.product import ProductNode
@@ -249,15 +249,15 @@ def told_by(node: str, level: int = 0, message: str = 'running') -> list[Status]
 
 
 def test_the_status_shows_the_worst_first_and_who_is_silent():
-    watch = Watch('a')
-    watch.add(10.0, told_by('a/segmenter', 1, 'it is; look'))
-    watch.add(12.0, told_by('a/reject', 2, 'bad; look'))
-    watch.add(12.0, told_by('a/denoise'))
-    watch.add(12.0, told_by('b/denoise', 2))
-    watch.add(12.0, told_by('a/camera', 2))
+    board = StatusBoard('a')
+    board.add(10.0, told_by('a/segmenter', 1, 'it is; look'))
+    board.add(12.0, told_by('a/reject', 2, 'bad; look'))
+    board.add(12.0, told_by('a/denoise'))
+    board.add(12.0, told_by('b/denoise', 2))
+    board.add(12.0, told_by('a/camera', 2))
 
     def shown(now: float) -> list[tuple[str, str, str]]:
-        return [(row.level.name, row.node, row.aspect) for row in watch.rows(now)]
+        return [(row.level.name, row.node, row.aspect) for row in board.rows(now)]
 
     assert shown(12.5) == [
         ('ERROR', 'a/reject', 'Samples'),
@@ -268,7 +268,7 @@ def test_the_status_shows_the_worst_first_and_who_is_silent():
         ('OK', 'a/reject', 'Items'),
         ('OK', 'a/segmenter', 'Items'),
     ]
-    assert headline(watch.rows(12.5)) == '1 silent, 1 errors, 1 warnings, 4 well'
+    assert headline(board.rows(12.5)) == '1 silent, 1 errors, 1 warnings, 4 well'
     assert ('STALE', 'a/segmenter', '') in shown(13.5)
 
 

@@ -19,7 +19,7 @@ from rclpy.node import Node
 import running  # noqa: F401  sets the domain
 from std_srvs.srv import Trigger
 
-from checkweigher_bringup.dynamic_setting import DynamicSettingNode
+from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingNode
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    from checkweigher_bringup.sample_feed import SampleFeed
+    from checkweigher_bringup.commissioning.sample_feed import SampleFeed
     from checkweigher_driver.calibration.static_calibration import (
         CalibrationPoint,
         StaticCalibration,
@@ -82,10 +82,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Guide through the masses and write the file."""
     if arguments.dynamic:
-        from checkweigher_bringup.dynamic_guide import set_dynamically
+        from checkweigher_bringup.commissioning.dynamic_guide import set_dynamically
 
-        return set_dynamically(arguments)
-    from checkweigher_bringup.calibrating import guided_points
+        set_dynamically(arguments)
+        return 0
+    from checkweigher_bringup.commissioning.static_guide import guided_points
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_positive
     from checkweigher_driver.calibration.file import (
@@ -138,7 +139,7 @@ def _calibration(points: 'list[CalibrationPoint]', load_cell: 'LoadCell') -> 'St
 
 def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]':
     """Return where the samples come from."""
-    from checkweigher_bringup.sample_feed import line_feed, source_feed
+    from checkweigher_bringup.commissioning.sample_feed import line_feed, source_feed
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_driver.calibration.file import check_calibrated_source, source_values
     from checkweigher_driver.sources import source_class

@@ -1,6 +1,16 @@
 """Show what is wrong with a running line, worst first, and what to check."""
 
 import argparse
+import sys
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from checkweigher_bringup.line_status import Row, StatusBoard
+
+_PERIOD = 1.0  # s
+_PATIENCE = 5.0  # s, in which the first report of a running line comes
+_FIRST_LOOK = 1.5  # s from then on, in which every node reports
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,13 +25,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show tables until interrupted; 1 if the last one has an error or a silent node."""
-    from checkweigher_bringup.settings import check_namespace, check_positive
-    from checkweigher_bringup.watching import watch
+    from rclpy.node import Node
 
-    well = watch(
-        check_namespace(arguments.namespace),
-        check_positive('--count', arguments.count),
-        check_positive('--duration', arguments.duration),
-        values=arguments.values,
-    )
-    return 0 if well else 1
+    from checkweigher_bringup.line_status import StatusBoard, worst
+    from checkweigher_bringup.settings import check_namespace, check_positive
+    from checkweigher_bringup.spinning import spinning
+    from checkweigher_dsp.health.findings import Level
+    from checkweigher_dsp.ros import ports
+
+    namespace = check_namespace(arguments.namespace)
+    count = check_positive('--count', arguments.count)
+    duration = check_positive('--duration', arguments.duration)
+    board = StatusBoard(namespace)
+    began = time.monotonic()
+    shown, rows = 0, board.rows(began)
+    with spinning() as spinner:
+        node = Node('status')
+        topic = ports.DIAGNOSTICS
+        node.create_subscription(
+            topic.type, topic.name, lambda m: board.add(time.monotonic(), m.status), topic.qos
+        )
+        spinner.add(node)
+        try:
+            _wait_for_the_first(board, began + min(_PATIENCE, duration or _PATIENCE))
+            while True:
+                rows = board.rows(time.monotonic())
+                _print(rows, values=arguments.values, heard=board.heard)
+                shown += 1
+                over = duration is not None and time.monotonic() - began >= duration
+                if over or shown == count:
+                    break
+                time.sleep(_PERIOD)
+        except KeyboardInterrupt:
+            pass
+    return 0 if worst(rows) < Level.ERROR else 1
+
+
+def _wait_for_the_first(board: 'StatusBoard', end: float) -> None:
+    """Wait until a line has reported, at most until `end`, s of the monotonic clock."""
+    while not board.heard and time.monotonic() < end:
+        time.sleep(0.05)
+    if board.heard:
+        time.sleep(_FIRST_LOOK)
+
+
+def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
+    from shutil import get_terminal_size
+
+    from checkweigher_bringup.line_status import headline, table
+
+    lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
+    if not heard:
+        lines.append('nothing on /diagnostics: is the line running, and in this ROS_DOMAIN_ID?')
+    lines += table(rows, get_terminal_size().columns, values=values)
+    screen = sys.stdout.isatty()
+    clear = '\033[H\033[J' if screen else ''
+    print(clear + '\n'.join(lines) + ('' if screen else '\n'), flush=True)

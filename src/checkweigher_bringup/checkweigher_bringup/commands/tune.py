@@ -37,32 +37,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Tune and write the parameter file."""
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
-    from checkweigher_bringup.training import ProgressBars, read_passes
-    from checkweigher_recording.whole_file import write_whole
-    from checkweigher_validation.accuracy.passes import group_by_speed
-    from checkweigher_validation.tuning.parameter_file import parameter_file
-    from checkweigher_validation.tuning.search import BUDGET
-    from checkweigher_validation.tuning.tuner import tune
+    from checkweigher_bringup.training import BUDGET, train
 
     estimators = estimator_names(arguments.estimator, ('iswd_eksi',))
     check_positive('--budget', arguments.budget)
     check_positive('--jobs', arguments.jobs)
     check_output_file(arguments.output, arguments.overwrite)
     base = line_parameters(arguments.params, None, arguments.lane)
-    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter)
-    with ProgressBars() as bars:
-        tuned = tune(
-            group_by_speed(passes), estimators, base, budget=arguments.budget or BUDGET,
-            workers=arguments.jobs, on_progress=bars.of('tuning'),
-        )  # fmt: skip
-    text = parameter_file(tuned, source)
-    write_whole(arguments.output, text)
-    print('\n'.join(line.lstrip('# ') for line in text.splitlines() if _is_of_table(line)))
+    train(
+        arguments.bags, arguments.output, estimators, base, budget=arguments.budget or BUDGET,
+        lane=arguments.lane, jobs=arguments.jobs,
+    )  # fmt: skip
     print(f'{arguments.output}: written; weigh, replay and the nodes take it as their parameters')
     return 0
-
-
-def _is_of_table(line: str) -> bool:
-    from checkweigher_dsp.estimation.estimators import ESTIMATORS
-
-    return line.startswith('# ') and line.split()[1] in ('estimator', *ESTIMATORS)

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 import sys
 
+from checkweigher_bringup.commissioning.sample_feed import SampleFeed
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.sample_feed import SampleFeed
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationPoint,
     RestReading,

@@ -1,11 +1,10 @@
-"""What `calibrate --dynamic` does: passes of a known mass at one belt speed after the other."""
+"""The dynamic setting with a technician: passes of a known mass at one belt speed after another."""
 
 import argparse
 from pathlib import Path
 from statistics import median
 
-from checkweigher_bringup.calibrating import ask
-from checkweigher_bringup.commands import tune
+from checkweigher_bringup.commissioning.static_guide import ask
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import record
 from checkweigher_bringup.settings import (
@@ -14,16 +13,17 @@ from checkweigher_bringup.settings import (
     estimator_names,
     line_parameters,
 )
-from checkweigher_bringup.training import read_passes
+from checkweigher_bringup.training import BUDGET, read_passes, train
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.whole_file import check_folder_of, output_error
 
 _SECONDS = 60.0  # in a minute
 _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
 
 
-def set_dynamically(arguments: argparse.Namespace) -> int:
-    """Guide through the speeds, train, and write the parameter file; return the exit status.
+def set_dynamically(arguments: argparse.Namespace) -> None:
+    """Guide through the speeds, train, and write the parameter file.
 
     Raises
     ------
@@ -37,22 +37,17 @@ def set_dynamically(arguments: argparse.Namespace) -> int:
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise output_error(folder, error) from None
-    bags = [_record_at(speed, folder, arguments) for speed in arguments.speeds]
+    base = line_parameters(arguments.params, None)
+    bags = [_record_at(speed, folder, base, arguments) for speed in arguments.speeds]
     new = output.with_name(f'{output.stem}.new{output.suffix}')
-    parser = argparse.ArgumentParser()
-    tune.add_arguments(parser)
-    words = [*bags, '--output', new, '--overwrite', '--estimator', arguments.estimator]
-    for option in ('budget', 'params'):
-        if (value := getattr(arguments, option)) is not None:
-            words += [f'--{option}', value]
-    tune.run(parser.parse_args([str(word) for word in words]))
+    estimators = estimator_names([arguments.estimator], ())
+    train(bags, new, estimators, base, budget=arguments.budget or BUDGET)
     version = replace_version(output, new)
     print(f'{output}: version {version} written; start the line with it')
-    return 0
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Refuse what cannot be before anything passes."""
+    """Refuse options that cannot be used, before anything passes."""
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
@@ -70,8 +65,10 @@ def _check(arguments: argparse.Namespace) -> None:
     check_folder_of(arguments.output)
 
 
-def _record_at(speed: float, folder: Path, arguments: argparse.Namespace) -> Path:
-    """Record the passes at a speed in m/min, again where the belt had another; return the bag."""
+def _record_at(
+    speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
+) -> Path:
+    """Record the passes at a speed in m/min, again if the belt ran at another; return the bag."""
     while True:
         ask(f'Set the belt to {speed:g} m/min, run the line')
         bag = _free(folder, speed)
@@ -79,12 +76,11 @@ def _record_at(speed: float, folder: Path, arguments: argparse.Namespace) -> Pat
             bag, check_namespace(arguments.namespace), None, inputs_only=True,
             reference=0.001 * arguments.reference, passes=arguments.passes,
         )  # fmt: skip
-        base = line_parameters(arguments.params, None)
         passes = [each for each in read_passes([bag], None, base.segmenter)[0] if each.whole]
         if len(passes) < arguments.passes:
             raise UserError(
-                f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; begin anew, '
-                'or tune on what there is'
+                f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; start again, '
+                'or tune on the bags that there are'
             )
         found = _SECONDS * median(each.window.belt_speed for each in passes)
         print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')
@@ -94,7 +90,7 @@ def _record_at(speed: float, folder: Path, arguments: argparse.Namespace) -> Pat
 
 
 def _free(folder: Path, speed: float) -> Path:
-    """Return a name for a bag that is not taken yet."""
+    """Return the first name for a bag of a speed that does not exist yet."""
     number = 1
     while (path := folder / f'{speed:g}_{number}').exists():
         number += 1
