@@ -13,11 +13,17 @@ import yaml
 from checkweigher_bringup.cli import COMMANDS
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingParameters
 from checkweigher_driver.calibration.session import CalibrationParameters
+from checkweigher_driver.devices import (
+    EYES,
+    NONE,
+    SOURCES,
+    DriverParameters,
+    eyes_class,
+    source_class,
+)
 from checkweigher_driver.line_io.gpio import GpioOutputParameters
 from checkweigher_driver.line_io.modbus import ModbusOutputParameters
-from checkweigher_driver.line_io.outputs import OutputParameters
-from checkweigher_driver.parameters import DriverParameters
-from checkweigher_driver.sources import EYES, NO_EYES, SOURCES, eyes_class, source_class
+from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
@@ -41,7 +47,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{
         f'driver, photo-eyes {name}': (f'{name}.', eyes_class(name).parameters)
         for name in EYES
-        if name != NO_EYES
+        if name != NONE
     },
     **{
         f'driver, {title}': (f'{parameters.node}.', parameters)

@@ -17,7 +17,8 @@ from checkweigher_driver.line_io.modbus import (
     ModbusOutputParameters,
     ModbusOutputs,
 )
-from checkweigher_driver.line_io.outputs import MachineOutputs, OutputParameters
+from checkweigher_driver.line_io.outputs import MachineOutputs
+from checkweigher_driver.line_io.rejector_control import OutputParameters
 
 PLC = Path(__file__).with_name('modbus_plc.py')
 BAG = BAGS / 'paper_90'
@@ -97,6 +98,7 @@ def switching(plc, port_parameters=None, **parameters):
         )
     )
     outputs = MachineOutputs(port, OutputParameters(**parameters))
+    outputs.open()
     try:
         yield outputs
     finally:

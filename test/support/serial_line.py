@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-from checkweigher_driver.sources import source_class
+from checkweigher_driver.devices import source_class
 
 PROGRAM = Path(__file__).with_name('serial_device.py')
 PATIENCE = 20.0  # s, after which something hangs

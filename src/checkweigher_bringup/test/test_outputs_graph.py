@@ -14,8 +14,8 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_driver.devices import SOURCES
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_driver.sources import SOURCES
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.records import Decision, Verdict

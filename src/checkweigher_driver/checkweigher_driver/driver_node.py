@@ -6,18 +6,16 @@ import threading
 import time
 from typing import Any
 
-from checkweigher_msgs.msg import StreamStatus
+from checkweigher_msgs.msg import StopRequest, StreamStatus
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
+from checkweigher_driver.devices import DriverParameters, make_outputs, source_maker
 from checkweigher_driver.health import DriverWatch
-from checkweigher_driver.line_io import prepare_outputs
-from checkweigher_driver.line_io.line_outputs import LineOutputs
-from checkweigher_driver.parameters import DriverParameters
-from checkweigher_driver.sources import Source, source_maker
+from checkweigher_driver.sources import Source
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_driver.stream_memory import StreamMemory
 from checkweigher_driver.stream_report import StreamReport
@@ -63,13 +61,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
         try:
             self._make_source = source_maker(self.parameters.source, self.parameters.eyes, read)
-            open_outputs = prepare_outputs(self.parameters.outputs, read)
+            self._outputs = make_outputs(self.parameters.outputs, read)
             calibration = declare(self, CalibrationParameters, 'calibration.', read_only=True)
         except ParameterError:
             self.destroy_node()
             raise
         self._watch = DriverWatch(self.parameters.source)
-        self._outputs = LineOutputs(open_outputs)
         self._waits = StoppableWaits()
         self._thread: threading.Thread | None = None
         self._reject_ready = False
@@ -197,7 +194,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._flow.judged(number)
 
     def _on_stop_request(self, message: Any) -> None:
-        self._outputs.take_request(message)
+        stop = message.state != StopRequest.RUN
+        self._outputs.take_request(stop, message.reason, message.hint)
         with self._waits.change():
             self._reject_ready = message.reason != StopReason.NOT_READY
 
@@ -210,8 +208,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._outputs.hold(bool(failed))
         name = self.resolve_topic_name(ports.STOP_REQUEST.name)
         if self._outputs.exist and self.count_publishers(name) == 0:
-            self._outputs.nobody_requests()
-        trouble = self._outputs.trouble(failed)
+            self._outputs.lose_request()
+        trouble = self._outputs.trouble_with(failed)
         if trouble != self._trouble and self._report.open:
             self._trouble = trouble
             self._report.publish(StreamStatus.RUNNING, trouble)

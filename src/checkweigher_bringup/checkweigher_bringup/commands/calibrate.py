@@ -142,7 +142,7 @@ def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]'
     from checkweigher_bringup.commissioning.sample_feed import line_feed, source_feed
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_driver.calibration.file import check_calibrated_source, source_values
-    from checkweigher_driver.sources import source_class
+    from checkweigher_driver.devices import source_class
 
     check_calibrated_source(arguments.source)
     if not arguments.open:

@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
     from checkweigher_bringup.replaying import Replay, replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
-    from checkweigher_driver.parameters import DriverParameters
+    from checkweigher_driver.devices import DriverParameters
     from checkweigher_recording.bags.reading import read_bag
     from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 

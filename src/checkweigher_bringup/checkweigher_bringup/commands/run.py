@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the line until interrupted; 2 if it cannot start."""
     from checkweigher_bringup.running_line import Run, run_line
     from checkweigher_bringup.settings import check_namespace, line_parameters
-    from checkweigher_driver.parameters import DriverParameters
+    from checkweigher_driver.devices import DriverParameters
 
     namespace = check_namespace(arguments.namespace)
     # Raises ParameterError before anything is started.

@@ -18,7 +18,7 @@ from checkweigher_driver.calibration.static_calibration import (
     CalibrationPoint,
     StaticCalibration,
 )
-from checkweigher_driver.sources import source_class
+from checkweigher_driver.devices import source_class
 from checkweigher_dsp.parameters import flatten
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 

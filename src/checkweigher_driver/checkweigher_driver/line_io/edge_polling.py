@@ -1,4 +1,4 @@
-"""Edges of photo-eyes whose state is asked for again and again.
+"""Edges of photo-eyes whose state is polled.
 
 A poll reads both eyes at one unknown moment between its begin and its end. So an edge lies between
 the begin of the last poll that saw the old state and the end of the first one that saw the new:
@@ -7,16 +7,13 @@ its stamp is the middle, its uncertainty half of that, which is half of period a
 
 from dataclasses import dataclass
 
-from checkweigher_driver.sources import EyesBack, EyesLost
+from checkweigher_driver.sources import EyeEvent, EyesBack, EyesLost
 from checkweigher_dsp.records import Eye, EyeEdge
 
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """The state of the eyes, read between ``begin`` and ``end``, ns on a clock without steps.
-
-    ``blocked`` is that of infeed and outfeed.
-    """
+    """State of the eyes (infeed, outfeed), read between two times, ns on a clock without steps."""
 
     begin: int
     end: int
@@ -29,7 +26,7 @@ class EdgePolling:
     Parameters
     ----------
     max_uncertainty : int
-        ns; an edge that is less certain is none, but a loss of the eyes.
+        ns; an edge that is less certain counts as a loss of the eyes.
     longest_gap : int
         ns without a poll after which a product may have passed unseen.
     delay : int
@@ -52,15 +49,15 @@ class EdgePolling:
         self.uncertainty = self.worst_uncertainty = 0
         self.losses = 0
 
-    def add(self, poll: Poll, to_stamp: int) -> list[EyeEdge | EyesLost | EyesBack]:
-        """Take a poll and return what it tells.
+    def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
+        """Take a poll and return the edges or the loss that it shows.
 
         Parameters
         ----------
         poll : Poll
             Begun after the last one had ended.
         to_stamp : int
-            ns, what makes stamps of the times of the polls.
+            ns, stamp less time of a poll.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -86,8 +83,8 @@ class EdgePolling:
             if poll.blocked[eye] != last.blocked[eye]
         ]
 
-    def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEdge | EyesLost | EyesBack]:
-        """Note that polls fail; said once, until one succeeds."""
+    def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
+        """Take that polls fail; return the loss once, until a poll succeeds."""
         if self._lost:
             return []
         self._lost = True

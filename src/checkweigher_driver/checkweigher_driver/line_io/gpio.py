@@ -9,8 +9,8 @@ from typing import ClassVar
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
-from checkweigher_driver.line_io.outputs import OutputPort, PortLostError
-from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost
+from checkweigher_driver.line_io.outputs import OutputPort
+from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import Eye, EyeEdge
 
@@ -58,7 +58,7 @@ class EdgeOrder:
     Parameters
     ----------
     eyes : dict of int to Eye
-        By offset of the line.
+        By the offset of the line.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:
@@ -67,8 +67,8 @@ class EdgeOrder:
         self._last_stamp = 0
         self.lost = 0
 
-    def take(self, event: gpiod.EdgeEvent) -> list[EyeEdge | EyesLost | EyesBack]:
-        """Return what an event tells."""
+    def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
+        """Return the edge of an event, after the loss that it shows, if any."""
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
@@ -82,7 +82,7 @@ class EdgeOrder:
 
 
 class GpioEyes(EdgeSource):
-    """Both eyes, each edge with the kernel's stamp on the clock of the host."""
+    """Photo-eyes whose edges have the stamps of the kernel, on the clock of the host."""
 
     parameters = GpioEyesParameters
 
@@ -119,13 +119,13 @@ class GpioEyes(EdgeSource):
         """Return what /diagnostics shows."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
-    def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
+    def events(self) -> Iterator[EyeEvent]:
         """Yield edges until `close`.
 
         Raises
         ------
         OSError
-            If the chip is gone: nothing brings it back but a new start.
+            If the chip is gone; only a new start brings it back.
         """
         self._ended.clear()
         try:
@@ -200,10 +200,7 @@ class GpioOutputs(OutputPort):
             settings[wanted.belt] = gpiod.LineSettings(
                 direction=Direction.INPUT, active_low=wanted.belt_active_low
             )
-        try:
-            self._request = _request(wanted.chip, settings, 'gpio_outputs')
-        except ParameterError as error:
-            raise PortLostError(f'the rejector is not reached: {error}') from None
+        self._request = _request(wanted.chip, settings, 'gpio_outputs')
 
     def switch(self, *, reject: bool, stop: bool) -> None:
         """Set the lines."""
@@ -211,25 +208,19 @@ class GpioOutputs(OutputPort):
         values: dict[int | str, Value] = {wanted.reject: Value(int(reject))}
         if wanted.stop >= 0:
             values[wanted.stop] = Value(int(stop))
-        try:
-            self._lines.set_values(values)
-        except OSError as error:
-            raise PortLostError(f'the rejector is not reached: gpio: {error}') from None
+        self._lines.set_values(values)
 
     def refresh(self, *, reject: bool, stop: bool) -> bool | None:
         """Set the lines, and read the belt."""
         self.switch(reject=reject, stop=stop)
         if self._parameters.belt < 0:
             return None
-        try:
-            return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
-        except OSError as error:
-            raise PortLostError(f'the belt input is not read: gpio: {error}') from None
+        return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
 
     @property
     def _lines(self) -> gpiod.LineRequest:
         if self._request is None:
-            raise PortLostError('the rejector is not reached: the lines are not open')
+            raise OSError(f'gpio_outputs.chip: {self._parameters.chip}: the lines are not open')
         return self._request
 
     def close(self) -> None:

@@ -6,13 +6,13 @@ import threading
 import time
 from typing import ClassVar
 
-from checkweigher_driver.line_io.clock_watch import read_clocks
+from checkweigher_driver.line_io.clock_steps import read_clocks
 from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
-from checkweigher_driver.line_io.outputs import OutputPort, PortLostError
-from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost
+from checkweigher_driver.line_io.outputs import OutputPort
+from checkweigher_driver.sources import EdgeSource, EyeEvent
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge
+from checkweigher_dsp.records import NANOSECONDS
 
 _MAX_INPUTS = 64  # that one request spans
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
@@ -37,7 +37,7 @@ class _DeviceParameters(Parameters):
             raise ParameterError(f'{self.node}.host: empty, must name the device')
 
     def link(self) -> ModbusLink:
-        """Return a connection that is yet to be made."""
+        """Return the connection, not yet made."""
         return ModbusLink(self.host, self.port, self.device_id, self.timeout)
 
 
@@ -97,20 +97,15 @@ class ModbusEyes(EdgeSource):
         self._parameters = parameters
         self._link = parameters.link()
         self._polling = EdgePolling(
-            *(
-                round(value * NANOSECONDS)
-                for value in (parameters.max_uncertainty, parameters.longest_gap, parameters.delay)
-            )
+            max_uncertainty=round(parameters.max_uncertainty * NANOSECONDS),
+            longest_gap=round(parameters.longest_gap * NANOSECONDS),
+            delay=round(parameters.delay * NANOSECONDS),
         )
         self._closing = threading.Event()
         self._ended = threading.Event()
         self._ended.set()
         self._trouble = 'the photo-eyes have not been read yet'
-        self._polls = 0
-        self._round_trips = 0  # ns, sum and maximum
-        self._longest_round_trip = 0
-        self._periods = 0  # ns, sum
-        self._last_begin: int | None = None
+        self._timing = _PollTiming()
 
     @property
     def trouble(self) -> str:
@@ -120,22 +115,16 @@ class ModbusEyes(EdgeSource):
     def figures(self) -> dict[str, float]:
         """Return what /diagnostics shows; times in ms.
 
-        ``edge uncertainty`` is what the mean period and round trip make of a typical edge,
+        ``edge uncertainty`` is that of a typical edge, by the mean period and round trip,
         ``largest edge uncertainty`` that of the worst edge that was taken.
         """
-        polls = max(self._polls, 1)
-        period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
         return {
-            'polls': self._polls,
-            'poll period ms': period,
-            'round trip ms': round_trip,
-            'longest round trip ms': 1e-6 * self._longest_round_trip,
-            'edge uncertainty ms': (period + round_trip) / 2,
+            **self._timing.shown(),
             'largest edge uncertainty ms': 1e-6 * self._polling.worst_uncertainty,
             'eye losses': self._polling.losses,
         }
 
-    def events(self) -> Iterator[EyeEdge | EyesLost | EyesBack]:
+    def events(self) -> Iterator[EyeEvent]:
         """Yield edges, and when the eyes were lost and came back, until `close`."""
         self._ended.clear()
         try:
@@ -147,7 +136,7 @@ class ModbusEyes(EdgeSource):
                     poll = self._poll()
                 except ModbusLinkError as error:
                     self._trouble = f'the photo-eyes are not read: {error}'
-                    self._last_begin = None
+                    self._timing.interrupt()
                     yield from self._polling.lose(begin, _to_stamp(), self._trouble)
                     self._closing.wait(backoff)
                     backoff = min(2 * backoff, _LONGEST_BACKOFF)
@@ -168,20 +157,10 @@ class ModbusEyes(EdgeSource):
         begin = time.monotonic_ns()
         bits = self._link.read_bits(wanted.inputs, first, abs(wanted.infeed - wanted.outfeed) + 1)
         end = time.monotonic_ns()
-        if self._last_begin is not None:
-            self._polls += 1
-            self._periods += begin - self._last_begin
-            self._round_trips += end - begin
-            self._longest_round_trip = max(self._longest_round_trip, end - begin)
-        self._last_begin = begin
-        return Poll(
-            begin,
-            end,
-            (
-                bits[wanted.infeed - first] != wanted.infeed_inverted,
-                bits[wanted.outfeed - first] != wanted.outfeed_inverted,
-            ),
-        )
+        self._timing.add(begin, end)
+        infeed = bits[wanted.infeed - first] != wanted.infeed_inverted
+        outfeed = bits[wanted.outfeed - first] != wanted.outfeed_inverted
+        return Poll(begin, end, (infeed, outfeed))
 
     def close(self) -> None:
         """End `events` after the request that is under way."""
@@ -189,8 +168,41 @@ class ModbusEyes(EdgeSource):
         self._ended.wait(self._parameters.timeout + _CLOSE_TIME)
 
 
+class _PollTiming:
+    """Period and round trip of polls that follow one another, ns."""
+
+    def __init__(self) -> None:
+        self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
+        self._last_begin: int | None = None
+
+    def add(self, begin: int, end: int) -> None:
+        """Take a poll."""
+        if self._last_begin is not None:
+            self._polls += 1
+            self._periods += begin - self._last_begin
+            self._round_trips += end - begin
+            self._longest_round_trip = max(self._longest_round_trip, end - begin)
+        self._last_begin = begin
+
+    def interrupt(self) -> None:
+        """Take that a poll failed: the next one follows none."""
+        self._last_begin = None
+
+    def shown(self) -> dict[str, float]:
+        """Return the figures by their names in /diagnostics."""
+        polls = max(self._polls, 1)
+        period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
+        return {
+            'polls': self._polls,
+            'poll period ms': period,
+            'round trip ms': round_trip,
+            'longest round trip ms': 1e-6 * self._longest_round_trip,
+            'edge uncertainty ms': (period + round_trip) / 2,
+        }
+
+
 def _to_stamp() -> int:
-    """Return what makes stamps of the times of the monotonic clock, ns.
+    """Return stamp less monotonic time, ns.
 
     Asked for at each poll, so that a step of the host's clock does not part the edges from the
     samples.
@@ -201,7 +213,7 @@ def _to_stamp() -> int:
 
 @dataclass(frozen=True)
 class ModbusOutputParameters(_DeviceParameters):
-    """Which coils rejector and stop are, and what tells the device that its master lives."""
+    """Which coils rejector and stop are, and the watchdog of the device."""
 
     node: ClassVar[str] = 'modbus_outputs'
 
@@ -244,10 +256,7 @@ class ModbusOutputs(OutputPort):
     def open(self, *, reject: bool, stop: bool) -> None:
         """Connect and write both coils."""
         self._written = {}
-        try:
-            self._link.connect()
-        except ModbusLinkError as error:
-            raise PortLostError(f'the rejector is not reached: {error}') from None
+        self._link.connect()
         self._write(self._coils(reject, stop))
 
     def switch(self, *, reject: bool, stop: bool) -> None:
@@ -259,15 +268,12 @@ class ModbusOutputs(OutputPort):
         """Write both coils and the watchdog, and read the belt."""
         self._write(self._coils(reject, stop))
         wanted = self._parameters
-        try:
-            if wanted.watchdog >= 0:
-                self._cycles = (self._cycles + 1) % 2**16
-                self._link.write_register(wanted.watchdog, self._cycles)
-            if wanted.belt < 0:
-                return None
-            return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
-        except ModbusLinkError as error:
-            raise PortLostError(f'the rejector is not reached: {error}') from None
+        if wanted.watchdog >= 0:
+            self._cycles = (self._cycles + 1) % 2**16
+            self._link.write_register(wanted.watchdog, self._cycles)
+        if wanted.belt < 0:
+            return None
+        return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
 
     def _coils(self, reject: bool, stop: bool) -> dict[int, bool]:
         wanted = self._parameters
@@ -277,12 +283,9 @@ class ModbusOutputs(OutputPort):
         return coils
 
     def _write(self, coils: dict[int, bool]) -> None:
-        try:
-            for address, value in coils.items():
-                self._link.write_coil(address, value)
-                self._written[address] = value
-        except ModbusLinkError as error:
-            raise PortLostError(f'the rejector is not reached: {error}') from None
+        for address, value in coils.items():
+            self._link.write_coil(address, value)
+            self._written[address] = value
 
     def close(self) -> None:
         """Close the connection."""

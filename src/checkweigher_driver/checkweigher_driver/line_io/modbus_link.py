@@ -1,4 +1,4 @@
-"""A Modbus TCP device: what is read and written, each with one answer or an error in words."""
+"""Requests to a Modbus TCP device, each with one answer or an error in words."""
 
 from collections.abc import Callable
 import logging
@@ -7,7 +7,7 @@ from typing import Any
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# It logs every refused connection; what is wrong is said by the error that is raised.
+# It logs every refused connection, which the error that is raised reports.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 
@@ -83,7 +83,9 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             self.close()
             raise ModbusLinkError(
-                f'{self._name}: {what}: no answer within {self._timeout:g} s ({_brief(error)})'
+                # Without the text of pymodbus, which has addresses in memory.
+                f'{self._name}: {what}: no answer within {self._timeout:g} s '
+                f'({type(error).__name__})'
             ) from None
         if answer.isError():
             self.close()
@@ -96,8 +98,3 @@ class ModbusLink:
     def close(self) -> None:
         """Close the connection."""
         self._client.close()
-
-
-def _brief(error: Exception) -> str:
-    """Return the kind of an error without the addresses in memory that pymodbus puts into it."""
-    return type(error).__name__

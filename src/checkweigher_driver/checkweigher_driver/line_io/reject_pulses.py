@@ -1,4 +1,4 @@
-"""When the rejector acts: one pulse for each rejected item, on the time of the belt.
+"""The pulse schedule of the rejector: one pulse for each rejected item, on the time of the belt.
 
 The time of the belt stands still while the belt does: a product that has not reached the rejector
 yet gets its pulse later by as long as the belt stood.
@@ -6,16 +6,23 @@ yet gets its pulse later by as long as the belt stood.
 
 from bisect import insort
 from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
 
 _MAX_STOPS = 1000  # that are remembered
+
+
+class _Stop(NamedTuple):
+    begin: int
+    end: int
+    stood_before: int  # ns for which the belt had stood by the beginning of this stop
 
 
 class BeltTime:
     """The time for which the belt has run, ns, against the time of a clock."""
 
     def __init__(self) -> None:
-        # When the belt stopped, when it ran again, and for how long it had stood before.
-        self._stops: deque[tuple[int, int, int]] = deque(maxlen=_MAX_STOPS)
+        self._stops: deque[_Stop] = deque(maxlen=_MAX_STOPS)
         self._stopped_at: int | None = None
 
     @property
@@ -27,8 +34,8 @@ class BeltTime:
     def _stood(self) -> int:
         if not self._stops:
             return 0
-        begin, end, before = self._stops[-1]
-        return before + end - begin
+        last = self._stops[-1]
+        return last.stood_before + last.end - last.begin
 
     def stop(self, now: int) -> None:
         """Note that the belt has stopped."""
@@ -38,26 +45,48 @@ class BeltTime:
     def run(self, now: int) -> None:
         """Note that the belt runs."""
         if self._stopped_at is not None:
-            self._stops.append((self._stopped_at, now, self._stood))
+            self._stops.append(_Stop(self._stopped_at, now, self._stood))
             self._stopped_at = None
 
     def at(self, time: int) -> int:
-        """Return the time of the belt at a time of the clock; the belt may have stopped since."""
+        """Return the time of the belt at a time of the clock, by the stops that are known now."""
         if self._stopped_at is not None and time >= self._stopped_at:
             return self._stopped_at - self._stood
-        for begin, end, before in reversed(self._stops):
-            if time >= end:
-                return time - before - (end - begin)
-            if time >= begin:
-                return begin - before
+        for stop in reversed(self._stops):
+            if time >= stop.end:
+                return time - stop.stood_before - (stop.end - stop.begin)
+            if time >= stop.begin:
+                return stop.begin - stop.stood_before
         return time
 
     def when(self, belt_time: int) -> int | None:
-        """Return when the clock gets to a time of the belt that is yet to come.
+        """Return the time of the clock at a time of the belt that is yet to come.
 
         None while the belt stands still.
         """
         return None if self.stopped else belt_time + self._stood
+
+
+@dataclass(frozen=True, slots=True)
+class PulseTimes:
+    """Durations of the pulse schedule, ns.
+
+    Attributes
+    ----------
+    duration : int
+        Of the pulse of one item.
+    min_pause : int
+        Pulses that are closer become one.
+    late_tolerance : int
+        The item of a pulse that begins later may have passed.
+    belt_margin : int
+        By which a pulse is longer at both ends if the belt stopped before it.
+    """
+
+    duration: int
+    min_pause: int
+    late_tolerance: int
+    belt_margin: int
 
 
 class RejectPulses:
@@ -65,28 +94,16 @@ class RejectPulses:
 
     Parameters
     ----------
-    duration : int
-        ns, of the pulse of one item.
-    min_pause : int
-        ns; pulses that are closer become one.
-    late_tolerance : int
-        ns; a pulse that comes later is a product that may have passed.
-    belt_margin : int
-        ns, by which a pulse is longer at both ends if the belt stopped before it.
+    times : PulseTimes
 
     Attributes
     ----------
     skipped : int
-        Pulses that ended before anybody asked `acting` while they lasted.
+        Pulses that ended before `acting` was asked while they lasted.
     """
 
-    def __init__(
-        self, duration: int, min_pause: int, late_tolerance: int, belt_margin: int
-    ) -> None:
-        self._duration = duration
-        self._min_pause = min_pause
-        self._late_tolerance = late_tolerance
-        self._belt_margin = belt_margin
+    def __init__(self, times: PulseTimes) -> None:
+        self._times = times
         self._belt = BeltTime()
         self._pulses: list[tuple[int, int]] = []  # begin and end, in the time of the belt
         self._seen = False  # the first of them, acting
@@ -94,16 +111,15 @@ class RejectPulses:
 
     def belt(self, running: bool, now: int) -> None:
         """Note whether the belt runs; while it stands no pulse begins or ends."""
-        if running and self._belt.stopped:
-            here, margin = self._belt.at(now), self._belt_margin
+        if not running:
+            self._belt.stop(now)
+        elif self._belt.stopped:
+            here = self._belt.at(now)
             self._belt.run(now)
-            pulses = self._pulses
-            self._pulses = []
+            pulses, self._pulses = self._pulses, []
             for begin, end in pulses:
                 if end > here:
-                    self._put(max(begin - margin, min(begin, here)), end + margin)
-        elif not running:
-            self._belt.stop(now)
+                    self._put(begin, end, here, self._times.belt_margin)
 
     def add(
         self, due: int | None, since: int | None, now: int, entered: int | None = None
@@ -113,7 +129,7 @@ class RejectPulses:
         Parameters
         ----------
         due : int or None
-            ns, when its pulse begins if the belt does not stop; None if nobody knows.
+            ns, when its pulse begins if the belt does not stop; None if that is not known.
         since : int or None
             ns, when the item was where `due` was computed from.
         now : int
@@ -126,41 +142,45 @@ class RejectPulses:
         -------
         int or None
             By how many ns the pulse is late, 0 if it is in time; None if `due` is not known: the
-            rejector acts at once, but on what?
+            rejector acts at once, perhaps on another item.
         """
-        here = self._belt.at(now)
+        here, duration = self._belt.at(now), self._times.duration
         if due is None:
-            self._put(here, here + self._duration)
+            self._put(here, here + duration, here)
             return None
-        begin = self._belt.at(due if since is None else since)
-        stood = False
+        begin, delayed = self._begin(due, since, entered)
+        late = here - begin
+        if late > self._times.late_tolerance:
+            self._put(here, here + duration, here)
+            return late
+        self._put(begin, begin + duration, here, self._times.belt_margin if delayed else 0)
+        return 0
+
+    def _begin(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
+        """Return when a pulse begins on the time of the belt, and whether a stop delayed it."""
+        at = self._belt.at
+        begin, stood = at(due), False
         if since is not None:
             travel = due - since
             if entered is not None and entered < since:
-                run = self._belt.at(since) - self._belt.at(entered)
+                run = at(since) - at(entered)
                 stood = run < since - entered
                 travel = travel * run // (since - entered)
-            begin += travel
-        late = here - begin
-        # What waits for the belt to run gets its margin then.
-        delayed = stood or (not self._belt.stopped and begin != self._belt.at(due))
-        margin = self._belt_margin if delayed else 0
-        if late > self._late_tolerance:
-            self._put(here, here + self._duration)
-            return late
-        self._put(max(begin - margin, min(begin, here)), begin + self._duration + margin)
-        return 0
+            begin = at(since) + travel
+        # A pulse that waits for the belt to run gets its margin then.
+        return begin, stood or (not self._belt.stopped and begin != at(due))
 
-    def _put(self, begin: int, end: int) -> None:
-        insort(self._pulses, (begin, end))
-        merged = [self._pulses[0]]
-        for following, its_end in self._pulses[1:]:
-            first, last = merged[-1]
-            if following - last < self._min_pause:
-                merged[-1] = first, max(last, its_end)
+    def _put(self, begin: int, end: int, here: int, margin: int = 0) -> None:
+        """Add a pulse, longer by a margin at both ends, but not into the past; join close ones."""
+        insort(self._pulses, (max(begin - margin, min(begin, here)), end + margin))
+        joined = [self._pulses[0]]
+        for following in self._pulses[1:]:
+            first, last = joined[-1]
+            if following[0] - last < self._times.min_pause:
+                joined[-1] = first, max(last, following[1])
             else:
-                merged.append((following, its_end))
-        self._pulses = merged
+                joined.append(following)
+        self._pulses = joined
 
     def acting(self, now: int) -> bool:
         """Tell whether the rejector is to act."""
@@ -169,15 +189,15 @@ class RejectPulses:
             del self._pulses[0]
             self.skipped += not self._seen
             self._seen = False
-        self._seen = bool(self._pulses) and self._pulses[0][0] <= here
+        self._seen = self.begun(now)
         return self._seen
 
     def begun(self, now: int) -> bool:
-        """Tell whether a pulse has begun that `acting` has not seen the end of."""
+        """Tell whether the first pulse has begun; `acting` has not seen its end."""
         return bool(self._pulses) and self._pulses[0][0] <= self._belt.at(now)
 
     def next_change(self, now: int) -> int | None:
-        """Return when that changes next, ns, None if nothing is to come."""
+        """Return when `acting` changes next, ns; None if nothing is to come."""
         acting = self.acting(now)
         return self._belt.when(self._pulses[0][1 if acting else 0]) if self._pulses else None
 

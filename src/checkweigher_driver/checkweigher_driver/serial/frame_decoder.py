@@ -11,7 +11,8 @@ change d of the count becomes 256 d or more, give or take 255: of the places at 
 over some frames, the true one is that with the smallest change from frame to frame. So a frame
 without CR LF is returned only when it and the four after it are good and no other place has smaller
 changes; a disturbed byte costs the frames before it as well. A wrong place passes only while the
-signal stands still for four frames. Frames with CR LF at their end and inside are treated the same.
+signal stands still for four frames. Frames with CR LF both inside and at their end are treated the
+same way.
 """
 
 import math
@@ -19,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_driver.serial.decoding import Decoded
+from checkweigher_driver.serial.decoder import Decoded
 
 TRAILERS = ('auto', 'crlf', 'none')
 
@@ -32,7 +33,7 @@ _UNUSED = 0b1100_0000  # bits of the status byte
 
 
 class _Places:
-    """What frames of one size would be, from every byte of a stretch on."""
+    """The frames of one size that would begin at each byte of some data."""
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
         n = max(len(data) - size + 1, 0)
@@ -85,7 +86,7 @@ class _Places:
 
 
 class FrameDecoder:
-    """Find the frames in a stream of bytes; any cut of the stream gives the same.
+    """Readings from frames; any cut of the stream gives the same readings.
 
     Parameters
     ----------
@@ -98,11 +99,11 @@ class FrameDecoder:
     Raises
     ------
     ValueError
-        If there would be neither a checksum nor a trailer: nothing would tell frames apart.
+        If there is neither a checksum nor a trailer: frames could not be told apart.
 
     Notes
     -----
-    Where a frame is not as it should be, the search goes on from its second byte. Frames are
+    Where a frame is bad, the search goes on from its second byte. Frames are
     found again from the first place on at which five in a row are good.
 
     The number of values lost is that of the bytes skipped, rounded up to whole frames: right for
@@ -185,7 +186,7 @@ class FrameDecoder:
         return self._decoded(places, found, lost)
 
     def _all_good(self) -> Decoded | None:
-        """Return all whole frames, None if one is bad or doubtful: quick, and nearly always so."""
+        """Return all whole frames, None if one is bad or doubtful: the fast path."""
         number = len(self._data) // _WITH_TRAILER
         frames = self._data[: number * _WITH_TRAILER].reshape(number, _WITH_TRAILER)
         wide = frames[:, :4].astype(np.int32)

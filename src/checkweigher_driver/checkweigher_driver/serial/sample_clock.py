@@ -1,17 +1,16 @@
-"""When each sample was taken: from its index and from when it was read.
+"""The time of each sample, from its index and from the times of the reads.
 
 A read comes late by what bus, operating system and scheduler add, never early. So the true line of
 time over index lies below all points (index of the last sample of a read, time of the read), and
 the highest line that stays below them is its estimate: of the edges of their lower convex hull
 the one over the middle of the window (Zhang, Liu and Xia, INFOCOM 2002), which is the line with
-the smallest mean distance. What is always there, such as the time of a frame on the wire, cannot
-be seen this way: it is `latency`.
+the smallest mean distance. A delay that every read has, such as the time of a frame on the wire,
+cannot be seen this way: it is `latency`.
 
-What breaks the line is decided as follows. A read that is early by more than reads ever are means
-that the clock of the host stepped back or that the index ran ahead: the line begins anew at once.
-When for a while even the earliest read is late, samples were lost unnoticed or the clock of the
-host stepped forward: the line begins anew with the late ones. In between the stamps are in doubt,
-and `settled` says so.
+Two things break the line. A read that is early by more than reads ever are means that the clock of
+the host stepped back or that the index ran ahead: a new line begins at once. When for a while even
+the earliest read is late, samples were lost unnoticed or the clock of the host stepped forward: a
+new line begins with the late reads. In between the stamps are in doubt, and `settled` is false.
 """
 
 from collections import deque
@@ -57,19 +56,12 @@ def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
     """Return the lower convex hull of points that are sorted by index."""
     hull: list[_Point] = []
     for x, y in points:
-        while hull and (
-            hull[-1][0] == x
-            or (
-                len(hull) > 1
-                and (hull[-1][1] - hull[-2][1]) * (x - hull[-2][0])
-                >= (y - hull[-2][1]) * (hull[-1][0] - hull[-2][0])
-            )
-        ):
-            if hull[-1][0] == x and hull[-1][1] <= y:
+        while len(hull) > 1:
+            (x0, y0), (x1, y1) = hull[-2:]
+            if (y1 - y0) * (x - x0) < (y - y0) * (x1 - x0):
                 break
             hull.pop()
-        else:
-            hull.append((x, y))
+        hull.append((x, y))
     return hull
 
 
@@ -103,7 +95,7 @@ class SampleClock:
         self._begin(())
 
     def _begin(self, points: Sequence[_Point]) -> None:
-        """Begin the line anew with some points."""
+        """Begin a new line with some points."""
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
         self._fit: _Line | None = None
@@ -134,13 +126,13 @@ class SampleClock:
         Parameters
         ----------
         first_index, count : int
-            Its samples. An index that goes back begins everything anew.
+            Its samples. An index that goes back starts the clock again.
         host_ns : int
             When the read returned, ns on the clock of the stamps.
         """
         if count < 1:
             return
-        if self._origin is None or first_index - self._origin[0] <= self._end - 1:
+        if self._origin is None or first_index - self._origin[0] <= self._end:
             self._origin = first_index, host_ns
             self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
             self._out = None
@@ -157,15 +149,18 @@ class SampleClock:
         if late < -_SHIFT and trusted:
             self._restart([point], -late)
             return
-        if late > _SHIFT and trusted:
+        if late > _SHIFT and trusted and self._fit is not None:
             self._late.append(point)
             if self._is_lasting(point):
-                low = self._lowest(self._late)
-                self._restart(self._late, low)
+                self._restart(self._late, min(y - self._fit.at(x) for x, y in self._late))
                 return
         else:
             self._late = []
         self._in_doubt = late > _STEP and trusted
+        self._extend(point, late)
+
+    def _extend(self, point: _Point, late: float) -> None:
+        """Take a point into the line."""
         self._late_sum += max(late, 0.0)
         self._late_max = max(self._late_max, late)
         self._late_count += 1
@@ -188,10 +183,6 @@ class SampleClock:
             and point[0] - first[0] >= enough
             and elapsed >= enough
         )
-
-    def _lowest(self, points: Sequence[_Point]) -> float:
-        assert self._fit is not None
-        return min(y - self._fit.at(x) for x, y in points)
 
     def _restart(self, points: list[_Point], by: float) -> None:
         if by > _STEP:
@@ -227,7 +218,7 @@ class SampleClock:
         self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
 
     def _follow(self, index: int) -> None:
-        """Lead the stamps to the line, from a sample on."""
+        """Let the stamps approach the line, from a sample on."""
         assert self._fit is not None
         target = self._fit.at(index)
         if self._out is None or abs(target - self._out.at(index)) > _STEP:
@@ -276,9 +267,9 @@ class SampleStamper:
     """Make blocks of reads, and hold them back for as long as their stamps are in doubt.
 
     At the start that is a second; an item that is then on the belt waits for its samples. When
-    reads come late it ends with the next one that does not. After a step of the host's clock or a
-    loss of samples that nobody noticed it takes a second: what is on the belt gets no mass in
-    time, and is a fault.
+    reads come late it ends with the next one that does not. After a step of the host's clock or an
+    unnoticed loss of samples it takes a second: an item on the belt gets no mass in time, and is a
+    fault.
 
     Parameters
     ----------

@@ -2,17 +2,17 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 import math
 import termios
 import threading
 import time
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 import serial
 
-from checkweigher_driver.serial.decoding import Decoded, Decoder
+from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError, open_port, reason_of
 from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
 from checkweigher_driver.sources import Source
@@ -21,7 +21,7 @@ from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, Sam
 from checkweigher_recording.recording import Event
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
-_BROKEN = (OSError, termios.error)  # what a port raises that is gone; the latter is no OSError
+_BROKEN = (OSError, termios.error)  # raised by a port that is gone; the latter is no OSError
 _RATE_PERIOD = 5.0  # s over which the rate is measured; a stall of the machine is shorter
 _RATE_TOLERANCE = 0.05
 _RESUMING = 0.1  # s of signal after a break, from which the index is found
@@ -30,7 +30,7 @@ _FIRST_WAIT, _LONGEST_WAIT = 0.1, 2.0  # s between attempts to open the port aga
 
 @dataclass(frozen=True)
 class SerialParameters(Parameters):
-    """What all load cells on serial ports have in common."""
+    """Parameters that all load cells on serial ports share."""
 
     port: str = parameter('', 'device file, best one of /dev/serial/by-id')
     baud_rate: int = parameter(
@@ -74,7 +74,7 @@ class SerialParameters(Parameters):
     )  # fmt: skip
 
     def check_complete(self, bytes_per_value: int) -> None:
-        """Refuse what cannot work before anything is opened.
+        """Refuse parameters that cannot work before anything is opened.
 
         Parameters
         ----------
@@ -84,7 +84,7 @@ class SerialParameters(Parameters):
         Raises
         ------
         ParameterError
-            If what must be given is not, or the line is too slow for the values.
+            If a parameter without a default is not given, or the line is too slow for the values.
         """
         if not self.port:
             raise ParameterError(f'{self.node}.port: empty, must name a port such as /dev/ttyUSB0')
@@ -98,9 +98,18 @@ class SerialParameters(Parameters):
                 f'values a second of {bytes_per_value} bytes; must be {least} Bd or more'
             )
 
+    def load_cell(self, model: str, serial_number: str) -> LoadCell:
+        """Return the load cell that these parameters describe."""
+        known = {
+            field.name: getattr(self, field.name)
+            for field in fields(LoadCell)
+            if hasattr(self, field.name)
+        }
+        return LoadCell(**known, model=model, serial_number=serial_number)
+
 
 class _RateCheck:
-    """Notice a device that is set to another rate than it is said to be."""
+    """Notice a device that is set to another rate than its parameter says."""
 
     def __init__(self, parameters: SerialParameters) -> None:
         self._name, self._rate = f'{parameters.node}.sample_rate', parameters.sample_rate
@@ -124,12 +133,20 @@ class _RateCheck:
             self._begin, self._number = now, 0
 
 
+class _Read(NamedTuple):
+    """One read of the port that completed values."""
+
+    values: Decoded
+    at: int  # ns, when the last of them had come
+    size: int  # bytes
+
+
 class SerialSource(Source):
     """Values that a device streams over a serial port.
 
-    Opening it includes the start-up of the device, so that what is wrong is said then. Later the
-    port may go and come back: the source opens it again, starts the device anew, and the samples
-    go on with the index that the time says. What was on the belt has lost samples.
+    Opening it includes the start-up of the device, so that a wrong set-up is reported then. Later
+    the port may go and come back: the source opens it again, starts the device again, and the
+    samples go on with the index that the time says. An item that was on the belt has lost samples.
 
     Parameters
     ----------
@@ -160,7 +177,7 @@ class SerialSource(Source):
         self._index = 0  # of the next sample
         self._identity = self._open()
         try:
-            self.load_cell = self._load_cell(*self._identity)
+            self.load_cell = parameters.load_cell(*self._identity)
         except ValueError as error:
             self.close()
             raise ParameterError(f'{parameters.node}: {error}') from None
@@ -171,12 +188,12 @@ class SerialSource(Source):
         """Return a decoder for a stream that begins."""
 
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
-        """Bring the device to where it can stream; return its model and serial number.
+        """Prepare the device for streaming; return its model and serial number.
 
         Raises
         ------
         SerialError
-            If it does not do what it should.
+            If the device does not answer as it should.
         """
         return '', ''
 
@@ -184,37 +201,9 @@ class SerialSource(Source):
         """Let the device stream."""
 
     def _end(self, port: serial.Serial) -> None:
-        """Let the device stop; whether it does is not known."""
+        """Tell the device to stop; it may not."""
 
-    def _load_cell(self, model: str, serial_number: str) -> LoadCell:
-        known = self._settings
-        return LoadCell(
-            sample_rate=known.sample_rate,
-            counts_per_kg=known.counts_per_kg,
-            zero_counts=known.zero_counts,
-            min_counts=known.min_counts,
-            max_counts=known.max_counts,
-            capacity=known.capacity,
-            weigh_length=known.weigh_length,
-            model=model,
-            serial_number=serial_number,
-        )
-
-    def _open(self) -> tuple[str, str]:
-        """Open the port and start the device up."""
-        port = open_port(self._settings.port, self._settings.baud_rate)
-        try:
-            identity = self._start_up(port)
-        except _BROKEN as error:
-            port.close()
-            name = self._settings.port
-            raise SerialError(f'{name}: {reason_of(name, error)}') from None
-        except BaseException:
-            port.close()
-            raise
-        with self._lock:
-            self._port = port
-        return identity
+    # The port: open, broken, open again, closed
 
     def __iter__(self) -> Iterator[Event]:
         """Yield blocks of samples until the source is closed.
@@ -235,101 +224,31 @@ class SerialSource(Source):
         finally:
             self._let_go()
 
-    def _stream(self) -> Iterator[Event]:
-        port, decoder = self._port, self._make_decoder()
-        if port is None:
-            return
-        resumed = self._index > 0
-        self._rate = _RateCheck(self._settings)
-        first_reads: list[tuple[Decoded, int]] = []
-        enough = _RESUMING * self._settings.sample_rate
-        self._begin(port)
-        size = max(1, round(self._settings.block_duration * self._settings.sample_rate))
-        before = (0, 0)
-        last_value, idle_bytes = time.monotonic(), 0
-        while not self._closed.is_set():
-            data = port.read((size - 1) * self._frame_bytes(decoder) + decoder.missing)
-            now = time.time_ns()
-            found = decoder.feed(data)
-            idle_bytes += len(data)
-            skipped = decoder.skipped_bytes, decoder.bad_frames
-            self._figures['bytes skipped'] += skipped[0] - before[0]
-            self._figures['bad frames'] += skipped[1] - before[1]
-            before = skipped
-            if len(found.counts):
-                last_value, idle_bytes = time.monotonic(), 0
-                self._trouble = ''
-                self._rate.add(len(found.counts))
-                # What waits in the decoder has come after the last of these.
-                read_at = now - round(decoder.waiting * NANOSECONDS / self._settings.sample_rate)
-                first_reads.append((found, read_at))
-                number = sum(len(read.counts) for read, _ in first_reads)
-                if resumed and (number < enough or port.in_waiting > len(data)):
-                    continue  # what has waited to be read says nothing about the time
-                if resumed:
-                    self._jump(self._lost_until(first_reads))
-                    resumed = False
-                for read, at in first_reads:
-                    yield from self._blocks(read, at)
-                first_reads = []
-            elif time.monotonic() - last_value > self._settings.timeout:
-                raise SerialError(self._silence(idle_bytes))
-
-    def _frame_bytes(self, decoder: Decoder) -> int:
-        """Return how many bytes a value has, as far as that is known."""
-        return max(decoder.frame_bytes, 1)
-
-    def _silence(self, bytes_came: int) -> str:
-        what = 'bytes come, but no values' if bytes_came else 'no bytes come'
-        advice = (
-            'check baud_rate and the format that the device is set to'
-            if bytes_came
-            else 'check its supply and the cable'
-        )
-        return f'{self._settings.port}: {what} for {self._settings.timeout:g} s; {advice}'
-
-    def _blocks(self, found: Decoded, read_at: int) -> Iterator[SampleBlock]:
-        """Turn values into blocks: a new one behind each gap, so that the index jumps there."""
-        limits = self._settings
-        counts = np.where(
-            found.overflow,
-            np.where(found.counts < 0, limits.min_counts, limits.max_counts),
-            found.counts,
-        ).astype(np.int32)
-        for lost, piece in _pieces(found.lost, counts):
-            self._jump(lost)
-            first, self._index = self._index, self._index + len(piece)
-            self._figures['samples'] += len(piece)
-            yield from self._stamper.add(first, piece, read_at)
-
-    def _jump(self, lost: int) -> None:
-        self._index += lost
-        self._figures['samples lost'] += lost
-
-    def _lost_until(self, reads: list[tuple[Decoded, int]]) -> int:
-        """Return how many samples the time since the last one has room for, before some reads.
-
-        The read that came with the least delay tells.
-        """
-        latency = round(NANOSECONDS * (self._settings.delay + self._frame_time))
-        index, least = self._index - 1, math.inf
-        for found, read_at in reads:
-            index += len(found.counts) + int(found.lost.sum())
-            try:
-                usual = self._clock.stamp(index)
-            except ValueError:  # no sample has come before
-                return 1
-            least = min(least, read_at - latency - usual)
-        return max(1, math.floor(least * self._settings.sample_rate / NANOSECONDS))
+    def _open(self) -> tuple[str, str]:
+        """Open the port and start the device up."""
+        port = open_port(self._settings.port, self._settings.baud_rate)
+        try:
+            identity = self._start_up(port)
+        except _BROKEN as error:
+            port.close()
+            name = self._settings.port
+            raise SerialError(f'{name}: {reason_of(name, error)}') from None
+        except BaseException:
+            port.close()
+            raise
+        with self._lock:
+            self._port = port
+        return identity
 
     def _break_off(self, error: Exception) -> None:
         if self._closed.is_set():
             return
         self._breaks += 1
-        text = str(error)
+        self._trouble = str(error)
         if isinstance(error, _BROKEN):
-            text = f'{self._settings.port}: the connection broke off; is the device plugged in?'
-        self._trouble = text
+            self._trouble = (
+                f'{self._settings.port}: the connection broke off; is the device plugged in?'
+            )
         self._let_go()
 
     def _open_again(self) -> None:
@@ -370,20 +289,108 @@ class SerialSource(Source):
         if not self._reading:
             self._let_go()
 
+    # One stream of the device, from its beginning to a break
+
+    def _stream(self) -> Iterator[Event]:
+        port = self._port
+        if port is None:
+            return
+        self._rate = _RateCheck(self._settings)
+        self._begin(port)
+        reads = self._reads(port)
+        if self._index:
+            first = self._first_reads(port, reads)
+            if self._closed.is_set():
+                return
+            self._jump(self._lost_before(first))
+            for read in first:
+                yield from self._blocks(read)
+        for read in reads:
+            yield from self._blocks(read)
+
+    def _reads(self, port: serial.Serial) -> Iterator[_Read]:
+        """Yield the reads that complete values; `SerialError` if none come for too long."""
+        decoder, rate = self._make_decoder(), self._settings.sample_rate
+        values_in_block = max(1, round(self._settings.block_duration * rate))
+        last_value, idle_bytes = time.monotonic(), 0
+        while not self._closed.is_set():
+            # Until the frame size is known, one byte at least for each value.
+            rest = (values_in_block - 1) * max(decoder.frame_bytes, 1)
+            skipped, bad = decoder.skipped_bytes, decoder.bad_frames
+            data = port.read(rest + decoder.missing)
+            now = time.time_ns()
+            values = decoder.feed(data)
+            self._figures['bytes skipped'] += decoder.skipped_bytes - skipped
+            self._figures['bad frames'] += decoder.bad_frames - bad
+            if len(values.counts):
+                last_value, idle_bytes = time.monotonic(), 0
+                self._trouble = ''
+                self._rate.add(len(values.counts))
+                # Values that wait in the decoder have come after the last of these.
+                yield _Read(values, now - round(decoder.waiting * NANOSECONDS / rate), len(data))
+                continue
+            idle_bytes += len(data)
+            if time.monotonic() - last_value > self._settings.timeout:
+                raise SerialError(self._silence(idle_bytes))
+
+    def _silence(self, bytes_came: int) -> str:
+        what, advice = 'no bytes come', 'check its supply and the cable'
+        if bytes_came:
+            what = 'bytes come, but no values'
+            advice = 'check baud_rate and the format that the device is set to'
+        return f'{self._settings.port}: {what} for {self._settings.timeout:g} s; {advice}'
+
+    def _first_reads(self, port: serial.Serial, reads: Iterator[_Read]) -> list[_Read]:
+        """Return the reads after a break, up to one that has not waited to be read.
+
+        Values that have waited say nothing about the time.
+        """
+        first, number = [], 0
+        for read in reads:
+            first.append(read)
+            number += len(read.values.counts)
+            if number >= _RESUMING * self._settings.sample_rate and port.in_waiting <= read.size:
+                break
+        return first
+
+    def _lost_before(self, reads: list[_Read]) -> int:
+        """Return how many samples the time since the last one has room for, before some reads.
+
+        The read that came with the least delay decides.
+        """
+        latency = round(NANOSECONDS * (self._settings.delay + self._frame_time))
+        index, least = self._index - 1, math.inf
+        for read in reads:
+            index += len(read.values.counts) + int(read.values.lost.sum())
+            try:
+                usual = self._clock.stamp(index)
+            except ValueError:  # no sample has come before
+                return 1
+            least = min(least, read.at - latency - usual)
+        return max(1, math.floor(least * self._settings.sample_rate / NANOSECONDS))
+
+    def _blocks(self, read: _Read) -> Iterator[SampleBlock]:
+        """Cut values into blocks: a new one behind each gap, so that the index jumps there."""
+        values, limits = read.values, self._settings
+        at_limit = np.where(values.counts < 0, limits.min_counts, limits.max_counts)
+        counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
+        gaps = np.flatnonzero(values.lost[1:]) + 1
+        lost = values.lost[np.r_[0, gaps]].tolist()
+        for lost_before, piece in zip(lost, np.split(counts, gaps), strict=True):
+            self._jump(lost_before)
+            first, self._index = self._index, self._index + len(piece)
+            self._figures['samples'] += len(piece)
+            yield from self._stamper.add(first, piece, read.at)
+
+    def _jump(self, lost: int) -> None:
+        self._index += lost
+        self._figures['samples lost'] += lost
+
     @property
     def trouble(self) -> str:
         """What is wrong at present, in one line."""
         return self._trouble or self._rate.text
 
     def figures(self) -> dict[str, float]:
-        """Return what was read and lost, and what the clock of the samples says."""
+        """Return the counts of samples, losses and breaks, and the figures of their clock."""
         return {**self._figures, 'breaks': self._breaks, **self._clock.figures()}
-
-
-def _pieces(
-    lost: NDArray[np.int64], counts: NDArray[np.int32]
-) -> Iterator[tuple[int, NDArray[np.int32]]]:
-    """Cut counts where values are lost; each piece with how many are lost before it."""
-    begins = [0, *(at for at in np.flatnonzero(lost).tolist() if at)]
-    for begin, end in zip(begins, [*begins[1:], len(counts)], strict=True):
-        yield int(lost[begin]), counts[begin:end]

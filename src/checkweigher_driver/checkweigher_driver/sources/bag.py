@@ -1,14 +1,16 @@
-"""A recorded line as a source."""
+"""A recorded line as a source, and its photo-eyes beside a load cell on a port."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+import threading
 from typing import ClassVar
 
-from checkweigher_driver.sources import Source
+from checkweigher_driver.sources import EdgeSource, EyeEvent, Source
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Event
+from checkweigher_recording.recording import Event, Recording
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,12 @@ class BagParameters(Parameters):
         '', 'namespace of the lane, / for none; empty takes the only lane of the bag'
     )
 
+    def read(self) -> Recording:
+        """Return the recording; `ParameterError` if none is named, `BagError` if it is damaged."""
+        if not self.path:
+            raise ParameterError(f'{self.node}.path: empty, must name a bag')
+        return read_bag(Path(self.path), self.namespace or None)
+
 
 class BagSource(Source):
     """A bag, read as a whole before the first event: a damaged one does not start the line."""
@@ -30,9 +38,7 @@ class BagSource(Source):
     paced = True
 
     def __init__(self, parameters: BagParameters) -> None:
-        if not parameters.path:
-            raise ParameterError('bag.path: empty, must name a bag')
-        self._recording = read_bag(Path(parameters.path), parameters.namespace or None)
+        self._recording = parameters.read()
         self.load_cell = self._recording.load_cell
         self.start_stamp = next(iter(self._recording)).stamp
 
@@ -42,3 +48,47 @@ class BagSource(Source):
 
     def close(self) -> None:
         """Do nothing: the bag has been read and closed."""
+
+
+@dataclass(frozen=True)
+class ReplayedParameters(BagParameters):
+    """Which recording has the edges."""
+
+    node: ClassVar[str] = 'replayed'
+
+    path: str = parameter('', 'folder of the bag whose edges are used, or its .mcap file')
+
+
+class ReplayedEyes(EdgeSource):
+    """Edges of a bag whose samples a device sends: to try a port without photo-eyes.
+
+    Each edge hangs on the samples between which it was recorded, so that it falls between the same
+    ones again. The device has to begin with the first sample of the bag.
+    """
+
+    parameters = ReplayedParameters
+
+    def __init__(self, parameters: ReplayedParameters) -> None:
+        recording = parameters.read()
+        rate, begin = recording.load_cell.sample_rate, recording.blocks[0].stamp
+        self._period = NANOSECONDS / rate
+        self._edges = [(edge, (edge.stamp - begin) / self._period) for edge in recording.edges]
+        self._closed = threading.Event()
+
+    def events(self) -> Iterator[EyeEvent]:
+        """Yield nothing until `close`: all edges hang on samples."""
+        self._closed.wait()
+        yield from ()
+
+    def follow(self, block: SampleBlock) -> list[EyeEdge]:
+        """Return the edges before the end of a block."""
+        found = []
+        while self._edges and self._edges[0][1] < block.first_index + len(block.counts):
+            edge, position = self._edges.pop(0)
+            stamp = block.stamp + round((position - block.first_index) * self._period)
+            found.append(EyeEdge(stamp, edge.eye, edge.blocked))
+        return found
+
+    def close(self) -> None:
+        """Let `events` end."""
+        self._closed.set()

@@ -18,7 +18,8 @@ class Machine(Source):
     """Join the samples of one device with the edges of another, in the order in which they come.
 
     Each device is read in a thread of its own. While the eyes are not read no samples are handed
-    on: what is on the belt then has lost samples, and is a fault, whichever edges are missing.
+    on: an item that is then on the belt has lost samples and becomes a fault, whether an edge was
+    missed or not.
 
     Parameters
     ----------
@@ -37,6 +38,7 @@ class Machine(Source):
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
         self._blind = ''  # why the eyes are not read
+        self._gap = False  # at least one block is withheld, however short the time was
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
@@ -47,7 +49,7 @@ class Machine(Source):
         Raises
         ------
         Exception
-            What ended one of the devices.
+            The error that ended one of the devices.
         """
         be_prompt()
         threads = [
@@ -56,29 +58,29 @@ class Machine(Source):
         ]
         for thread in threads:
             thread.start()
-        gap = False
         try:
             while (event := self._queue.get()) is not None:
                 if isinstance(event, BaseException):
                     raise event
-                if isinstance(event, EyesLost):
-                    self._blind, gap = event.text, True
-                elif isinstance(event, EyesBack):
-                    self._blind = ''
-                elif isinstance(event, SampleBlock):
-                    if self._blind or gap:
-                        # At least one block, however short the time was.
-                        gap = False
-                        self._withheld += len(event.counts)
-                        continue
-                    yield event
-                    yield from self._eyes.follow(event)
-                else:
-                    yield event
+                yield from self._take(event)
         finally:
             self.close()
             for thread in threads:
                 thread.join(_END_PATIENCE)
+
+    def _take(self, event: Event | EyesLost | EyesBack) -> Iterator[Event]:
+        if isinstance(event, EyesLost):
+            self._blind, self._gap = event.text, True
+        elif isinstance(event, EyesBack):
+            self._blind = ''
+        elif not isinstance(event, SampleBlock):
+            yield event
+        elif self._blind or self._gap:
+            self._gap = False
+            self._withheld += len(event.counts)
+        else:
+            yield event
+            yield from self._eyes.follow(event)
 
     def _read(self, device: Callable[[], Iterator[Any]], what: str) -> None:
         try:
@@ -90,7 +92,7 @@ class Machine(Source):
             self._queue.put(None if self._closed else RuntimeError(f'{what} have ended'))
 
     def close(self) -> None:
-        """Let go of both devices."""
+        """Close both devices."""
         self._closed = True
         self._samples.close()
         self._eyes.close()

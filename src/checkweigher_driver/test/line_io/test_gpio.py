@@ -16,7 +16,6 @@ from checkweigher_driver.line_io.gpio import (
     GpioOutputParameters,
     GpioOutputs,
 )
-from checkweigher_driver.line_io.outputs import PortLostError
 from checkweigher_driver.sources import EyesBack, EyesLost
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import Eye, EyeEdge
@@ -51,9 +50,9 @@ def test_a_chip_that_is_not_there_is_said_to():
     with pytest.raises(ParameterError, match=r'gpio\.chip: /dev/gpiochip99: No such file'):
         GpioEyes(GpioEyesParameters(chip='/dev/gpiochip99'))
     port = GpioOutputs(GpioOutputParameters(chip='/dev/null'))
-    with pytest.raises(PortLostError, match=r'gpio_outputs\.chip: /dev/null'):
+    with pytest.raises(ParameterError, match=r'gpio_outputs\.chip: /dev/null'):
         port.open(reject=True, stop=True)
-    with pytest.raises(PortLostError, match='not open'):
+    with pytest.raises(OSError, match='not open'):
         port.switch(reject=True, stop=True)
 
 

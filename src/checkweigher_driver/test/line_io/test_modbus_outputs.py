@@ -15,7 +15,7 @@ from checkweigher_recording.bags.reading import read_bag
 
 def run(outputs):
     outputs.activate()
-    outputs.stop_request(False)
+    outputs.take_request(False)
 
 
 def reject(item, due, decision=Decision.FAULT):
@@ -112,12 +112,12 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         outputs.activate()
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
         assert plc.state(RELEASE) is False  # nobody has said that the line may run
-        outputs.stop_request(False)
+        outputs.take_request(False)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
-        outputs.stop_request(True)
+        outputs.take_request(True)
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
         assert plc.state(REJECTOR) is False
-        outputs.stop_request(False)
+        outputs.take_request(False)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         outputs.safe()
         wait_for(lambda: plc.state(REJECTOR) is True, 'the safe state')
@@ -143,7 +143,7 @@ def test_a_verdict_that_comes_too_late_is_rejected_at_once_and_stops_the_line(pl
         assert outputs.trouble == ''
         outputs.verdict(Verdict(8, None, Decision.FAULT))
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
-        assert 'nobody knows when it is at the rejector' in outputs.trouble
+        assert 'the time at which it is at the rejector is not known' in outputs.trouble
 
 
 def test_a_product_without_any_verdict_is_ejected_and_stops_the_line(plc):
@@ -190,13 +190,13 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
     program = tmp_path / 'master.py'
     program.write_text(
         'import sys, time\n'
-        'from checkweigher_driver.line_io import prepare_outputs\n'
+        'from checkweigher_driver.devices import make_outputs\n'
         'values = {"modbus_outputs": {"host": "127.0.0.1", "port": int(sys.argv[1]), "stop": 1,\n'
         '                             "watchdog": 0}, "rejector": {}}\n'
-        'prepared = prepare_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
-        'outputs = prepared()\n'
+        'outputs = make_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
+        'outputs.open()\n'
         'outputs.activate()\n'
-        'outputs.stop_request(False)\n'
+        'outputs.take_request(False)\n'
         'time.sleep(60)\n'
     )
     with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:

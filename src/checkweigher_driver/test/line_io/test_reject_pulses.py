@@ -3,11 +3,11 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from checkweigher_driver.line_io.reject_pulses import BeltTime, RejectPulses
+from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
 
 
 def pulses(duration=100, min_pause=20, late_tolerance=10, belt_margin=0):
-    return RejectPulses(duration, min_pause, late_tolerance, belt_margin)
+    return RejectPulses(PulseTimes(duration, min_pause, late_tolerance, belt_margin))
 
 
 def changes(schedule, now, end):

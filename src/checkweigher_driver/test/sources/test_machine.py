@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from serial_line import Reader, SerialDevice
 
-from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source, source_maker
+from checkweigher_driver.devices import source_maker
+from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
 from checkweigher_driver.sources.machine import Machine
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier

@@ -1,11 +1,11 @@
-"""Stamps are on a clock that can be set; what is due has to be on one that cannot."""
+"""The offset from stamps, on a clock that can be set, to a clock that never steps."""
 
 from collections.abc import Callable
 import time
 
 from checkweigher_dsp.records import NANOSECONDS
 
-# For which nobody knows whether a stamp is from before or after a step.
+# After a step, for which a stamp may be from before or after it.
 _DOUBT = 10 * NANOSECONDS
 
 _NEAR = 50_000  # ns, between two readings that belong together
@@ -15,11 +15,10 @@ _TRIES = 20
 def read_clocks() -> tuple[int, int]:
     """Return the times of the monotonic and the real-time clock at one moment, ns.
 
-    A thread that is put aside between the two readings would make a step of it: they are read again
-    then, and the closest ones are taken.
+    A thread that is suspended between the two readings would make a step of it. So they are read
+    until they lie close together, and the closest ones are taken.
     """
-    found = (0, 0)
-    nearest = None
+    found, nearest = (0, 0), None
     for _ in range(_TRIES):
         before, real, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
         if nearest is None or after - before < nearest:
@@ -29,15 +28,15 @@ def read_clocks() -> tuple[int, int]:
     return found
 
 
-class ClockWatch:
-    """Compare the real-time clock with the monotonic one.
+class ClockStepWatch:
+    """The offset between the two clocks, and whether a step has put it in doubt.
 
     Parameters
     ----------
     tolerance : int
-        ns; what changes by more from one look to the next was a step.
+        ns; a larger change of the offset from one look to the next is a step.
     clocks : callable
-        Gives the times of the monotonic and the real-time clock, ns.
+        Returns the times of the monotonic and the real-time clock, ns.
 
     Attributes
     ----------
@@ -45,11 +44,7 @@ class ClockWatch:
         How often the real-time clock was set.
     """
 
-    def __init__(
-        self,
-        tolerance: int,
-        clocks: Callable[[], tuple[int, int]] = read_clocks,
-    ) -> None:
+    def __init__(self, tolerance: int, clocks: Callable[[], tuple[int, int]] = read_clocks) -> None:
         self._tolerance = tolerance
         self._clocks = clocks
         monotonic, real = clocks()
@@ -58,9 +53,9 @@ class ClockWatch:
         self.steps = 0
 
     def look(self) -> int | None:
-        """Return what makes monotonic times of stamps, ns, None while that is in doubt.
+        """Return monotonic time less stamp, ns, or None while a step leaves that in doubt.
 
-        To be called often: a step is noticed, but not one back and forth between two looks.
+        Call it often: a step back and forth between two looks is not noticed.
         """
         monotonic, real = self._clocks()
         offset, before = monotonic - real, self._offset

@@ -1,6 +1,6 @@
 """Verdicts that do not come are noticed; holes in a product and flicker are no products."""
 
-from checkweigher_driver.line_io.answer_watch import AnswerWatch
+from checkweigher_driver.line_io.verdict_watch import VerdictWatch
 from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
 
 MS = 1_000_000
@@ -17,7 +17,7 @@ def answer(watch, t3, travel=500):
 
 
 def test_it_is_overdue_when_the_product_before_had_to_be_rejected():
-    watch = AnswerWatch(0)
+    watch = VerdictWatch(0)
     feed(watch, (0, OUT, True))
     assert not watch.is_overdue(1000 * MS)
     answer(watch, 0, travel=300)
@@ -28,7 +28,7 @@ def test_it_is_overdue_when_the_product_before_had_to_be_rejected():
 
 
 def test_the_first_product_has_a_second_and_a_given_time_holds_always():
-    first, given = AnswerWatch(0), AnswerWatch(200 * MS)
+    first, given = VerdictWatch(0), VerdictWatch(200 * MS)
     for watch in (first, given):
         feed(watch, (0, OUT, True))
     assert [first.is_overdue(at * MS) for at in (1000, 1001)] == [False, True]
@@ -36,7 +36,7 @@ def test_the_first_product_has_a_second_and_a_given_time_holds_always():
 
 
 def test_a_hole_in_a_product_and_a_flicker_behind_it_ask_for_no_verdict():
-    watch = AnswerWatch(0)
+    watch = VerdictWatch(0)
     feed(watch, (0, IN, True), (100, IN, False), (200, OUT, True))
     answer(watch, 200)
     # A hole that the infeed eye did not see, then the trailing edge that is seen twice.
@@ -47,7 +47,7 @@ def test_a_hole_in_a_product_and_a_flicker_behind_it_ask_for_no_verdict():
 
 
 def test_what_was_asked_before_a_pause_is_not_asked_after_it():
-    watch = AnswerWatch(0)
+    watch = VerdictWatch(0)
     feed(watch, (0, OUT, True))
     watch.clear()
     assert not watch.is_overdue(9000 * MS)

@@ -5,15 +5,8 @@ import sys
 
 import pytest
 
-from checkweigher_driver.sources import (
-    EYES,
-    SOURCES,
-    EdgeSource,
-    Source,
-    eyes_class,
-    source_class,
-    source_maker,
-)
+from checkweigher_driver.devices import EYES, SOURCES, eyes_class, source_class, source_maker
+from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import LoadCell
 from checkweigher_recording.bags.messages import BagError
@@ -96,7 +89,7 @@ def test_no_source_loads_scipy_before_it_is_begun():
     # It takes as long as all else that a line needs to start.
     code = (
         'import sys\n'
-        'from checkweigher_driver.sources import SOURCES, source_class\n'
+        'from checkweigher_driver.devices import SOURCES, source_class\n'
         'loaded = [source_class(name) for name in SOURCES]\n'
         'assert loaded and "scipy" not in sys.modules'
     )

@@ -1,11 +1,18 @@
-"""Commands and replies of digital load cells of the AED family."""
+"""Digital load cells of the AED family on RS-485 or RS-232: HBM/HBK AED, FIT and AD."""
 
+from dataclasses import dataclass
 import time
+from typing import ClassVar
 
 import serial
 
+from checkweigher_driver.serial.decoder import Decoder
+from checkweigher_driver.serial.frame_decoder import TRAILERS, FrameDecoder
 from checkweigher_driver.serial.port import SerialError
+from checkweigher_driver.serial.source import SerialParameters, SerialSource
+from checkweigher_dsp.parameters import ParameterError, parameter
 
+_AS_IT_IS = -1
 _QUIET = 0.03  # s without a byte after which nothing more is on its way
 _STOP_PAUSE = 0.01  # s that the device takes to stop; it does not reply
 _ATTEMPTS = 3
@@ -13,8 +20,89 @@ _RESET_TIME = 3.0  # s that the device takes to come back; it does not reply
 _LONGEST_REPLY = 256  # bytes
 
 
+@dataclass(frozen=True)
+class AedParameters(SerialParameters):
+    """The port, the device and its settings at the start."""
+
+    node: ClassVar[str] = 'aed'
+
+    address: int = parameter(
+        -1, 'on the bus (S command); -1: the only device, none is selected', minimum=-1, maximum=31
+    )
+    trailer: str = parameter(
+        'auto', 'whether CR LF ends each frame; auto finds out', choices=TRAILERS
+    )
+    checksum: bool = parameter(
+        True, 'XOR in each frame (CSM 1); false: the status of the device, disturbances pass'
+    )
+    termination: bool = parameter(True, 'termination of the bus in the device (STR)')
+    filter: int = parameter(-1, 'ASF: the filter; -1 leaves it as it is', minimum=-1, maximum=99)
+    filter_mode: int = parameter(
+        1, 'FMD: the kind of filter; -1 leaves it as it is', minimum=-1, maximum=99
+    )
+    output_rate: int = parameter(
+        -1, 'ICR: the code of the output rate; -1 leaves it as it is', minimum=-1, maximum=99
+    )
+    reset: bool = parameter(False, 'restart the device before (RES), which takes 3 s')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.checksum and self.trailer == 'none':
+            raise ParameterError(
+                'aed.trailer: none without aed.checksum: frames could not be told apart'
+            )
+
+
+class AedSource(SerialSource):
+    """Frames of three bytes of the reading and a check, streamed by the device (COF 8, MSV?0)."""
+
+    parameters = AedParameters
+
+    def __init__(self, parameters: AedParameters) -> None:
+        self._aed = parameters
+        super().__init__(parameters, 4 if parameters.trailer == 'none' else 6)
+
+    def _make_decoder(self) -> Decoder:
+        return FrameDecoder(checksum=self._aed.checksum, trailer=self._aed.trailer)
+
+    def _start_up(self, port: serial.Serial) -> tuple[str, str]:
+        wanted, device = self._aed, AedDialogue(port)
+        device.stop()
+        if wanted.address >= 0:
+            device.select(wanted.address)
+        if wanted.reset:
+            device.reset()
+            if wanted.address >= 0:
+                device.select(wanted.address)
+        identity = device.identify()
+        device.order(f'STR {int(wanted.termination)}', 'aed.termination')
+        rate = device.ask('BDR').split(',')[0].strip()
+        if rate != str(wanted.baud_rate):
+            raise SerialError(
+                f'{port.name}: the device says that it is set to {rate} Bd, aed.baud_rate is '
+                f'{wanted.baud_rate}'
+            )
+        device.order('COF 8', 'docs/hardware.md')
+        device.order(f'CSM {int(wanted.checksum)}', 'aed.checksum')
+        code = device.ask('ICR').lstrip('0')
+        if wanted.output_rate != _AS_IT_IS and code != str(wanted.output_rate).lstrip('0'):
+            device.order(f'ICR {wanted.output_rate}', 'aed.output_rate')
+        if wanted.filter != _AS_IT_IS:
+            device.order(f'ASF {wanted.filter}', 'aed.filter')
+        if wanted.filter_mode != _AS_IT_IS:
+            device.order(f'FMD {wanted.filter_mode}', 'aed.filter_mode')
+        return identity
+
+    def _begin(self, port: serial.Serial) -> None:
+        port.reset_input_buffer()
+        AedDialogue(port).send('MSV?0')
+
+    def _end(self, port: serial.Serial) -> None:
+        AedDialogue(port).stop()
+
+
 class AedDialogue:
-    """Ask and order, one command at a time.
+    """Commands and replies, one at a time.
 
     Parameters
     ----------
@@ -33,14 +121,14 @@ class AedDialogue:
         self._port.write(f'{command};'.encode())
 
     def stop(self) -> None:
-        """Stop a stream, whether there is one or not, and drop what has come of it."""
+        """Stop a stream, if there is one, and drop the bytes that have come of it."""
         self.send('STP')
         self._port.flush()
         time.sleep(_STOP_PAUSE)
         self._drain()
 
     def _drain(self) -> None:
-        """Read until nothing comes: adapters deliver late what was sent long before."""
+        """Read until nothing comes: adapters deliver bytes late that were sent long before."""
         begin = last = time.monotonic()
         while (now := time.monotonic()) - last < _QUIET and now - begin < self._patience:
             if self._port.in_waiting:
@@ -93,7 +181,7 @@ class AedDialogue:
         return reply
 
     def order(self, command: str, parameter: str) -> None:
-        """Send a command and see that it is done.
+        """Send a command and check the reply.
 
         Parameters
         ----------
@@ -119,7 +207,7 @@ class AedDialogue:
         Raises
         ------
         SerialError
-            If nothing replies, or something that is no such device.
+            If nothing replies, or a device of another kind.
         """
         for attempt in range(_ATTEMPTS):
             self.stop()

@@ -2,7 +2,7 @@
 
 import time
 
-from checkweigher_driver.line_io.clock_watch import ClockWatch, read_clocks
+from checkweigher_driver.line_io.clock_steps import ClockStepWatch, read_clocks
 
 S, MS = 10**9, 10**6
 
@@ -29,7 +29,7 @@ def test_both_clocks_are_read_at_one_moment():
 
 def test_a_clock_that_is_slewed_keeps_its_meaning():
     clocks = Clocks()
-    watch = ClockWatch(5 * MS, clocks)
+    watch = ClockStepWatch(5 * MS, clocks)
     for _ in range(1000):
         clocks.go(50 * MS, slew=500e-6)
         assert watch.look() == clocks.monotonic - clocks.real
@@ -39,7 +39,7 @@ def test_a_clock_that_is_slewed_keeps_its_meaning():
 def test_a_step_is_doubted_for_ten_seconds_and_then_believed():
     for step in (-S, S, 20 * MS, -20 * MS):
         clocks = Clocks()
-        watch = ClockWatch(5 * MS, clocks)
+        watch = ClockStepWatch(5 * MS, clocks)
         clocks.go(50 * MS)
         assert watch.look() is not None
         clocks.go(50 * MS, step)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_driver.serial.line_decoder import LineDecoder
+from checkweigher_driver.serial.ascii import LineDecoder
 
 PATTERN = r'S([+-]\d{7})'
 

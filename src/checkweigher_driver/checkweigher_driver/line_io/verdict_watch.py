@@ -1,4 +1,4 @@
-"""Whether each product that leaves the weigh belt gets its verdict before it is at the rejector."""
+"""The time by which each product that leaves the weigh belt must have its verdict."""
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict
 
@@ -8,11 +8,11 @@ _FLICKER = 20_000_000  # ns
 _FIRST_TIMEOUT = NANOSECONDS
 
 
-class AnswerWatch:
-    """Tell when a verdict is overdue, which means that whoever gives them hangs.
+class VerdictWatch:
+    """Notice that a verdict is overdue: the node that gives verdicts hangs.
 
-    All times are in ns; those of the edges are their stamps, those called `now` any clock that
-    never steps back.
+    All times are in ns. Those of the edges are their stamps; `now` is on any clock that never
+    steps back.
 
     Parameters
     ----------
@@ -24,30 +24,30 @@ class AnswerWatch:
     def __init__(self, timeout: int) -> None:
         self._timeout = timeout
         self._travel = _FIRST_TIMEOUT
-        self._blocked: dict[Eye, int] = {}
+        self._infeed_blocked: int | None = None
         self._outfeed_clear: int | None = None
-        self._length = 0  # for how long the last product blocked the infeed eye
+        self._length = 0  # for which the last product blocked the infeed eye
         self._last: int | None = None  # stamp of the last product at the outfeed eye
         self._since: int | None = None  # when the first product without a verdict was there
 
     @property
     def timeout(self) -> int:
-        """What is allowed now."""
+        """The time that is allowed now."""
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
         """Take an edge of the photo-eyes."""
-        if edge.eye == Eye.INFEED:
-            if not edge.blocked and Eye.INFEED in self._blocked:
-                self._length = max(edge.stamp - self._blocked[Eye.INFEED], 0)
+        if edge.eye == Eye.INFEED and edge.blocked:
+            self._infeed_blocked = edge.stamp
+        elif edge.eye == Eye.INFEED:
+            if self._infeed_blocked is not None:
+                self._length = max(edge.stamp - self._infeed_blocked, 0)
         elif not edge.blocked:
             self._outfeed_clear = edge.stamp
         elif self._is_product(edge.stamp):
             self._last = edge.stamp
             if self._since is None:
                 self._since = now
-        if edge.blocked:
-            self._blocked[edge.eye] = edge.stamp
 
     def _is_product(self, stamp: int) -> bool:
         """Tell whether the outfeed eye sees another product, and no hole or flicker of the last."""
@@ -58,13 +58,13 @@ class AnswerWatch:
         return not within and (clear is None or not 0 <= stamp - clear < _FLICKER)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Take a verdict: somebody gives them."""
+        """Take a verdict, which shows that verdicts come."""
         self._since = None
         if verdict.t3 is not None and verdict.reject_at is not None:
             self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
 
     def clear(self) -> None:
-        """Wait for nothing any more."""
+        """Wait for no verdict any more."""
         self._since = None
 
     def is_overdue(self, now: int) -> bool:

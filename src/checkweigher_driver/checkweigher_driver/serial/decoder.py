@@ -1,4 +1,4 @@
-"""What every decoder of a serial stream returns."""
+"""The interface of decoders, which turn the bytes of a serial stream into readings."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,10 +16,10 @@ class Decoded:
     counts : ndarray, (n,) int32
         Readings.
     overflow : ndarray, (n,) bool
-        Where the device says that its converter or its scale was exceeded.
+        Whether the device reports that its converter or its scale was exceeded.
     lost : ndarray, (n,) int64
         Values that are missing between each reading and the one before it, at least 1 wherever
-        anything had to be skipped.
+        bytes were skipped.
     """
 
     counts: NDArray[np.int32]
@@ -28,12 +28,12 @@ class Decoded:
 
 
 class Decoder(Protocol):
-    """Turns bytes into readings, however the bytes are cut.
+    """A stream of bytes in, readings out; any cut of the stream gives the same readings.
 
     Attributes
     ----------
     frame_bytes : int
-        Size of a reading on the wire, 0 while it is not known.
+        Size of a reading on the wire, 0 while that is not known.
     skipped_bytes : int
         Bytes that were part of no reading, so far.
     bad_frames : int

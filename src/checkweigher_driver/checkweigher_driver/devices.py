@@ -1,0 +1,156 @@
+"""The devices of a machine: one registry, and the parameters that choose among them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, ClassVar, cast
+
+from checkweigher_driver.line_io.outputs import MachineOutputs
+from checkweigher_driver.line_io.rejector_control import OutputParameters
+from checkweigher_driver.sources import EdgeSource, Source
+from checkweigher_driver.sources.machine import Machine
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+
+# Name and class. A class is imported when it is asked for, so that a machine needs only what its
+# own devices need. A further source is one module with a `Source` class in it and one line here.
+SOURCES = {
+    'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
+    'bag': 'checkweigher_driver.sources.bag:BagSource',
+    'aed': 'checkweigher_driver.serial.aed:AedSource',
+    'ascii': 'checkweigher_driver.serial.ascii:AsciiSource',
+}
+NONE = 'none'
+EYES = {
+    NONE: '',
+    'replayed': 'checkweigher_driver.sources.bag:ReplayedEyes',
+    'modbus': 'checkweigher_driver.line_io.modbus:ModbusEyes',
+    'gpio': 'checkweigher_driver.line_io.gpio:GpioEyes',
+}
+OUTPUTS = {
+    NONE: '',
+    'modbus': 'checkweigher_driver.line_io.modbus:ModbusOutputs',
+    'gpio': 'checkweigher_driver.line_io.gpio:GpioOutputs',
+}
+
+# Returns the values of a parameter set.
+ReadParameters = Callable[[type[Parameters]], Any]
+
+
+@dataclass(frozen=True)
+class DriverParameters(Parameters):
+    """Where samples and edges come from."""
+
+    node: ClassVar[str] = 'driver'
+
+    source: str = parameter(
+        'simulator', 'where samples and edges come from', choices=tuple(SOURCES)
+    )
+    eyes: str = parameter(
+        NONE, 'photo-eyes that are read beside the load cell; none where the source has them',
+        choices=tuple(EYES),
+    )  # fmt: skip
+    rate: float = parameter(
+        1.0, 'pace of a recorded or simulated source, seconds of signal in a second; '
+        '0 as fast as nothing is lost', minimum=0, maximum=1e6,
+    )  # fmt: skip
+    lossless: bool = parameter(
+        True, 'hold a recorded or simulated source back until the segmenter has taken what was '
+        'sent; false runs it without a segmenter',
+    )  # fmt: skip
+    listeners: int = parameter(
+        0, 'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
+        'a recorded or simulated source begins', minimum=0, maximum=1000,
+    )  # fmt: skip
+    block_time: float = parameter(
+        0.1, 'duration to which the blocks of a recorded or simulated source are joined, the '
+        'fewer the less work; an edge waits for none; 0 leaves them as they are',
+        unit='s', minimum=0, maximum=1,
+    )  # fmt: skip
+    outputs: str = parameter(
+        NONE, 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
+    )
+    autostart: bool = parameter(
+        True, 'configure and activate at the start; false leaves that to a lifecycle manager'
+    )
+
+
+def source_class(name: str) -> type[Source]:
+    """Return the class of a source of `SOURCES`; `ParameterError` if there is no such source."""
+    return cast(type[Source], _find('source', name, SOURCES))
+
+
+def eyes_class(name: str) -> type[EdgeSource]:
+    """Return the class of photo-eyes of `EYES`; `ParameterError` if there are no such eyes."""
+    return cast(type[EdgeSource], _find('eyes', name, EYES))
+
+
+def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
+    if not registry.get(name):
+        known = ', '.join(each for each in registry if each != NONE)
+        raise ParameterError(f'{parameter_name}: {name!r} is not one of {known}')
+    module, found = registry[name].split(':')
+    return getattr(import_module(module), found)
+
+
+def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:
+    """Return a function that opens a source, with the photo-eyes that are read beside it.
+
+    Parameters
+    ----------
+    name : str
+        One of `SOURCES`.
+    eyes : str
+        One of `EYES`; 'none' for a source that has the eyes itself, or for no eyes.
+    read : callable
+        Called at once.
+
+    Returns
+    -------
+    callable
+        Raises ValueError if a device cannot be opened; the message is one line for a technician.
+
+    Raises
+    ------
+    ParameterError
+        If the two do not go together or a parameter cannot be used.
+    """
+    make_source = source_class(name)
+    parameters = read(make_source.parameters)
+    if eyes == NONE:
+        return lambda: make_source(parameters)
+    make_eyes = eyes_class(eyes)
+    if make_source.paced:
+        raise ParameterError(
+            f'eyes: {eyes!r}, but the source {name!r} has eyes of its own; must be {NONE!r}'
+        )
+    eye_parameters = read(make_eyes.parameters)
+
+    def make() -> Source:
+        edges = make_eyes(eye_parameters)
+        try:
+            return Machine(make_source(parameters), edges)
+        except BaseException:
+            edges.close()
+            raise
+
+    return make
+
+
+def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
+    """Return the outputs of a machine, which are yet to be opened.
+
+    Parameters
+    ----------
+    name : str
+        One of `OUTPUTS`.
+    read : callable
+
+    Raises
+    ------
+    ParameterError
+        If there are no such outputs or a parameter cannot be used.
+    """
+    if name == NONE:
+        return MachineOutputs(None, OutputParameters())
+    kind = _find('outputs', name, OUTPUTS)
+    return MachineOutputs(kind(read(kind.parameters)), read(OutputParameters))

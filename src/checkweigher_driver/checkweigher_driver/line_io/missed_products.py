@@ -1,0 +1,67 @@
+"""Products that the rejector can have missed, until a person has looked for them."""
+
+from enum import Enum, auto
+
+_MAX_MISSED = 3  # that are told of
+
+
+class Latch(Enum):
+    """How far the line knows of a missed product, which keeps it stopped."""
+
+    CLEAR = auto()
+    UNTOLD = auto()  # missed, and the stop request does not show it yet
+    SHOWN = auto()  # missed, and the stop request shows it
+
+
+class LatchEvent(Enum):
+    """What moves the latch."""
+
+    MISS = auto()
+    SHOW = auto()  # the stop request shows all that was missed
+    FORGET = auto()  # the node that made the stop request was started again, or has gone
+    RUN = auto()  # the stop request was taken back
+    RESET = auto()
+
+
+# Once the request that showed a product is taken back, a person has looked for it. A request that
+# is taken back before it showed the product says nothing of it. Pairs that are not here change
+# nothing.
+_TRANSITIONS = {
+    (Latch.CLEAR, LatchEvent.MISS): Latch.UNTOLD,
+    (Latch.UNTOLD, LatchEvent.SHOW): Latch.SHOWN,
+    (Latch.UNTOLD, LatchEvent.RESET): Latch.CLEAR,
+    (Latch.SHOWN, LatchEvent.MISS): Latch.UNTOLD,
+    (Latch.SHOWN, LatchEvent.FORGET): Latch.UNTOLD,
+    (Latch.SHOWN, LatchEvent.RUN): Latch.CLEAR,
+    (Latch.SHOWN, LatchEvent.RESET): Latch.CLEAR,
+}
+
+
+class MissedProducts:
+    """The latch, and what to look for.
+
+    Attributes
+    ----------
+    state : Latch
+    """
+
+    def __init__(self) -> None:
+        self.state = Latch.CLEAR
+        self._texts: list[str] = []
+
+    @property
+    def text(self) -> str:
+        """The missed products in one line, empty if there are none."""
+        return '; '.join(self._texts)
+
+    def add(self, text: str) -> None:
+        """Latch that a product can have been missed; the first ones are told of."""
+        if text not in self._texts and len(self._texts) < _MAX_MISSED:
+            self._texts.append(text)
+            self.take(LatchEvent.MISS)
+
+    def take(self, event: LatchEvent) -> None:
+        """Make the transition of an event."""
+        self.state = _TRANSITIONS.get((self.state, event), self.state)
+        if self.state is Latch.CLEAR:
+            self._texts.clear()

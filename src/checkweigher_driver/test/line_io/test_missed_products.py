@@ -1,0 +1,40 @@
+"""A missed product keeps the line stopped until a person can have read of it."""
+
+import pytest
+
+from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
+
+SHOW, FORGET, RUN, RESET = LatchEvent.SHOW, LatchEvent.FORGET, LatchEvent.RUN, LatchEvent.RESET
+
+
+def after(*events):
+    missed = MissedProducts()
+    for event in events:
+        if isinstance(event, LatchEvent):
+            missed.take(event)
+        else:
+            missed.add(event)
+    return missed
+
+
+@pytest.mark.parametrize(
+    ('events', 'state', 'text'),
+    [
+        ((), Latch.CLEAR, ''),
+        ((SHOW, RUN, FORGET, RESET), Latch.CLEAR, ''),
+        (('item 1',), Latch.UNTOLD, 'item 1'),
+        (('item 1', RUN), Latch.UNTOLD, 'item 1'),  # the request had another reason
+        (('item 1', SHOW), Latch.SHOWN, 'item 1'),
+        (('item 1', SHOW, RUN), Latch.CLEAR, ''),
+        (('item 1', RESET), Latch.CLEAR, ''),
+        (('item 1', SHOW, RESET), Latch.CLEAR, ''),
+        (('item 1', SHOW, FORGET, RUN), Latch.UNTOLD, 'item 1'),
+        (('item 1', SHOW, 'item 2'), Latch.UNTOLD, 'item 1; item 2'),
+        (('item 1', SHOW, 'item 2', RUN), Latch.UNTOLD, 'item 1; item 2'),
+        (('item 1', SHOW, 'item 1'), Latch.SHOWN, 'item 1'),
+        (('item 1', 'item 2', 'item 3', 'item 4'), Latch.UNTOLD, 'item 1; item 2; item 3'),
+    ],
+)
+def test_the_latch_follows_its_table(events, state, text):
+    missed = after(*events)
+    assert (missed.state, missed.text) == (state, text)
