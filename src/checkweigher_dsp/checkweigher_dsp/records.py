@@ -292,6 +292,59 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
+class Statistics:
+    """What passed of one product in one batch; masses in kg, of the contents without tare.
+
+    Attributes
+    ----------
+    stamp : int or None
+        ns, largest t3 of an item.
+    product, batch : str
+        Their names; the product is empty while none is selected.
+    items, accepted, under, over, faults : int
+        All items, and those of each decision.
+    reasons, reason_counts : tuple
+        The reasons that came, and how many items had each.
+    length_faults, speed_faults : int
+        Items whose length or belt speed was outside the range of the recipe.
+    nominal, tare, tu1, tu2 : float
+        Of the product; TU1 and TU2 as in directive 76/211/EEC.
+    mean, std_dev, giveaway : float
+        Of the accepted items: mean, sample standard deviation, mean above `nominal`.
+    below_tu1, below_tu2 : int
+        Accepted items below each; those below TU2 are below TU1 as well.
+    share_below_tu1 : float
+        0..1, of the accepted items.
+    throughput : float
+        1/min, items between the first and the last one.
+    """
+
+    stamp: Stamp | None
+    product: str
+    batch: str
+    items: int
+    accepted: int
+    under: int
+    over: int
+    faults: int
+    reasons: tuple[str, ...]
+    reason_counts: tuple[int, ...]
+    length_faults: int
+    speed_faults: int
+    nominal: float
+    tare: float
+    mean: float
+    std_dev: float
+    giveaway: float
+    tu1: float
+    tu2: float
+    below_tu1: int
+    below_tu2: int
+    share_below_tu1: float
+    throughput: float
+
+
+@dataclass(frozen=True, slots=True)
 class ZeroChange:
     """What the service zero has made the zero of the belt.
 

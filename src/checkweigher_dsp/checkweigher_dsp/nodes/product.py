@@ -23,7 +23,7 @@ from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import (
     estimate_from,
     load_cell_from,
-    statistics_to,
+    to_message,
     verdict_from,
     zero_change_from,
 )
@@ -255,7 +255,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics.publish(self._message())
 
     def _message(self) -> Statistics:
-        return statistics_to(self._record.current, self._record.batch)
+        return to_message(ports.STATISTICS, self._record.current.summary(self._record.batch))
 
     def _on_new_batch(
         self, request: NewBatch.Request, response: NewBatch.Response

@@ -9,7 +9,7 @@ from collections import Counter
 import math
 
 from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Verdict
+from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 
 _MINUTE = 60 * NANOSECONDS
 # A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
@@ -82,6 +82,35 @@ class ProductionStatistics:
             slack = _ROUNDING * self.product.nominal
             self.below_tu1 += mass < self.product.tu1 - slack
             self.below_tu2 += mass < self.product.tu2 - slack
+
+    def summary(self, batch: str) -> Statistics:
+        """Return what was counted until now, as that of a batch."""
+        product, decisions = self.product, self.decisions
+        return Statistics(
+            stamp=self.last,
+            product=product.name if product else '',
+            batch=batch,
+            items=self.items,
+            accepted=decisions[Decision.ACCEPT],
+            under=decisions[Decision.UNDER],
+            over=decisions[Decision.OVER],
+            faults=decisions[Decision.FAULT],
+            reasons=tuple(sorted(self.reasons)),
+            reason_counts=tuple(self.reasons[reason] for reason in sorted(self.reasons)),
+            length_faults=self.length_faults,
+            speed_faults=self.speed_faults,
+            nominal=product.nominal if product else math.nan,
+            tare=self.tare,
+            mean=self.mean,
+            std_dev=self.std_dev,
+            giveaway=self.giveaway,
+            tu1=product.tu1 if product else math.nan,
+            tu2=product.tu2 if product else math.nan,
+            below_tu1=self.below_tu1,
+            below_tu2=self.below_tu2,
+            share_below_tu1=self.share_below_tu1,
+            throughput=self.throughput,
+        )
 
     @property
     def tare(self) -> float:

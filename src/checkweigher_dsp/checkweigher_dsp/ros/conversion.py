@@ -7,10 +7,11 @@ a numpy scalar in a field aborts the process when the message is serialised.
 
 import array
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from operator import attrgetter
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,25 +35,30 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """
     message = port.type()
     if record is None and port.record is not None:
-        return _filled(message, dict(FORMS[port.record].absent))
-    return _filled(message, to_fields(record, stamp))
+        for name, value in FORMS[port.record].absent.items():
+            setattr(message, name, value)
+        return message
+    return _filled(message, record, stamp)
 
 
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
-    """Return the fields of a record's message by name, parts of it as such mappings.
+    """Return the fields of a record's message by name, for a library other than rclpy.
 
-    Arrays are of the type of the message and contiguous; all else is of plain Python types.
+    Header and times are mappings, arrays of the type of the message and contiguous; all else is of
+    plain Python types. A record of records has no such fields.
     """
-    kind: Any = type(record)
-    form = FORMS[kind]
-    frame = form.frame if isinstance(form.frame, str) else form.frame(record)
-    if form.stamp:
-        stamp = getattr(record, form.stamp)
-    fields: dict[str, Any] = {'header': {'stamp': _time(stamp), 'frame_id': frame}}
-    for name, get, convert in _written(kind):
-        fields[name] = convert(get(record))
-    for name, derive in form.derived.items():
-        fields[name] = derive(record)
+    plan = _plan(cast(Any, type(record)))
+    sec, nanosec = _time(plan.stamp(record) if plan.stamp else stamp)
+    fields: dict[str, Any] = {
+        'header': {'stamp': {'sec': sec, 'nanosec': nanosec}, 'frame_id': plan.frame(record)}
+    }
+    for place, get in plan.times:
+        sec, nanosec = _time(get(record))
+        fields[place] = {'sec': sec, 'nanosec': nanosec}
+    for place, get, dtype in plan.arrays:
+        fields[place] = np.ascontiguousarray(get(record), dtype)
+    for place, get, convert in plan.others:
+        fields[place] = convert(get(record))
     return fields
 
 
@@ -75,93 +81,91 @@ def _record(kind: Any, message: Any) -> Any:
     form = FORMS[kind]
     if form.absent and all(getattr(message, k) == value for k, value in form.absent.items()):
         return None
-    values = {name: convert(get(message)) for name, get, convert in _read(kind)}
-    if form.amend is not None:
-        form.amend(message, values)
-    return kind(**values)
+    record = kind(*[convert(get(message)) for get, convert in _plan(kind).read])
+    return record if form.amend is None else form.amend(message, record)
 
 
-def _filled(message: Any, fields: dict[str, Any]) -> Any:
+def _filled(message: Any, record: Any, stamp: int | None = None) -> Any:
     """Fill in an empty message: one that is made of parts makes them all twice."""
-    for name, value in fields.items():
-        kind = type(value)
-        if kind is dict:
-            _filled(getattr(message, name), value)
-        elif kind is np.ndarray:  # twenty times slower to assign than an array
-            setattr(message, name, array.array(value.dtype.char, value.tobytes()))
-        else:
-            setattr(message, name, value)
+    plan = _plan(cast(Any, type(record)))
+    header = message.header
+    header.frame_id = plan.frame(record)
+    header.stamp.sec, header.stamp.nanosec = _time(plan.stamp(record) if plan.stamp else stamp)
+    for place, get in plan.times:
+        time = getattr(message, place)
+        time.sec, time.nanosec = _time(get(record))
+    for place, get, dtype in plan.arrays:  # an ndarray would take twenty times as long
+        values = np.ascontiguousarray(get(record), dtype)
+        setattr(message, place, array.array(dtype.char, values.tobytes()))
+    for place, get, convert in plan.others:
+        setattr(message, place, convert(get(record)))
     return message
 
 
-_Step = tuple[str, Callable[[Any], Any], Callable[[Any], Any]]
+_Get = Callable[[Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Conversion of a class of records, field by field.
+
+    Attributes
+    ----------
+    stamp : callable or None
+        Stamp of the header, from the record; None where the caller gives it.
+    frame : callable
+        Frame of the header, from the record.
+    times, arrays, others : tuple
+        Name in the message and how to get the value from the record; for arrays the type of the
+        elements, for others what converts the value.
+    read : tuple
+        How to get the value from the message, and what converts it, in the order of the record.
+    """
+
+    stamp: _Get | None
+    frame: Callable[[Any], str]
+    times: tuple[tuple[str, _Get], ...]
+    arrays: tuple[tuple[str, _Get, np.dtype[Any]], ...]
+    others: tuple[tuple[str, _Get, _Get], ...]
+    read: tuple[tuple[_Get, _Get], ...]
 
 
 @cache
-def _written(kind: type) -> tuple[_Step, ...]:
-    """Return the field of the message, how to get it from a record, and how to convert it."""
-    return tuple(
-        (place, attrgetter(name), _writer(hint))
-        for name, place, hint in _places(kind)
-        if '.' not in place
-    )
-
-
-@cache
-def _read(kind: type) -> tuple[_Step, ...]:
-    """Return the field of the record, how to get it from a message, and how to convert it."""
-    unknown = FORMS[kind].unknown
-    return tuple(
-        (name, attrgetter(place), _reader(hint, unknown.get(name)))
-        for name, place, hint in _places(kind)
-    )
-
-
-def _places(kind: type) -> list[tuple[str, str, Any]]:
-    """Return name, field of the message and type of each field of a record."""
+def _plan(kind: Any) -> _Plan:
     form = FORMS[kind]
     names = {form.stamp: 'header.stamp', **form.names}
-    hints = get_type_hints(kind, include_extras=True)
-    return [
-        (name, names.get(name, name), hints[name])
-        for name in kind.__dataclass_fields__  # type: ignore[attr-defined]
-        if name not in form.lacks
-    ]
-
-
-def _time(stamp: int | None) -> dict[str, int]:
-    """Return a stamp in ns as a time, 0 if it is not known or no time can hold it."""
-    sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
-    # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
-    in_range = -(2**31) <= sec < 2**31
-    return {'sec': sec, 'nanosec': nanosec} if in_range else {'sec': 0, 'nanosec': 0}
-
-
-def _stamp(time: Any) -> int:
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
-
-
-def _known_stamp(time: Any) -> int | None:
-    return _stamp(time) or None
-
-
-def _dtype(hint: Any) -> type:
-    """Return the type of the elements of an ``NDArray`` type."""
-    kind: type = get_args(get_args(hint)[1])[0]
-    return kind
+    times: list[tuple[str, _Get]] = []
+    arrays: list[tuple[str, _Get, np.dtype[Any]]] = []
+    others: list[tuple[str, _Get, _Get]] = []
+    read: list[tuple[_Get, _Get]] = []
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if name in form.lacks:
+            continue
+        place, get = names.get(name, name), attrgetter(name)
+        read.append((attrgetter(place), _reader(hint, form.unknown.get(name))))
+        if place == 'header.stamp':
+            continue
+        if hint in (Stamp, Stamp | None):
+            times.append((place, get))
+        elif get_origin(hint) is np.ndarray:
+            arrays.append((place, get, _dtype(hint)))
+        else:
+            others.append((place, get, _writer(hint)))
+    others += [(place, derive, _unchanged) for place, derive in form.derived.items()]
+    frame = form.frame
+    return _Plan(
+        attrgetter(form.stamp) if form.stamp else None,
+        (lambda _: frame) if isinstance(frame, str) else frame,
+        tuple(times), tuple(arrays), tuple(others), tuple(read),
+    )  # fmt: skip
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
-    """Return what converts a field of this type for a message."""
-    if hint in (Stamp, Stamp | None):
-        return _time
-    if get_origin(hint) is np.ndarray:
-        dtype = _dtype(hint)
-        return lambda values: np.ascontiguousarray(values, dtype)
+    """Return what converts a value of this type for a message."""
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in FORMS:
-            return lambda records: [_ros_message(each) for each in records]
+            return lambda records: [_nested(each) for each in records]
         return lambda values: list(map(kind, values))
     for plain in (bool, int, float, str):
         if issubclass(hint, plain):
@@ -169,19 +173,22 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     raise TypeError(f'{hint}: no message has such a field')
 
 
-def _ros_message(record: Any) -> Any:
-    return _filled(message_class(FORMS[type(record)].message_type)(), to_fields(record))
+def _nested(record: Any) -> Any:
+    return _filled(message_class(FORMS[type(record)].message_type)(), record)
 
 
-def _reader(hint: Any, unknown: Any = None) -> Callable[[Any], Any]:
-    """Return what converts a field of a message to this type."""
+def _unchanged(value: Any) -> Any:
+    return value
+
+
+def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
+    """Return what makes a value of this type of the field of a message."""
     if hint == Stamp:
         return _stamp
     if hint == Stamp | None:
         return _known_stamp
     if get_origin(hint) is np.ndarray:
-        dtype = _dtype(hint)
-        return lambda values: _shared(values, dtype)
+        return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in FORMS:
@@ -194,9 +201,30 @@ def _reader(hint: Any, unknown: Any = None) -> Callable[[Any], Any]:
     return reader
 
 
-def _shared(field: Any, kind: type) -> NDArray[Any]:
+def _time(stamp: int | None) -> tuple[int, int]:
+    """Return a stamp in ns as s and ns, 0 if it is not known or no time message can hold it."""
+    sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
+    # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
+    return (sec, nanosec) if -(2**31) <= sec < 2**31 else (0, 0)
+
+
+def _stamp(time: Any) -> int:
+    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+
+
+def _known_stamp(time: Any) -> int | None:
+    """Return a time message in ns, None for the 0 that means that it is not known."""
+    return _stamp(time) or None
+
+
+def _dtype(hint: Any) -> np.dtype[Any]:
+    """Return the type of the elements of an ``NDArray`` type."""
+    return np.dtype(get_args(get_args(hint)[1])[0])
+
+
+def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return the values of a field, not to be written to: other nodes may have the same message."""
-    values: NDArray[Any] = np.frombuffer(field, kind)
+    values: NDArray[Any] = np.frombuffer(field, dtype)
     values.flags.writeable = False
     return values
 

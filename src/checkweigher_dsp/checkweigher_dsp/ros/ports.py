@@ -6,8 +6,8 @@ asked for.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from importlib import import_module
 import math
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from checkweigher_dsp.records import (
     MassEstimate,
     Reference,
     SampleBlock,
+    Statistics,
     StopRequest,
     StreamState,
     StreamStatus,
@@ -58,7 +59,7 @@ class Form:
     absent : mapping of str to object
         Fields of the message that says that there is no such record; empty if there is none.
     amend : callable, optional
-        Takes the message and the fields of the record that is read, and corrects these.
+        Takes a message and its record, and returns the record that is meant.
     """
 
     message_type: str
@@ -69,14 +70,13 @@ class Form:
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
     unknown: Mapping[str, object] = field(default_factory=dict)
     absent: Mapping[str, object] = field(default_factory=dict)
-    amend: Callable[[Any, dict[str, Any]], None] | None = None
+    amend: Callable[[Any, Any], Any] | None = None
 
 
-def _give_reason(message: Any, values: dict[str, Any]) -> None:
-    """Give an estimate without a mass a reason, as that of a message that was not filled in."""
-    weighed = message.status == _WEIGHED and not math.isnan(values['mass'])
-    if not weighed and not values['reasons']:
-        values['reasons'] = ('Unknown',)
+def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
+    """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
+    weighed = message.status == _WEIGHED and not math.isnan(estimate.mass)
+    return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
 _WEIGHED = 1  # of MassEstimate.status
@@ -100,7 +100,7 @@ FORMS: dict[type, Form] = {
         frame='weigh_belt',
         names={'t3': 't3'},
         derived={'status': lambda estimate: int(estimate.weighed)},
-        amend=_give_reason,
+        amend=_with_reason,
     ),
     Verdict: Form(
         'checkweigher_msgs/msg/Verdict',
@@ -117,8 +117,36 @@ FORMS: dict[type, Form] = {
         derived={'state': lambda _: _STOP, 'hint': lambda request: request.hint},
         absent={'state': _RUN},
     ),
+    Statistics: Form('checkweigher_msgs/msg/Statistics'),
     LineHistory: Form('checkweigher_msgs/srv/LineHistory_Response'),
 }
+
+
+@dataclass(frozen=True)
+class History:
+    """What a publisher keeps of a topic, and what of it the stages ask for.
+
+    Attributes
+    ----------
+    depth : int
+        Messages.
+    latched : bool
+        Whether a late subscriber that asks for it (transient local) gets them.
+    stage_latched : bool
+        Whether the stages ask for it.
+    """
+
+    depth: int
+    latched: bool = False
+    stage_latched: bool = False
+
+
+# Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
+STREAM = History(1000)
+# The last value counts, also for nodes that come later.
+STATE = History(1, latched=True, stage_latched=True)
+# Kept for users who look later; the stages want nothing from before they were there.
+RESULTS = History(1000, latched=True)
 
 
 @dataclass(frozen=True)
@@ -129,40 +157,39 @@ class Port:
     ----------
     name : str
         Relative to the lane's namespace, unless it begins with a slash.
-    record : type or None
-        What passes; None if the message itself is all there is.
-    makers, takers : tuple of str
-        Nodes, and others outside the line.
-    text : str
-        What it is for, for the docs.
+    content : type or str
+        Class of the records, or the type of the message where there is no record.
+    history : History
+        What is kept.
+    maker : str
+        Node, or who else.
+    takers : tuple of str
+        Nodes, and who else.
     expected : tuple of str
-        Those of `makers` and `takers` that have to be there: the other end reports their absence.
-    depth : int
-        Of the queue.
-    latched : bool
-        Whether a late subscriber that asks for it (transient local) gets the last messages.
-    stage_latched : bool
-        Whether the stages ask for it: never where messages are from before they were there.
-    message_type : str
-        Of the form of `record`.
+        Nodes that have to be there: the other end reports their absence.
+    text : str
+        What it is for.
     """
 
     name: str
-    record: type | None
-    makers: tuple[str, ...]
+    content: type | str
+    history: History
+    maker: str
     takers: tuple[str, ...]
+    expected: tuple[str, ...]
     text: str
-    expected: tuple[str, ...] = ()
-    depth: int = 1000
-    latched: bool = False
-    stage_latched: bool = False
-    message_type: str = ''
-
-    def __post_init__(self) -> None:
-        if self.record is not None:
-            object.__setattr__(self, 'message_type', FORMS[self.record].message_type)
 
     @property
+    def record(self) -> type | None:
+        """Class of the records, None where there are only messages."""
+        return None if isinstance(self.content, str) else self.content
+
+    @property
+    def message_type(self) -> str:
+        """Type of the message, as ROS writes it."""
+        return self.content if isinstance(self.content, str) else FORMS[self.content].message_type
+
+    @cached_property
     def type(self) -> Any:
         """Class of the message in rclpy."""
         return message_class(self.message_type)
@@ -170,17 +197,18 @@ class Port:
     @cached_property
     def qos(self) -> 'QoSProfile':
         """Profile that the publisher offers."""
-        return _reliable(self.depth, latched=self.latched)
+        return _reliable(self.history.depth, latched=self.history.latched)
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
-        return _reliable(self.depth, latched=self.stage_latched)
+        return _reliable(self.history.depth, latched=self.history.stage_latched)
 
 
 Topic = Port  # until no caller is left
 
 
+@cache
 def message_class(message_type: str) -> Any:
     """Return the class of a message in rclpy, by its name as ROS writes it."""
     package, folder, name = message_type.split('/')
@@ -206,109 +234,94 @@ def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
     return bool(compatibility != QoSCompatibility.ERROR)
 
 
-def _state(
-    name: str, record: type | None, makers: tuple[str, ...], takers: tuple[str, ...], text: str,
-    expected: tuple[str, ...] = (), message_type: str = '',
-) -> Port:  # fmt: skip
-    """Return the port of something of which the last value counts."""
-    return Port(name, record, makers, takers, text, expected, 1, True, True, message_type)
-
-
-LOAD_CELL_INFO = _state(
-    'load_cell/info', LoadCell, ('driver',), ('all',),
-    'What the load cell is; a bag describes itself by it', ('driver',),
-)  # fmt: skip
-# Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
+# fmt: off
+LOAD_CELL_INFO = Port(
+    'load_cell/info', LoadCell, STATE, 'driver', ('all',), ('driver',),
+    'What the load cell is; a bag describes itself by it',
+)
 LOAD_CELL_SAMPLES = Port(
-    'load_cell/samples', SampleBlock, ('driver',), ('segmenter',),
-    'Blocks of raw readings; a jump of `first_index` means lost samples', ('driver', 'segmenter'),
-)  # fmt: skip
+    'load_cell/samples', SampleBlock, STREAM, 'driver', ('segmenter',), ('driver', 'segmenter'),
+    'Blocks of raw readings; a jump of `first_index` means lost samples',
+)
 PHOTO_EYES = Port(
-    'photo_eyes', EyeEdge, ('driver',), ('segmenter', 'reject'),
-    'Edges of the two eyes', ('driver', 'segmenter', 'reject'),
-)  # fmt: skip
+    'photo_eyes', EyeEdge, STREAM, 'driver', ('segmenter', 'reject'),
+    ('driver', 'segmenter', 'reject'),
+    'Edges of the two eyes',
+)
 REFERENCE_MASS = Port(
-    'reference_mass', Reference, ('driver',), ('users',),
+    'reference_mass', Reference, STREAM, 'driver', ('users',), (),
     'True masses, where a bag or the simulator knows them',
-)  # fmt: skip
-DRIVER_STATUS = _state(
-    'load_cell/status', StreamStatus, ('driver',), ('segmenter', 'reject'),
+)
+DRIVER_STATUS = Port(
+    'load_cell/status', StreamStatus, STATE, 'driver', ('segmenter', 'reject'), (),
     'How much has been sent, how the stream ended, and what is wrong with the machine while it '
     'runs',
-)  # fmt: skip
+)
 WEIGH_WINDOW = Port(
-    'weigh_window', WeighWindow, ('segmenter',), ('denoise',),
-    'One for each item, without signal if it cannot be weighed', ('segmenter', 'denoise'),
-)  # fmt: skip
-ZERO_SETTING = _state(
-    'zero_setting', ZeroChange, ('segmenter',), ('product', 'users'),
+    'weigh_window', WeighWindow, STREAM, 'segmenter', ('denoise',), ('segmenter', 'denoise'),
+    'One for each item, without signal if it cannot be weighed',
+)
+ZERO_SETTING = Port(
+    'zero_setting', ZeroChange, STATE, 'segmenter', ('product', 'users'), (),
     'The last change of the zero by the service `zero`',
-)  # fmt: skip
-SEGMENTER_STATUS = _state(
-    'segmenter/status', StreamStatus, ('segmenter',), ('driver',),
+)
+SEGMENTER_STATUS = Port(
+    'segmenter/status', StreamStatus, STATE, 'segmenter', ('driver',), (),
     'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
     'by sending its own again',
-)  # fmt: skip
+)
 DENOISED_WINDOW = Port(
-    'denoised_window', WeighWindow, ('denoise',), ('identifier',),
-    'The same with the denoised signal beside the raw one', ('denoise', 'identifier'),
-)  # fmt: skip
-# Results are kept for users who look later and ask for them; the stages do not.
+    'denoised_window', WeighWindow, STREAM, 'denoise', ('identifier',), ('denoise', 'identifier'),
+    'The same with the denoised signal beside the raw one',
+)
 MASS_ESTIMATE = Port(
-    'mass_estimate', MassEstimate, ('identifier',), ('reject', 'users'),
-    'Mass, standard deviation, or the reasons why there is none', ('identifier', 'reject'),
-    latched=True,
-)  # fmt: skip
+    'mass_estimate', MassEstimate, RESULTS, 'identifier', ('reject', 'product', 'users'),
+    ('identifier', 'reject'),
+    'Mass, standard deviation, or the reasons why there is none',
+)
 VERDICT = Port(
-    'verdict', Verdict, ('reject',), ('line', 'driver'), 'Exactly one for each item', ('reject',),
-    latched=True,
-)  # fmt: skip
+    'verdict', Verdict, RESULTS, 'reject', ('line', 'driver', 'product'), ('reject',),
+    'Exactly one for each item',
+)
 REJECT_EYE = Port(
-    'reject_eye', EyeEdge, ('machine',), ('reject',),
+    'reject_eye', EyeEdge, STREAM, 'machine', ('reject',), (),
     'Edges of an eye that only rejected items pass; `eye` does not matter',
-)  # fmt: skip
-STOP_REQUEST = _state(
-    'stop_request', StopRequest, ('reject',), ('line',),
+)
+STOP_REQUEST = Port(
+    'stop_request', StopRequest, STATE, 'reject', ('line', 'driver'), (),
     'Whether the line should stop, and why; stays until `reset_stop_request`',
-)  # fmt: skip
-STATISTICS = _state(
-    'statistics', None, ('product',), ('users',),
+)
+STATISTICS = Port(
+    'statistics', Statistics, STATE, 'product', ('users',), (),
     'Counts, mean, giveaway of this product in this batch, with each verdict',
-    message_type='checkweigher_msgs/msg/Statistics',
-)  # fmt: skip
+)
 DIAGNOSTICS = Port(
-    '/diagnostics', None, ('every node',), ('users',),
-    'once a second: see [Diagnostics](#diagnostics)', depth=10,
-    message_type='diagnostic_msgs/msg/DiagnosticArray',
-)  # fmt: skip
-
+    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', History(10), 'every node', ('users',),
+    (), 'Once a second: see [Diagnostics](#diagnostics)',
+)
+# Of the node dynamic_setting, which is no part of the line.
+DYNAMIC_SETTING = Port(
+    'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', STATE, 'dynamic_setting',
+    ('users',), (), 'Passes, what was recorded, the file, and why something failed',
+)
 PARAMETER_EVENTS = Port(
-    '/parameter_events',
-    None,
-    ('every node',),
-    ('product',),
-    'Parameters that were set',
-    message_type='rcl_interfaces/msg/ParameterEvent',
+    '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', STREAM, 'every node', ('product',),
+    (), 'Parameters that were set',
+)
+# The answer of the service of this name.
+LINE_HISTORY = Port(
+    'line_history', LineHistory, STATE, 'driver', ('reject',), (),
+    'The latest edges of this stream and the latest verdicts',
 )
 
-# What a bag of a line holds: the first four are played again, all others follow from them.
+# All topics of a lane, and so of a bag of it: the first four are played again, all others follow.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
     SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
     STOP_REQUEST, STATISTICS, DIAGNOSTICS,
-)  # fmt: skip
+)
+# fmt: on
 PLAYED = ALL[:4]
-
-# Of the node dynamic_setting, which is no part of the line.
-DYNAMIC_SETTING = _state(
-    'dynamic_setting', None, ('dynamic_setting',), ('users',), 'Passes, files and failures',
-    message_type='checkweigher_msgs/msg/DynamicSetting',
-)  # fmt: skip
-# The answer of the service of this name.
-LINE_HISTORY = Port(
-    'line_history', LineHistory, ('driver',), ('reject',),
-    'The latest edges and verdicts of this stream',
-)  # fmt: skip
 
 # Services of type std_srvs/srv/Trigger.
 RESET_STOP_REQUEST = 'reset_stop_request'

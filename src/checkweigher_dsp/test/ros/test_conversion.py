@@ -1,25 +1,34 @@
 """Records to messages and back, through the wire."""
 
-from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
 from checkweigher_msgs import msg as messages
-from checkweigher_msgs.srv import LineHistory as LineHistoryService
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
+from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
     Decision,
     Eye,
     EyeEdge,
     LineHistory,
+    LoadCell,
     MassEstimate,
+    Reference,
+    SampleBlock,
+    Statistics,
+    StopRequest,
+    StreamState,
+    StreamStatus,
     Verdict,
     WeighWindow,
+    ZeroChange,
 )
-from checkweigher_dsp.ros import conversion
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import to_fields, to_message, to_record
+from checkweigher_dsp.ros.ports import FORMS, Port
 
 T1 = 1_700_000_000_123_456_789
 
@@ -46,45 +55,94 @@ VERDICT = Verdict(
     estimate_id=8,
     late=True,
 )
+CELL = LoadCell(960.0, -1e6, 5000.5, -8_000_000, 8_000_001, 3.0, 0.35, 'PW15', 'A7')
+EDGE = EyeEdge(T1, Eye.OUTFEED, True)
+STATISTICS = Statistics(
+    T1, 'crisps', 'b7', 10, 1, 2, 3, 4, ('BeltSpeed', 'NoLoad'), (5, 2), 6, 7, 0.15, 0.01, 0.151,
+    1e-3, 2e-3, 0.14, 0.13, 8, 9, 0.25, 120.5,
+)  # fmt: skip
+# Of each record one without a value that it would also have by default.
+RECORDS = [
+    (ports.LOAD_CELL_INFO, CELL, LoadCell(1.0, 1.0, 0.0, 0, 1, 1.0, 1.0)),
+    (ports.PHOTO_EYES, EDGE, EyeEdge(0, Eye.INFEED, False)),
+    (ports.REFERENCE_MASS, Reference(T1, 0.2), Reference(0, 0.0)),
+    (
+        ports.DRIVER_STATUS,
+        StreamStatus(T1, 2, StreamState.FINISHED, 3, 4, 5, 'no samples'),
+        StreamStatus(0, 0, StreamState.RUNNING),
+    ),
+    (ports.WEIGH_WINDOW, WINDOW, WeighWindow(0, None, None, None)),
+    # With a reason there would be no mass.
+    (ports.MASS_ESTIMATE, ESTIMATE, None),
+    (
+        ports.MASS_ESTIMATE,
+        replace(ESTIMATE, reasons=('NoLoad',)),
+        MassEstimate(0, None, None, None),
+    ),
+    (ports.VERDICT, VERDICT, Verdict(0, None, Decision.FAULT)),
+    (ports.ZERO_SETTING, ZeroChange(T1, 1e-3, -1e-3, 1e-4), ZeroChange(0, 0.0, 0.0, 0.0)),
+    (ports.STOP_REQUEST, StopRequest(StopReason.TOO_MANY_REJECTS, 7, T1), None),
+    (
+        ports.STATISTICS,
+        STATISTICS,
+        Statistics(None, *2 * [''], *5 * [0], *2 * [()], 0, 0, *7 * [0.0], 0, 0, 0.0, 0.0),
+    ),
+    (
+        ports.LINE_HISTORY,
+        LineHistory(7, T1, 5, (EDGE, EyeEdge(T1 + 1, Eye.INFEED, False)), (VERDICT,)),
+        LineHistory(0, 0),
+    ),
+]
 
 
 def through_the_wire(message: Any) -> Any:
     return deserialize_message(serialize_message(message), type(message))
 
 
-@pytest.mark.parametrize(
-    ('record', 'to', 'back'),
-    [
-        (WINDOW, conversion.window_to, conversion.window_from),
-        (ESTIMATE, conversion.estimate_to, conversion.estimate_from),
-        (VERDICT, conversion.verdict_to, conversion.verdict_from),
-    ],
-    ids=['window', 'estimate', 'verdict'],
-)
-def test_every_field_passes_through_its_message(
-    record: Any, to: Callable[[Any], Any], back: Callable[[Any], Any]
-):
-    assert back(through_the_wire(to(record))) == record
+def test_every_record_is_tried():
+    assert {type(record) for _, record, _ in RECORDS} | {SampleBlock} == set(FORMS)
+
+
+@pytest.mark.parametrize(('port', 'record', 'default'), RECORDS)
+def test_every_field_passes_through_its_message(port: Port, record: Any, default: Any):
+    for entry in fields(record) if default is not None else ():
+        value, unset = getattr(record, entry.name), getattr(default, entry.name)
+        assert not np.array_equal(np.asarray(value), np.asarray(unset)), entry.name
+
+    assert to_record(port, through_the_wire(to_message(port, record))) == record
+
+
+def test_samples_pass_through_their_message_and_are_shared():
+    block = SampleBlock(T1, 2**40, np.arange(-3, 3, dtype=np.int32))
+    message = through_the_wire(to_message(ports.LOAD_CELL_SAMPLES, block))
+
+    found = to_record(ports.LOAD_CELL_SAMPLES, message)
+
+    assert (found.stamp, found.first_index) == (block.stamp, block.first_index)
+    np.testing.assert_array_equal(found.counts, block.counts)
+    assert found.counts.dtype == np.int32
+    assert not found.counts.flags.writeable
+    assert np.shares_memory(found.counts, np.frombuffer(message.counts, np.int32))
 
 
 @pytest.mark.parametrize(
-    ('record', 'unknown'),
+    ('port', 'record', 'frame'),
     [
-        (WINDOW, WeighWindow(0, None, None, None)),
-        # With a reason there would be no mass.
-        (replace(ESTIMATE, reasons=('NoLoad',)), MassEstimate(0, None, None, None)),
-        (VERDICT, Verdict(0, None, Decision.FAULT)),
+        (ports.LOAD_CELL_INFO, CELL, 'load_cell'),
+        (ports.PHOTO_EYES, EDGE, 'outfeed'),
+        (ports.VERDICT, VERDICT, 'weigh_belt'),
+        (ports.REFERENCE_MASS, Reference(T1, 0.2), ''),
     ],
-    ids=['window', 'estimate', 'verdict'],
 )
-def test_each_field_is_tried_with_a_value_that_is_not_its_default(record: Any, unknown: Any):
-    for entry in fields(record):
-        value, default = getattr(record, entry.name), getattr(unknown, entry.name)
-        assert not np.array_equal(np.asarray(value), np.asarray(default)), entry.name
+def test_a_header_has_stamp_and_frame(port: Port, record: Any, frame: str):
+    header = to_message(port, record, stamp=T1 + 2).header
+    stamp = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec
+    assert header.frame_id == frame
+    assert stamp == {LoadCell: T1 + 2, Verdict: VERDICT.t3}.get(type(record), T1)
 
 
 def test_time_and_empty_belt_of_a_window_stand_in_its_message():
-    message = conversion.window_to(WINDOW)
+    message = to_message(ports.WEIGH_WINDOW, WINDOW)
 
     assert (message.first_stamp.sec, message.first_stamp.nanosec) == (1_699_999_999, 723_456_786)
     assert message.empty_begin == 12
@@ -104,31 +162,60 @@ def test_numbers_of_numpy_become_those_of_python():
         if isinstance(getattr(WINDOW, f.name), float)
     }
 
-    message = conversion.window_to(replace(WINDOW, **numbers))
+    message = to_message(ports.WEIGH_WINDOW, replace(WINDOW, **numbers))
 
     assert {'stamp', 'empty_begin', 'zero'} <= set(numbers)
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
         assert not isinstance(value, np.generic), name
-    assert conversion.window_from(through_the_wire(message)) == WINDOW
+    assert to_record(ports.WEIGH_WINDOW, through_the_wire(message)) == WINDOW
+
+
+def test_the_fields_for_other_writers_are_those_of_the_message():
+    fields_ = to_fields(replace(WINDOW, item_id=np.int64(7), counts=WINDOW.counts[::-1]))
+    message = to_message(ports.WEIGH_WINDOW, WINDOW)
+
+    assert set(fields_) == set(message.get_fields_and_field_types())
+    assert type(fields_['item_id']) is int
+    assert fields_['counts'].flags.c_contiguous
+    assert fields_['t1'] == {'sec': message.t1.sec, 'nanosec': message.t1.nanosec}
+    assert fields_['header']['frame_id'] == 'weigh_belt'
+
+
+def test_a_stamp_that_no_time_message_can_hold_is_not_known():
+    message = to_message(ports.VERDICT, replace(VERDICT, reject_at=2**31 * 1_000_000_000))
+
+    assert to_record(ports.VERDICT, message) == replace(VERDICT, reject_at=None)
 
 
 def test_what_is_not_known_of_a_fault_stays_unknown():
     fault = WeighWindow(3, None, T1, None, reasons=('MissingEdge',))
+    message = to_message(ports.WEIGH_WINDOW, fault)
 
-    assert conversion.window_from(through_the_wire(conversion.window_to(fault))) == fault
+    assert to_record(ports.WEIGH_WINDOW, through_the_wire(message)) == fault
 
 
 def test_a_message_that_nobody_filled_in_is_no_mass_and_no_acceptance():
-    assert conversion.estimate_from(messages.MassEstimate()).reasons == ('Unknown',)
-    assert conversion.verdict_from(messages.Verdict()).decision is Decision.FAULT
-    assert conversion.verdict_from(messages.Verdict(decision=99)).decision is Decision.FAULT
+    assert to_record(ports.MASS_ESTIMATE, messages.MassEstimate()).reasons == ('Unknown',)
+    weighed = messages.MassEstimate(status=1, mass=float('nan'))
+    assert to_record(ports.MASS_ESTIMATE, weighed).reasons == ('Unknown',)
+    assert to_record(ports.VERDICT, messages.Verdict()).decision is Decision.FAULT
+    assert to_record(ports.VERDICT, messages.Verdict(decision=99)).decision is Decision.FAULT
+    assert to_record(ports.STOP_REQUEST, messages.StopRequest()).reason is StopReason.UNKNOWN
+    status = messages.StreamStatus(state=99)
+    assert to_record(ports.DRIVER_STATUS, status).state is StreamState.FAILED
 
 
-def test_a_history_passes_through_its_service():
-    edges = (EyeEdge(T1, Eye.INFEED, True), EyeEdge(T1 + 1, Eye.OUTFEED, False))
-    history = LineHistory(7, T1 + 2, 5, edges, (VERDICT,))
+def test_an_eye_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match='7'):
+        to_record(ports.PHOTO_EYES, messages.PhotoEyeEvent(eye=7))
 
-    response = conversion.fill_history(history, LineHistoryService.Response())
 
-    assert conversion.history_from(through_the_wire(response)) == history
+def test_a_line_that_may_run_is_no_stop_request():
+    message = through_the_wire(to_message(ports.STOP_REQUEST, None))
+
+    assert message.state == message.RUN
+    assert to_record(ports.STOP_REQUEST, message) is None
+    stop = to_message(ports.STOP_REQUEST, StopRequest(StopReason.NOT_READY, 0, None, 'text'))
+    assert (stop.state, stop.reason) == (stop.STOP, 'NotReady')
+    assert stop.hint == f'{StopReason.NOT_READY.hint}: text'
