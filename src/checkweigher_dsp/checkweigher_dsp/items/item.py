@@ -1,73 +1,102 @@
-"""What the eyes have seen of one item."""
+"""One item on the line: what the eyes have seen of it, and where it is by that."""
 
-from dataclasses import dataclass, field, fields
-from operator import attrgetter
+from dataclasses import dataclass, field, replace
+from enum import Enum
 
 from checkweigher_dsp.reasons import Reason
 
 
+class State(Enum):
+    """Where an item is, by the eyes."""
+
+    ENTERING = 'it blocks the infeed eye'
+    ON_BELT = 'it is between the eyes'
+    LEAVING = 'it blocks the outfeed eye, or did so last'
+    GONE = 'nothing more is to be seen of it'
+    GIVEN_UP = 'it was reported without its t3; the outfeed eye may see it yet'
+    ABANDONED = 'as GIVEN_UP, but its stream has ended: only what nothing else can be is this item'
+
+    @property
+    def is_on_belt(self) -> bool:
+        """Whether the item is yet to reach the outfeed eye."""
+        return self in (State.ENTERING, State.ON_BELT)
+
+
 @dataclass(slots=True, eq=False)
 class Item:
-    """One item on the line, as far as the eyes have seen it; stamps in ns."""
+    """One item on the line, as far as the eyes have seen it.
+
+    Attributes
+    ----------
+    item_id : int
+        Number in the order of entry.
+    t1, t2, t3, t4 : int or None
+        ns; begins to enter, is fully on the belt, begins to leave, is gone.
+    faults : dict of Reason to None
+        Why it cannot be weighed: a set in the order in which the reasons were found.
+    left_before : int or None
+        ns, when the item before it was gone; with `others_there` that is after t1.
+    others_there : bool
+        Whether at t1 the outfeed eye was blocked, or the t4 of an item lost.
+    usual_transit : int or None
+        ns from eye to eye, of the last whole item before it.
+    given_up : int or None
+        ns, when it was given up.
+    outlier : bool
+        Whether it took far longer or shorter than those before: its length may be wrong.
+    state : State
+        Where it is.
+    """
 
     item_id: int
     t1: int | None = None
     t2: int | None = None
     t3: int | None = None
     t4: int | None = None
-    faults: dict[Reason, None] = field(default_factory=dict)  # an ordered set
-    left_before: int | None = None  # when the item before it was gone, after t1 with `others_there`
-    others_there: bool = False  # at t1 the outfeed eye was covered, or its t4 was lost
-    usual_transit: int | None = None  # from eye to eye, of the last whole item before it
-    given_up: int | None = None  # when it was given up
-    odd: bool = False  # took far longer or shorter than those before: its length may be wrong
+    faults: dict[Reason, None] = field(default_factory=dict)
+    left_before: int | None = None
+    others_there: bool = False
+    usual_transit: int | None = None
+    given_up: int | None = None
+    outlier: bool = False
+    state: State = State.ON_BELT
 
     @property
     def entered(self) -> int:
         """When it was seen first, ns."""
-        known = [stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None]
-        return known[0]
+        return next(stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None)
 
-    def fault(self, reason: Reason) -> None:
+    @property
+    def length(self) -> int:
+        """How long it takes to pass an eye, ns; 0 if that is not known."""
+        return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0
+
+    @property
+    def departure(self) -> int:
+        """When it is gone, ns: t4, or the time by which its length must have passed the eye."""
+        if self.t4 is not None:
+            return self.t4
+        if self.t3 is None and self.given_up is not None:
+            # Until then it may have been there.
+            return self.given_up if self.t2 is None else max(self.given_up, self.t2)
+        last_seen = self.t3 if self.t3 is not None else self.entered
+        return last_seen + 2 * self.length
+
+    def fault(self, *reasons: Reason) -> None:
         """Note why the item cannot be weighed."""
-        self.faults.setdefault(reason)
+        for reason in reasons:
+            self.faults.setdefault(reason)
 
+    def accounts_for(self, stamp: int, debounce: int) -> bool:
+        """Tell whether this item can have blocked the infeed eye at `stamp`, ns."""
+        if self.t1 is None:
+            later = [t for t in (self.t2, self.t3) if t is not None]
+            return bool(later) and stamp < later[0]
+        if self.t2 is None and Reason.CHATTERING_EYE in self.faults:
+            return self.t1 <= stamp
+        last = self.t2 if self.t2 is not None else self.t1
+        return self.t1 <= stamp <= last + debounce
 
-_state = attrgetter(*(entry.name for entry in fields(Item)))
-
-
-def snapshot(item: Item) -> Item:
-    """Return an item as it is now: what comes later of it does not change that."""
-    taken = Item(*_state(item))
-    taken.faults = dict(item.faults)
-    return taken
-
-
-def departure(item: Item) -> int:
-    """Return t4, or where the eye missed it the time by which the item's length had passed."""
-    if item.t4 is not None:
-        return item.t4
-    if item.t3 is None and item.given_up is not None:
-        # Until then it may have been there.
-        return item.given_up if item.t2 is None else max(item.given_up, item.t2)
-    last_seen = item.t3 if item.t3 is not None else item.entered
-    return last_seen + 2 * length(item)
-
-
-def accounts_for(item: Item, stamp: int, debounce: int) -> bool:
-    """Tell whether the infeed eye was blocked at `stamp` by this item, and note its t1."""
-    if item.t1 is not None:
-        if item.t2 is None and Reason.CHATTERING_EYE in item.faults:
-            return item.t1 <= stamp
-        last = item.t2 if item.t2 is not None else item.t1
-        return item.t1 <= stamp <= last + debounce
-    later = [t for t in (item.t2, item.t3) if t is not None]
-    if later and stamp < later[0]:
-        item.t1 = stamp
-        return True
-    return False
-
-
-def length(item: Item) -> int:
-    """Return how long an item takes to pass an eye, ns; 0 if that is not known."""
-    return item.t2 - item.t1 if item.t1 is not None and item.t2 is not None else 0
+    def snapshot(self) -> 'Item':
+        """Return the item as it is now: later edges do not change the copy."""
+        return replace(self, faults=dict(self.faults))

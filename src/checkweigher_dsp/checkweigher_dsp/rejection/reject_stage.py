@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 import math
 
-from checkweigher_dsp.items.tracking import Item, ItemTracker
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,

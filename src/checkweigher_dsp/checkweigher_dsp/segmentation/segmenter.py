@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.items.edge_queue import EdgeQueue
-from checkweigher_dsp.items.item import Item, snapshot
+from checkweigher_dsp.items.item import Item
 from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
@@ -118,7 +118,7 @@ class Segmenter:
         self.samples += len(block.counts)
         for piece in self._pieces(block):
             self._buffer.append(piece)
-            self._tracker.origin = self._buffer.origin
+            self._tracker.begin(self._buffer.origin)
             self._take_due_edges()
             now = self._buffer.last_stamp
             if now is not None:
@@ -215,7 +215,7 @@ class Segmenter:
     def _take(self, items: list[Item]) -> None:
         """Let items wait for their samples; what comes later of them does not change them."""
         for item in items:
-            waiting = snapshot(item)
+            waiting = item.snapshot()
             self._check_start(waiting)
             self._motion.check(waiting)
             self._waiting.append(waiting)

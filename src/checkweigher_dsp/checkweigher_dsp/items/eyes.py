@@ -1,0 +1,131 @@
+"""What the eyes have shown: which edges are new, late, chatter or only a state at start-up."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.records import Eye, EyeEdge
+
+_LONG_AGO = -(2**62)  # ns
+_REMEMBERED = 64  # edges, among which one that comes twice is recognized
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """One switching of an eye.
+
+    Attributes
+    ----------
+    edge : EyeEdge
+        The edge.
+    previous : EyeEdge or None
+        The edge of the same eye before it.
+    there : Item or None
+        The item that blocked this eye until now.
+    """
+
+    edge: EyeEdge
+    previous: EyeEdge | None
+    there: Item | None = None
+
+    @property
+    def stamp(self) -> int:
+        """Time of the edge, ns."""
+        return self.edge.stamp
+
+
+class Eyes:
+    """The latest edges of both eyes.
+
+    Parameters
+    ----------
+    debounce : int
+        ns; an eye that clears for less has chattered.
+    max_transit : int
+        ns, longest time from eye to eye.
+
+    Attributes
+    ----------
+    origin : int or None
+        ns, when the stream began: an eye tells its state then.
+    newest : int or None
+        ns, stamp of the youngest edge.
+    """
+
+    def __init__(self, debounce: int, max_transit: int) -> None:
+        self.debounce = debounce
+        self.origin: int | None = None
+        self.newest: int | None = None
+        self._max_transit = max_transit
+        self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # the latest, a set
+        self._youngest: dict[Eye, EyeEdge] = {}
+        self._latest: dict[Eye, EyeEdge] = {}  # by arrival
+        self._first: dict[Eye, int] = {}
+
+    @property
+    def any_blocked(self) -> bool:
+        """Whether an eye is blocked."""
+        return any(edge.blocked for edge in self._youngest.values())
+
+    def knows(self, edge: EyeEdge) -> bool:
+        """Tell whether an edge has come before."""
+        return edge in self._known
+
+    def remember(self, edge: EyeEdge) -> None:
+        """Know an edge when it comes again."""
+        self._known[edge] = None
+        if len(self._known) > _REMEMBERED:
+            self._known.popitem(last=False)
+
+    def youngest(self, eye: Eye) -> EyeEdge | None:
+        """Return the youngest edge of an eye."""
+        return self._youngest.get(eye)
+
+    def take(self, edge: EyeEdge) -> EyeEdge | None:
+        """Take an edge as the youngest of its eye; return the one that was so before."""
+        previous = self._youngest.get(edge.eye)
+        self._youngest[edge.eye] = self._latest[edge.eye] = edge
+        self._first.setdefault(edge.eye, edge.stamp)
+        return previous
+
+    def take_late(self, edge: EyeEdge) -> EyeEdge | None:
+        """Take an edge after a younger one; return the one of its eye that came last before it."""
+        previous = self._latest.get(edge.eye)
+        self._latest[edge.eye] = edge
+        return previous
+
+    def set_youngest(self, edge: EyeEdge) -> None:
+        """Have an edge that came late be the youngest of its eye."""
+        self._youngest[edge.eye] = edge
+
+    def flickers(self, switch: Switch) -> bool:
+        """Tell whether an edge is chatter; where the one between was lost, for twice as long."""
+        previous = switch.previous
+        if previous is None:
+            return False
+        longest = self.debounce * (2 if previous.blocked == switch.edge.blocked else 1)
+        return 0 <= switch.stamp - previous.stamp < longest
+
+    def tells_state(self, stamp: int) -> bool:
+        """Tell whether the first edge of an eye, one that clears, only tells its state at start-up.
+
+        That comes with the first sample or together with the state of the other eye.
+        """
+        if self.origin is not None:
+            after = stamp - self.origin
+            if -self._max_transit < after <= self.debounce:
+                return True
+        return len(self._first) > 1 and (
+            abs(self._first[Eye.INFEED] - self._first[Eye.OUTFEED]) <= self.debounce
+        )
+
+    def forget_clock(self) -> None:
+        """Forget all stamps: the edges come again, by another clock.
+
+        Whether an eye is blocked still holds, but no edge is chatter of it.
+        """
+        self._known.clear()
+        self._latest.clear()
+        for eye, edge in self._youngest.items():
+            self._youngest[eye] = replace(edge, stamp=_LONG_AGO)
+        self.newest = None
