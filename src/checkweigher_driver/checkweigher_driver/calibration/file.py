@@ -1,4 +1,4 @@
-"""Calibrations as parameter files: each one a new version, the old ones kept beside it."""
+"""Calibration files, which are parameter files: the older versions are kept beside the newest."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -27,13 +27,10 @@ _DRIVER = '/**/driver'
 
 
 def check_calibration_file(path: Path) -> None:
-    """Raise CalibrationError or OutputError if a calibration cannot be written: before the work.
+    """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
 
-    Parameters
-    ----------
-    path : Path
-        A file that is there has to be a calibration, which then is kept as an older version. A file
-        in an installed package is refused: the next installation would replace it.
+    A file that is there must be a calibration, which then is kept as an older version. A file in an
+    installed package is refused: the next installation would replace it.
     """
     check_not_installed(path)
     if path.is_dir():
@@ -60,7 +57,7 @@ def _installed() -> list[Path]:
 
 
 def read_version(path: Path) -> int:
-    """Return which version a calibration file is, or raise CalibrationError if it is none."""
+    """Return the version of a calibration file; `CalibrationError` if it is no calibration."""
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
@@ -89,15 +86,14 @@ def calibration_text(
     version : int
         From 1.
     source : str
-        Whose parameters ``counts_per_kg`` and ``zero_counts`` are.
+        Source that gets ``counts_per_kg`` and ``zero_counts``.
     calibration : StaticCalibration
-        What they are.
     points : sequence of CalibrationPoint
-        What it was made from.
+        Points of the calibration.
     sections : dict
-        Content of a parameter file to which they are added.
+        Content of a parameter file to which the values are added.
     made : datetime, optional
-        When; by default now.
+        Date in the file; by default now.
     """
     made = made or datetime.now(UTC)
     lines = [
@@ -115,7 +111,7 @@ def calibration_text(
 def calibration_table(
     calibration: StaticCalibration, points: Sequence[CalibrationPoint]
 ) -> list[str]:
-    """Return what a calibration says and rests on, a line each."""
+    """Return the values of a calibration and a table of its points, a line each."""
     lines = [
         f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
         f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
@@ -141,13 +137,13 @@ def write_version(
 ) -> int:
     """Write a calibration as the newest version of a file and return its number.
 
-    The version before is kept as ``NAME.vN.yaml``. What else stands in it, or in `base`, goes into
+    The version before is kept as ``NAME.vN.yaml``. Its other values, or those of `base`, go into
     the new one.
 
     Raises
     ------
     CalibrationError, OutputError
-        If it cannot be written; what is there then stays.
+        If it cannot be written; the file that is there stays.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -213,13 +209,13 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return what a parameter file says of a source, by the names of its own set."""
+    """Return the values of a source in a parameter file, by the names of its parameter set."""
     found: dict[str, object] = {}
     for address, section in _sections(path).items():
         if str(address).rsplit('/', 1)[-1] in ('**', 'driver'):
             found.update(flatten(section['ros__parameters']))
     prefix = f'{source}.'
-    return {name[len(prefix) :]: found[name] for name in found if name.startswith(prefix)}
+    return {n.removeprefix(prefix): value for n, value in found.items() if n.startswith(prefix)}
 
 
 def check_calibrated_source(source: str) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
+from pathlib import Path
 import queue
 import time
 from typing import Any
@@ -31,11 +33,25 @@ from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode
 
 _LOOK_PERIOD = 0.05  # s
-_SILENCE = 5.0  # s without an answer of the samples beyond the patience that they have
+_SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come
+
+# Fields that StaticCalibration and the response of finish_calibration share.
+_FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty')
+
+_Answer = tuple[bool, str, StaticReading | None]  # success, message, and the reading if any
+
+
+class _Wait:
+    """A service call that waits while a load is read, and the events that came meanwhile."""
+
+    def __init__(self, patience: float) -> None:
+        self.answer = Future()
+        self.until = time.monotonic() + patience + _SILENCE
+        self.events: queue.SimpleQueue[SampleBlock | EyeEdge] = queue.SimpleQueue()
 
 
 class CalibrationServices:
-    """Read loads at rest, calibrate, write it down and have the driver weigh by it.
+    """Services that read loads at rest, calibrate, write the file and restart the stream with it.
 
     Parameters
     ----------
@@ -44,11 +60,11 @@ class CalibrationServices:
     parameters : CalibrationParameters
         File and steadiness.
     source : str
-        Whose calibration it is.
+        Name of the source that is calibrated.
     memory : callable
-        Gives what is remembered of the stream.
+        Returns the memory of the stream.
     restart : callable
-        Begins a new stream; returns why that could not be done, else nothing.
+        Begins a new stream; returns why that could not be done, else an empty string.
     """
 
     def __init__(
@@ -64,11 +80,8 @@ class CalibrationServices:
         self._source = source
         self._memory = memory
         self._restart = restart
-        self._session: CalibrationSession | None = None
-        self._events: queue.SimpleQueue[SampleBlock | EyeEdge] = queue.SimpleQueue()
-        self._listening = False
-        self._answer: Future | None = None
-        self._until = 0.0
+        self._session: CalibrationSession | None = None  # None while the driver is inactive
+        self._wait: _Wait | None = None  # while a load is read
         self._timer = node.create_timer(_LOOK_PERIOD, self._look)
         self._timer.cancel()
         # A group of its own: samples go on while an answer waits for them.
@@ -79,6 +92,19 @@ class CalibrationServices:
         )
         node.create_service(FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish)
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
+
+    def apply(self, load_cell: LoadCell) -> LoadCell:
+        """Return the load cell with the calibration of the file, if there is one.
+
+        Raises
+        ------
+        ParameterError
+            If the file cannot be used.
+        """
+        found = self.read()
+        if found is None:
+            return load_cell
+        return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
         """Return counts_per_kg and zero_counts of the file, None if there is none.
@@ -94,29 +120,22 @@ class CalibrationServices:
         except CalibrationError as error:
             raise ParameterError(f'calibration.file: {error}') from None
 
-    def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return the load cell with the calibration of the file, if there is one."""
-        found = self.read()
-        if found is None:
-            return load_cell
-        return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
-
     def begin(self, load_cell: LoadCell) -> None:
         """Take that a stream of a load cell begins."""
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """Take that the stream has ended, and with it what was read."""
+        """Take that the stream has ended; its points are forgotten."""
         self._session = None
-        self._reply(False, 'the driver was deactivated: activate it and begin anew')
+        self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Take what was published; from any thread."""
-        if self._listening:
-            self._events.put(event)
+        """Take an event that was published; from any thread."""
+        if wait := self._wait:
+            wait.events.put(event)
 
-    def _checked(self) -> CalibrationSession:
-        """Return the session of a driver that can be calibrated."""
+    def _checked(self) -> tuple[CalibrationSession, Path]:
+        """Return session and file of a driver that can be calibrated."""
         check_calibrated_source(self._source)
         path = self._parameters.path
         if path is None:
@@ -126,98 +145,101 @@ class CalibrationServices:
         check_calibration_file(path)
         if self._session is None:
             raise CalibrationError('the driver is not active, so no samples come; activate it')
-        return self._session
+        return self._session, path
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
         response.success, response.message, _ = await self._read(0.0, 0.0)
         return response
 
     async def _on_span(self, request: Any, response: Any) -> Any:
-        response.success, response.message, found = (
-            await self._read(float(request.mass), float(request.mass_uncertainty))
-            if request.mass > 0
-            else (False, f'mass {request.mass:g} kg: must be above 0; calibrate_zero reads '
-                  'the empty belt', None)
-        )  # fmt: skip
+        if not request.mass > 0:
+            response.message = (
+                f'mass {request.mass:g} kg: must be above 0; calibrate_zero reads the empty belt'
+            )
+            return response
+        response.success, response.message, found = await self._read(
+            float(request.mass), float(request.mass_uncertainty)
+        )
         if found is not None:
             response.reading, response.std_error = found.mean, found.std_error
         return response
 
-    async def _read(self, mass: float, uncertainty: float) -> Any:
-        """Read a load and return whether that went well, what to say, and the reading."""
+    async def _read(self, mass: float, uncertainty: float) -> _Answer:
+        """Read a load."""
         try:
-            self._checked().begin(mass, uncertainty, self._memory().history().edges)
+            session, _ = self._checked()
+            session.begin(mass, uncertainty, self._memory().history().edges)
         except ValueError as error:
             self._node.warn(f'calibration: {error}')
             return False, str(error), None
-        while not self._events.empty():
-            self._events.get()
-        self._until = time.monotonic() + self._parameters.patience + _SILENCE
-        self._answer, self._listening = Future(), True
+        wait = self._wait = _Wait(self._parameters.patience)
         self._timer.reset()
-        return await self._answer
+        answer: _Answer = await wait.answer
+        return answer
 
     def _look(self) -> None:
-        """Take what has come of the load that is being read."""
-        session = self._session
-        if session is None:
+        """Take the events that have come of the load that is being read."""
+        session, wait = self._session, self._wait
+        if session is None or wait is None:
             return
         try:
-            while not self._events.empty():
-                found = session.add(self._events.get(), time.monotonic())
+            while not wait.events.empty():
+                found = session.add(wait.events.get(), time.monotonic())
                 if found is not None:
                     text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-                    self._reply(True, f'{text}; {len(session.points)} read by now', found)
+                    text += f'; {len(session.points)} read by now'
+                    self._answer((True, text, found))
                     return
-            if time.monotonic() > self._until:
+            if time.monotonic() > wait.until:
                 raise CalibrationError('no samples come; check cable and power of the load cell')
         except CalibrationError as error:
-            self._reply(False, str(error))
+            session.cancel()
+            self._refuse(str(error))
 
-    def _reply(self, done: bool, text: str, found: StaticReading | None = None) -> None:
-        self._timer.cancel()
-        self._listening = False
-        answer, self._answer = self._answer, None
-        if answer is None:
-            return
-        if not done:
-            if self._session is not None:
-                self._session.cancel()
+    def _refuse(self, text: str) -> None:
+        """Answer that the load was not read, if a call waits for that."""
+        if self._wait is not None:
             self._node.warn(f'calibration: {text}')
-        answer.set_result((done, text, found))
+            self._answer((False, text, None))
+
+    def _answer(self, answer: _Answer) -> None:
+        self._timer.cancel()
+        wait, self._wait = self._wait, None
+        if wait is not None:
+            wait.answer.set_result(answer)
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
-        """Forget what was read."""
+        """Forget all points."""
         session = self._session
-        read = 0 if session is None else len(session.points)
-        self._reply(False, 'cancelled')
+        self._refuse('cancelled')
         if session is not None:
             self.begin(session.load_cell)
-        response.success, response.message = True, f'{read} readings forgotten'
+        points = 0 if session is None else len(session.points)
+        response.success, response.message = True, f'{points} readings forgotten'
         return response
 
     def _on_finish(
         self, request: FinishCalibration.Request, response: FinishCalibration.Response
     ) -> FinishCalibration.Response:
-        nan = float('nan')
-        response.counts_per_kg = response.counts_per_kg_uncertainty = nan
-        response.zero_counts = response.zero_uncertainty = nan
+        for name in _FITTED:
+            setattr(response, name, math.nan)
         try:
-            session = self._checked()
+            session, path = self._checked()
             history = self._memory().history()
             found = session.finish(
                 float(request.max_residual), history.edges, history.stamp, time.monotonic()
             )
-            path = self._parameters.path
-            assert path is not None
             version = write_version(path, self._source, found, session.points)
         except ValueError as error:
             response.message = str(error)
             self._node.warn(f'calibration: {error}')
             return response
+        for name in _FITTED:
+            setattr(response, name, float(getattr(found, name)))
+        response.masses = [float(point.mass) for point in session.points]
+        response.residuals = [float(residual) for residual in found.residuals]
         response.success = True
         response.file, response.version = str(path), version
-        _fill(response, found, session)
         trouble = self._restart()
         response.message = f'{_change(session.load_cell, found)}; version {version} of {path}' + (
             f'; but the driver does not start again: {trouble}' if trouble else ''
@@ -226,17 +248,8 @@ class CalibrationServices:
         return response
 
 
-def _fill(
-    response: FinishCalibration.Response, found: StaticCalibration, session: CalibrationSession
-) -> None:
-    for name in ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty'):
-        setattr(response, name, float(getattr(found, name)))
-    response.masses = [float(point.mass) for point in session.points]
-    response.residuals = [float(residual) for residual in found.residuals]
-
-
 def _change(before: LoadCell, found: StaticCalibration) -> str:
-    """Return what a calibration changes, in one line."""
+    """Return the change that a calibration makes, in one line."""
     return (
         f'counts_per_kg {before.counts_per_kg:.4f} -> {found.counts_per_kg:.4f}, zero_counts '
         f'{before.zero_counts:.2f} -> {found.zero_counts:.2f}, largest residual '

@@ -1,4 +1,4 @@
-"""A calibration on a line: points that are read one after the other, while nothing passes."""
+"""A calibration on a line: known masses, read one after the other while no product passes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _LONGEST = 3600.0  # s from the first point to the end: the zero drifts
 
 @dataclass(frozen=True)
 class CalibrationParameters(Parameters):
-    """Where the calibration of the machine is, and when a load counts as being at rest."""
+    """The calibration file of the machine, and the limits of a load at rest."""
 
     node: ClassVar[str] = 'calibration'
 
@@ -55,7 +55,7 @@ class CalibrationParameters(Parameters):
 
     @property
     def steadiness(self) -> Steadiness:
-        """When a load is at rest."""
+        """Limits of a load at rest."""
         return Steadiness(self.duration, self.tolerance, self.patience)
 
     @property
@@ -64,22 +64,44 @@ class CalibrationParameters(Parameters):
         return Path(self.file) if self.file else None
 
 
+@dataclass
+class _LoadReading:
+    """A load that is being read."""
+
+    mass: float  # kg
+    uncertainty: float  # kg
+    rest: RestReading
+    next_index: int | None = None  # of the sample that has to come next
+
+    def take(self, event: SampleBlock | EyeEdge) -> StaticReading | None:
+        """Take an event of the stream; return the reading once it is complete."""
+        if isinstance(event, EyeEdge):
+            raise CalibrationError(
+                f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
+                'stop the feed, and keep clear of the belt'
+            )
+        whole = self.next_index is None or event.first_index == self.next_index
+        self.next_index = event.first_index + len(event.counts)
+        return self.rest.add(event.counts, whole=whole)
+
+
 class CalibrationSession:
-    """Points of a calibration, and the reading of the next one.
+    """Points of a calibration: loads are read one at a time, then the points are fitted.
+
+    A session is either idle or reading: `begin` starts a reading; its point, an error or `cancel`
+    ends it; `finish` needs an idle session with points.
 
     Parameters
     ----------
     load_cell : LoadCell
-        As it is calibrated now.
+        With its present calibration.
     steadiness : Steadiness
-        When a load is at rest.
+        Limits of a load at rest.
 
     Attributes
     ----------
     points : list of CalibrationPoint
-        Read by now.
-    reading : bool
-        Whether a load is being read.
+        Read so far.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -87,9 +109,7 @@ class CalibrationSession:
         self._steadiness = steadiness
         self._began = math.nan
         self.points: list[CalibrationPoint] = []
-        self._reading: RestReading | None = None
-        self._mass = self._uncertainty = 0.0
-        self._next: int | None = None
+        self._reading: _LoadReading | None = None
 
     @property
     def reading(self) -> bool:
@@ -102,7 +122,7 @@ class CalibrationSession:
         Parameters
         ----------
         mass, uncertainty : float
-            kg, of what is on the belt; both 0 if it is empty.
+            kg, of the load on the belt; both 0 if the belt is empty.
         edges : sequence of EyeEdge
             The latest of the line.
 
@@ -118,13 +138,13 @@ class CalibrationSession:
                 f'mass {mass:g} kg, uncertainty {uncertainty:g} kg: both must be finite numbers, '
                 'the latter not negative'
             )
-        if mass == 0 and (eye := blocked_eye(edges)) is not None:
-            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')
-        self._mass, self._uncertainty, self._next = mass, uncertainty, None
-        self._reading = RestReading(self.load_cell, self._steadiness)
+        if mass == 0:
+            _check_clear(edges)
+        rest = RestReading(self.load_cell, self._steadiness)
+        self._reading = _LoadReading(mass, uncertainty, rest)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
-        """Take what came of the stream, and return the reading of the point that it completes.
+        """Take an event of the stream, and return the reading of the point that it completes.
 
         Parameters
         ----------
@@ -137,30 +157,22 @@ class CalibrationSession:
         CalibrationError
             If the load cannot be read; there is no point then.
         """
-        if self._reading is None:
+        load = self._reading
+        if load is None:
             return None
         try:
-            found = self._take(self._reading, event)
+            found = load.take(event)
         except CalibrationError:
             self._reading = None
             raise
         if found is not None:
             self._reading = None
-            self._began = now if math.isnan(self._began) else self._began
+            if not self.points:
+                self._began = now
             self.points.append(
-                CalibrationPoint(self._mass, found.mean, found.std_error, self._uncertainty)
+                CalibrationPoint(load.mass, found.mean, found.std_error, load.uncertainty)
             )
         return found
-
-    def _take(self, reading: RestReading, event: SampleBlock | EyeEdge) -> StaticReading | None:
-        if isinstance(event, EyeEdge):
-            raise CalibrationError(
-                f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
-                'stop the feed, and keep clear of the belt'
-            )
-        whole = self._next is None or event.first_index == self._next
-        self._next = event.first_index + len(event.counts)
-        return reading.add(event.counts, whole=whole)
 
     def cancel(self) -> None:
         """Give up the reading."""
@@ -185,7 +197,7 @@ class CalibrationSession:
         Raises
         ------
         CalibrationError
-            If they make none, or a product may be on the belt.
+            If the points make no calibration, or a product may be on the belt.
         """
         if self._reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')
@@ -194,10 +206,9 @@ class CalibrationSession:
         if now - self._began > _LONGEST:
             raise CalibrationError(
                 f'the first load was read more than {_LONGEST / 60:.0f} min ago, and the zero '
-                'drifts; call cancel_calibration and begin anew'
+                'drifts; call cancel_calibration and begin again'
             )
-        if (eye := blocked_eye(edges)) is not None:
-            raise CalibrationError(f'the {eye} eye is blocked; empty the belt')
+        _check_clear(edges)
         if edges and stamp - edges[-1].stamp < _QUIET:
             raise CalibrationError(
                 f'an eye has switched within the last {_QUIET / NANOSECONDS:g} s; stop the feed, '
@@ -208,7 +219,7 @@ class CalibrationSession:
             raise CalibrationError(
                 f'a mass is {GRAMS * found.largest_residual:.3f} g off the line, more than '
                 f'{GRAMS * max_residual:g} g; check the masses and what touches the belt, then '
-                'call cancel_calibration and begin anew'
+                'call cancel_calibration and begin again'
             )
         return found
 
@@ -223,7 +234,8 @@ class CalibrationSession:
         return zero_only(self.points[0], self.load_cell.counts_per_kg)
 
 
-def blocked_eye(edges: Sequence[EyeEdge]) -> str | None:
-    """Return the name of an eye that is blocked after these edges, None if there is none."""
-    last = {edge.eye: edge.blocked for edge in edges}
-    return next((Eye(eye).name.lower() for eye, blocked in last.items() if blocked), None)
+def _check_clear(edges: Sequence[EyeEdge]) -> None:
+    """Raise CalibrationError if an eye is blocked after some edges."""
+    for eye, blocked in {edge.eye: edge.blocked for edge in edges}.items():
+        if blocked:
+            raise CalibrationError(f'the {Eye(eye).name.lower()} eye is blocked; empty the belt')

@@ -1,4 +1,4 @@
-"""Static calibration: from readings of known masses at rest to zero and sensitivity.
+"""Static calibration: zero and sensitivity from readings of known masses at rest.
 
     counts = zero_counts + counts_per_kg * mass
 
@@ -10,7 +10,7 @@ known better than it is straight.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 import math
 
 import numpy as np
@@ -24,21 +24,23 @@ _LEAST_SAMPLES = 10 * _BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
 _LOOK_PERIOD = 0.5  # s of signal, after which a load is judged anew
 _LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
+# counts; a reading that does not move at all still stands for a step of the converter.
+_QUANTISATION = 1 / math.sqrt(12)
 
 
 class CalibrationError(ValueError):
-    """Readings that make no calibration; one line that says why."""
+    """A calibration that cannot be made or used; one line that says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class StaticReading:
-    """What a load cell at rest reads, in counts.
+    """Reading of a load at rest, counts.
 
     Attributes
     ----------
     mean : float
     std_error : float
-        Standard uncertainty of the mean, from the means of ten successive stretches.
+        Standard uncertainty of the mean, from the means of ten successive batches.
     drift : float
         Mean of the second half less that of the first.
     noise : float
@@ -56,7 +58,7 @@ class StaticReading:
 
 
 def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
-    """Read a stretch of samples as a load at rest.
+    """Return the reading of a load at rest.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
         )
     values = counts.astype(np.float64)
     half = len(values) // 2
-    means = np.array([np.mean(batch) for batch in np.array_split(values, _BATCHES)])
+    means = [np.mean(batch) for batch in np.array_split(values, _BATCHES)]
     return StaticReading(
         mean=float(np.mean(values)),
         std_error=float(np.std(means, ddof=1) / math.sqrt(_BATCHES)),
@@ -89,16 +91,16 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """When a load counts as being at rest.
+    """Limits within which a load counts as being at rest.
 
     Attributes
     ----------
     duration : float
-        s, for which it is read.
+        s, for which the load is read.
     tolerance : float
-        kg, by which the halves of that may differ.
+        kg, by which the two halves of the reading may differ.
     patience : float
-        s, after which it is given up.
+        s, after which the reading is given up.
     """
 
     duration: float = 5.0
@@ -107,20 +109,18 @@ class Steadiness:
 
 
 class RestReading:
-    """Read a load as soon as it has been at rest for long enough.
+    """Reading of a load, taken as soon as it has been at rest for long enough.
 
     Parameters
     ----------
     load_cell : LoadCell
-        Whose samples it reads; its sensitivity, as it is known by now, makes counts of the
-        tolerance.
+        The cell that takes the samples; its present sensitivity turns the tolerance into counts.
     steadiness : Steadiness
-        What is at rest.
 
     Attributes
     ----------
     latest : StaticReading or None
-        Of what has come by now, at rest or not.
+        Of the latest samples, at rest or not.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -138,7 +138,8 @@ class RestReading:
         ----------
         counts : ndarray, (n,) int32
         whole : bool
-            Whether they follow on those before; what was lost would hide what moved meanwhile.
+            Whether they follow on the samples before. The reading begins again after a loss,
+            which may hide a movement.
 
         Raises
         ------
@@ -168,7 +169,7 @@ class RestReading:
 
     @property
     def duration(self) -> float:
-        """For how long the load has been read, s; no longer than is wanted."""
+        """Time for which the load has been read, s, at most that of `Steadiness`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
     def _why_not(self) -> str:
@@ -190,12 +191,12 @@ class RestReading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPoint:
-    """A known mass and what was read under it.
+    """A known mass and its reading.
 
     Attributes
     ----------
     mass, mass_uncertainty : float
-        kg; of the empty belt both are 0.
+        kg; both are 0 for the empty belt.
     reading, reading_uncertainty : float
         counts.
     """
@@ -216,12 +217,12 @@ class StaticCalibration:
         counts.
     counts_per_kg, counts_per_kg_uncertainty : float
     correlation : float
-        Of the two.
+        Of zero and sensitivity.
     residuals : tuple of float
-        kg, of each point: what the calibration makes of its reading, less its mass.
+        kg, of each point: the mass that the calibration gives its reading, less its true mass.
     birge_ratio : float
-        By how much the points scatter more than their uncertainties explain; NaN where there are
-        no more points than unknowns.
+        Scatter of the points over the scatter that their uncertainties explain; NaN where there
+        are no more points than unknowns.
     """
 
     zero_counts: float
@@ -246,7 +247,7 @@ class StaticCalibration:
 
 
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
-    """Fit zero and sensitivity.
+    """Fit zero and sensitivity by weighted least squares with effective variances.
 
     Parameters
     ----------
@@ -258,43 +259,35 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     CalibrationError
         If the points do not determine both.
     """
-    masses = np.array([point.mass for point in points])
-    readings = np.array([point.reading for point in points])
-    of_readings = np.array([point.reading_uncertainty for point in points])
-    of_masses = np.array([point.mass_uncertainty for point in points])
-    if not all(np.all(np.isfinite(each)) for each in (masses, readings, of_readings, of_masses)):
+    values = np.array([astuple(point) for point in points]).reshape(-1, 4)
+    masses, readings, of_readings, of_masses = values.T
+    if not np.isfinite(values).all():
         raise CalibrationError('a point is not a finite number')
     if np.any(of_readings < 0) or np.any(of_masses < 0):
         raise CalibrationError('an uncertainty is negative')
-    if len(set(masses.tolist())) < 2:
+    if len(np.unique(masses)) < 2:
         raise CalibrationError('at least two different masses are needed, one may be none')
-    # A reading that does not move at all still stands for a step of the converter.
-    of_readings = np.maximum(of_readings, 1 / math.sqrt(12))
-    slope = float(np.polyfit(masses, readings, 1)[0])
+    of_readings = np.maximum(of_readings, _QUANTISATION)
+    slope, _ = np.polyfit(masses, readings, 1)
     for _ in range(_ITERATIONS):
-        weights = 1 / (of_readings**2 + (slope * of_masses) ** 2)
-        centre = float(np.sum(weights * masses) / np.sum(weights))
-        spread = float(np.sum(weights * (masses - centre) ** 2))
-        slope = float(np.sum(weights * (masses - centre) * readings) / spread)
-    level = float(np.sum(weights * readings) / np.sum(weights))
-    zero = level - slope * centre
+        sigma = np.hypot(of_readings, slope * of_masses)
+        (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
     freedom = len(points) - 2
-    birge = math.sqrt(float(np.sum(weights * misfits**2)) / freedom) if freedom else math.nan
-    factor = birge if birge > 1 else 1.0
-    slope_uncertainty = factor / math.sqrt(spread)
-    zero_uncertainty = factor * math.sqrt(1 / float(np.sum(weights)) + centre**2 / spread)
+    birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom) if freedom else math.nan
+    deviations = np.sqrt(np.diag(covariance))
+    slope_uncertainty, zero_uncertainty = deviations * (birge if birge > 1 else 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:
         raise CalibrationError(
             'the readings hardly differ between the masses; check that they rest on the belt, and '
             'the load-cell wiring'
         )
     return StaticCalibration(
-        zero_counts=zero,
-        counts_per_kg=slope,
-        zero_uncertainty=zero_uncertainty,
-        counts_per_kg_uncertainty=slope_uncertainty,
-        correlation=-centre * (slope_uncertainty / zero_uncertainty),
+        zero_counts=float(zero),
+        counts_per_kg=float(slope),
+        zero_uncertainty=float(zero_uncertainty),
+        counts_per_kg_uncertainty=float(slope_uncertainty),
+        correlation=float(covariance[0, 1] / np.prod(deviations)),
         residuals=tuple((misfits / slope).tolist()),
         birge_ratio=birge,
     )
@@ -303,12 +296,12 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
 def zero_only(empty: CalibrationPoint, counts_per_kg: float) -> StaticCalibration:
     """Return a calibration with a new reading of the empty belt and a sensitivity that stays.
 
-    The uncertainty of that sensitivity is not known here: NaN.
+    The uncertainty of that sensitivity is not known: NaN.
     """
     return StaticCalibration(
         zero_counts=empty.reading,
         counts_per_kg=counts_per_kg,
-        zero_uncertainty=max(empty.reading_uncertainty, 1 / math.sqrt(12)),
+        zero_uncertainty=max(empty.reading_uncertainty, _QUANTISATION),
         counts_per_kg_uncertainty=math.nan,
         correlation=0.0,
         residuals=(0.0,),
