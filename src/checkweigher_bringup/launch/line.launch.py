@@ -65,6 +65,11 @@ def generate_launch_description():
                 description='whether a process that has ended is started again; '
                 'false ends the launch with it',
             ),
+            DeclareLaunchArgument(
+                'log_level',
+                default_value='info',
+                description='lowest severity that the nodes log: debug, info, warn, error or fatal',
+            ),
             OpaqueFunction(function=make_line),
         ]
     )
@@ -80,11 +85,12 @@ def make_line(context):
     respawn = perform_typed_substitution(
         context, normalize_typed_substitution(LaunchConfiguration('respawn'), bool), bool
     )
-    # Plain nodes, though driver and reject have a life cycle: they start themselves, so that one
-    # that has ended comes back to work without anybody who would have to tell it to.
+    # Plain nodes, though driver and reject have a life cycle: they start themselves. The autostart
+    # of launch_ros's LifecycleNode acts once, and a node that respawn has started again would wait.
     common = {
         'namespace': LaunchConfiguration('namespace'),
         'output': 'screen',
+        'ros_arguments': ['--log-level', LaunchConfiguration('log_level')],
         'respawn': respawn,
         'respawn_delay': RESPAWN_DELAY,
         'on_exit': partial(on_exit, respawn=respawn),

@@ -1,0 +1,162 @@
+"""Each package says what it is and what it needs, as the ROS tools read it."""
+
+import ast
+from collections.abc import Iterable
+from pathlib import Path
+import sys
+from xml.etree import ElementTree
+
+from catkin_pkg.package import Package, parse_package
+from docutils.core import publish_doctree
+import pytest
+from running import ROOT
+import yaml
+
+PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/package.xml'))
+SUPPORT = {path.stem: path for folder in ('test/support', 'bench') for path in
+           (ROOT / folder).glob('*.py')}  # fmt: skip
+# The rosdep key of a module, where its name is another one.
+KEYS = {
+    'filterpy': 'python3-filterpy-pip',
+    'hypothesis': 'python3-hypothesis',
+    'jinja2': 'python3-jinja2',
+    'joblib': 'python3-joblib',
+    'markupsafe': 'python3-jinja2',  # which returns its type
+    'matplotlib': 'python3-matplotlib',
+    'numpy': 'python3-numpy',
+    'pytest': 'python3-pytest',
+    'pywt': 'python3-pywt',
+    'ruamel': 'python3-ruamel.yaml',
+    'scipy': 'python3-scipy',
+    'serial': 'python3-serial',
+    'tqdm': 'python3-tqdm',
+    'yaml': 'python3-yaml',
+}
+# Needed, but not imported.
+BESIDE = {
+    'checkweigher_bringup': {'ros2launch'},
+    'checkweigher_msgs': {
+        'builtin_interfaces', 'rosidl_default_runtime', 'std_msgs',
+        'ament_lint_auto', 'ament_lint_common',
+    },
+    # It reads the definitions of the messages.
+    'checkweigher_recording': {
+        'builtin_interfaces', 'checkweigher_msgs', 'diagnostic_msgs', 'std_msgs',
+    },
+}  # fmt: skip
+# The order of the schema, http://download.ros.org/schema/package_format3.xsd.
+ORDER = (
+    'name', 'version', 'description', 'maintainer', 'license', 'url', 'author', 'depend',
+    'member_of_group', 'export',
+)  # fmt: skip
+
+each_package = pytest.mark.parametrize('folder', PACKAGES, ids=lambda folder: folder.name)
+
+
+@each_package
+def test_a_package_is_valid(folder: Path):
+    warnings: list[str] = []
+    package = parse_package(str(folder), warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert (package.name, package.package_format) == (folder.name, 3)
+    assert package.licenses == ['Apache-2.0']
+    tags = [child.tag for child in ElementTree.parse(folder / 'package.xml').getroot()]
+    ranks = [ORDER.index('depend' if tag.endswith('_depend') else tag) for tag in tags]
+    assert ranks == sorted(ranks)
+
+
+@each_package
+def test_a_package_names_what_its_sources_import(folder: Path):
+    package = parse_package(str(folder))
+    imported = _keys([*folder.glob(f'{folder.name}/**/*.py'), *folder.glob('launch/*.py')])
+    needed = _names(package, 'exec_depends')
+    assert needed - BESIDE.get(folder.name, set()) == imported - {folder.name}
+
+
+@each_package
+def test_a_package_names_what_its_tests_import(folder: Path):
+    package = parse_package(str(folder))
+    tests = list(folder.glob('test/**/*.py'))
+    imported = _keys([*tests, ROOT / 'conftest.py']) if tests else set()
+    needed = _names(package, 'test_depends') - BESIDE.get(folder.name, set())
+    assert needed == imported - _names(package, 'exec_depends') - {folder.name}
+
+
+def _names(package: Package, kind: str) -> set[str]:
+    return {str(dependency.name) for dependency in getattr(package, kind)}
+
+
+def _keys(paths: Iterable[Path]) -> set[str]:
+    """Return the rosdep keys of all that modules import, through the support of the tests."""
+    seen: set[Path] = set()
+    keys: set[str] = set()
+    left = list(paths)
+    while left:
+        path = left.pop()
+        if path in seen:
+            continue
+        seen.add(path)
+        for name in _imported(path) - sys.stdlib_module_names:
+            if name in SUPPORT:
+                left.append(SUPPORT[name])
+            else:
+                keys.add(KEYS.get(name, name))
+    return keys
+
+
+def _imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split('.')[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.split('.')[0])
+    return names
+
+
+def test_keys_that_rosdep_lacks_are_in_the_list_of_the_workspace():
+    own = yaml.safe_load((ROOT / 'rosdep.yaml').read_text(encoding='utf-8'))
+    needed = {
+        name
+        for folder in PACKAGES
+        for kind in ('exec_depends', 'test_depends')
+        for name in _names(parse_package(str(folder)), kind)
+    }
+    assert set(own) <= needed
+    # These are in rosdep's own list, base.yaml or python.yaml of rosdistro.
+    listed = set(KEYS.values()) - {'python3-pywt'}
+    of_ros = needed - listed - set(own)
+    assert not {name for name in of_ros if name.startswith('python3-')}
+    assert of_ros.isdisjoint({'gpiod', 'mcap', 'pymodbus', 'rosbags'})
+
+
+@each_package
+def test_a_package_has_its_changelog(folder: Path):
+    text = (folder / 'CHANGELOG.rst').read_text(encoding='utf-8')
+    tree = publish_doctree(text, settings_overrides={'halt_level': 2})
+    title, version, changes = tree.children
+    assert title.astext() == f'Changelog for package {folder.name}'
+    assert version.astext() == 'Forthcoming'
+    assert changes.tagname == 'bullet_list'
+
+
+@each_package
+def test_setup_says_the_same_as_package_xml(folder: Path):
+    if not (folder / 'setup.py').exists():
+        return
+    package = parse_package(str(folder))
+    call = next(
+        node for node in ast.walk(ast.parse((folder / 'setup.py').read_text(encoding='utf-8')))
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
+    )  # fmt: skip
+    told = {
+        entry.arg: entry.value.value
+        for entry in call.keywords
+        if isinstance(entry.value, ast.Constant)
+    }
+    (maintainer,) = package.maintainers
+    assert told['version'] == package.version
+    assert told['description'] == package.description
+    assert told['license'] in package.licenses
+    assert (told['maintainer'], told['maintainer_email']) == (maintainer.name, maintainer.email)
