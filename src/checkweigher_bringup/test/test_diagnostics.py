@@ -107,7 +107,7 @@ def test_a_line_that_is_well_is_ok_in_every_aspect_until_its_driver_goes(spinner
     spinner.remove(driver)
     hint = told.wait('segmenter: Samples', Level.ERROR, 'no samples for')
     assert 'check that the driver runs' in hint
-    told.wait('segmenter: Connections', Level.ERROR, f'nobody publishes /{LANE}/')
+    told.wait('segmenter: Connections', Level.ERROR, f'no publisher of /{LANE}/')
     assert told.aspect('segmenter')[0] == Level.ERROR
     spinner.add(DriverNode({'simulator.count': 0}))
     told.wait('segmenter: Samples', Level.OK, '')

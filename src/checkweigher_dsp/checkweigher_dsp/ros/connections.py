@@ -1,4 +1,4 @@
-"""Whether a node is connected: who publishes and takes its topics, and whose QoS does not fit."""
+"""Connections of a node: who publishes and takes its topics, and whose QoS does not fit."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,22 +16,11 @@ from checkweigher_dsp.ros import ports
 
 _PATIENCE = 5.0  # s, in which the nodes of a line find each other
 
-# Who publishes what a stage cannot do without, and who has to take what it publishes.
-MAKERS = {
-    ports.LOAD_CELL_INFO.name: 'driver',
-    ports.LOAD_CELL_SAMPLES.name: 'driver',
-    ports.PHOTO_EYES.name: 'driver',
-    ports.WEIGH_WINDOW.name: 'segmenter',
-    ports.DENOISED_WINDOW.name: 'denoise',
-    ports.MASS_ESTIMATE.name: 'identifier',
-    ports.VERDICT.name: 'reject',
-}
+# The node that has to publish a topic, and those that have to take it.
+MAKERS = {port.name: port.maker for port in ports.ALL if port.maker in port.expected}
 TAKERS = {
-    ports.LOAD_CELL_SAMPLES.name: 'segmenter',
-    ports.PHOTO_EYES.name: 'segmenter and reject',
-    ports.WEIGH_WINDOW.name: 'denoise',
-    ports.DENOISED_WINDOW.name: 'identifier',
-    ports.MASS_ESTIMATE.name: 'reject',
+    port.name: ' and '.join(taker for taker in port.takers if taker in port.expected)
+    for port in ports.ALL
 }
 
 
@@ -39,14 +28,25 @@ TAKERS = {
 class _End:
     """One end of a topic: the subscription or publisher of this node."""
 
+    name: str
     endpoint: Subscription | Publisher
     qos: QoSProfile
     partner: str  # the node at the other end, empty if it need not be there
-    clashed: bool = False  # whether somebody with another QoS was there
+    clashed: bool = False  # whether an endpoint with another QoS was there
+
+    @property
+    def is_input(self) -> bool:
+        return isinstance(self.endpoint, Subscription)
+
+    def count(self) -> int:
+        """Return how many endpoints are connected to this one."""
+        if isinstance(self.endpoint, Subscription):
+            return int(self.endpoint.get_publisher_count())
+        return int(self.endpoint.get_subscription_count())
 
 
 class Connections:
-    """Watch the topics of a node.
+    """Watch of the topics of a node.
 
     Parameters
     ----------
@@ -55,46 +55,42 @@ class Connections:
     began : float
         s on a clock that never steps back, when the node was started.
     warn : callable
-        Tells of somebody whose QoS does not fit.
+        Tells of a publisher or subscriber whose QoS does not fit.
     """
 
     def __init__(self, node: Node, began: float, warn: Callable[[str], None]) -> None:
         self._node = node
         self._began = began
         self._warn = warn
-        self._inputs: dict[str, _End] = {}
-        self._outputs: dict[str, _End] = {}
+        self._ends: list[_End] = []
         self._refused = RecentValues()
         self._refusal = ''
 
     def input_events(self, name: str) -> SubscriptionEventCallbacks:
         """Return what a subscription of a topic has to be made with."""
         return SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: self._on_clash(self._inputs, name, event, 'publishes')
+            incompatible_qos=lambda event: self._on_clash(name, event, is_input=True)
         )
 
     def output_events(self, name: str) -> PublisherEventCallbacks:
         """Return what a publisher of a topic has to be made with."""
         return PublisherEventCallbacks(
-            incompatible_qos=lambda event: self._on_clash(self._outputs, name, event, 'subscribes')
+            incompatible_qos=lambda event: self._on_clash(name, event, is_input=False)
         )
 
     def add_input(
         self, name: str, subscription: Subscription, qos: QoSProfile, *, needed: bool
     ) -> None:
-        """Watch a subscription; with `needed` somebody has to publish."""
-        partner = MAKERS.get(name, '') if needed else ''
-        self._inputs[name] = _End(subscription, qos, partner)
+        """Watch a subscription; with `needed` there has to be a publisher."""
+        self._ends.append(_End(name, subscription, qos, MAKERS.get(name, '') if needed else ''))
 
     def add_output(self, name: str, publisher: Publisher, qos: QoSProfile) -> None:
         """Watch a publisher."""
-        self._outputs[name] = _End(publisher, qos, TAKERS.get(name, ''))
+        self._ends.append(_End(name, publisher, qos, TAKERS.get(name, '')))
 
     def forget(self, endpoint: Subscription | Publisher) -> None:
-        """Watch an end no longer: it is about to be destroyed."""
-        for ends in (self._inputs, self._outputs):
-            for name in [name for name, end in list(ends.items()) if end.endpoint is endpoint]:
-                del ends[name]
+        """Stop watching an endpoint that is about to be destroyed."""
+        self._ends = [end for end in self._ends if end.endpoint is not endpoint]
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Take that a message could not be used."""
@@ -102,9 +98,8 @@ class Connections:
         self._refusal = f'{name}: {why}'
 
     def lacks_input(self, name: str) -> bool:
-        """Tell whether nobody publishes a topic that this node subscribes to."""
-        end = self._inputs.get(name)
-        return end is not None and end.endpoint.get_publisher_count() == 0
+        """Return whether a topic that this node subscribes to has no publisher."""
+        return any(end.is_input and end.name == name and not end.count() for end in self._ends)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Connections; `now` in s on the clock of the beginning."""
@@ -112,55 +107,49 @@ class Connections:
         values: dict[str, float | str] = {}
         found: list[Concern] = []
         started = now - self._began > _PATIENCE
-        for name, end in list(self._inputs.items()):  # a node may be destroyed meanwhile
-            count = end.endpoint.get_publisher_count()
+        for end in sorted(self._ends, key=lambda end: not end.is_input):
+            count = end.count()
             if end.partner:
-                values[f'{name} publishers'] = count
+                values[f'{end.name} {"publishers" if end.is_input else "subscribers"}'] = count
             found += self._clashes(end, count)
             if started and end.partner and count == 0:
-                text = f'nobody publishes {end.endpoint.topic_name}'
-                found.append(Concern(Level.ERROR, text, _whom_to_look_for(end.partner)))
-        for name, end in list(self._outputs.items()):
-            count = end.endpoint.get_subscription_count()
-            if end.partner:
-                values[f'{name} subscribers'] = count
-            found += self._clashes(end, count)
-            if started and end.partner and count == 0:
-                text = f'nobody takes {end.endpoint.topic_name}'
-                found.append(Concern(Level.WARN, text, _whom_to_look_for(end.partner)))
+                level = Level.ERROR if end.is_input else Level.WARN
+                missing = 'publisher' if end.is_input else 'subscriber'
+                hint = f'check that {end.partner} runs, in this namespace and ROS_DOMAIN_ID'
+                text = f'no {missing} of {end.endpoint.topic_name}'
+                found.append(Concern(level, text, hint))
         values['messages refused in the last minute'] = len(self._refused)
         if len(self._refused):
             text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
-            hint = 'check who publishes there and with which version of the messages'
+            hint = 'check which node publishes there and with which version of the messages'
             found.append(Concern(Level.WARN, text, hint))
         return conclude('Connections', 'all there', found, values)
 
-    def _on_clash(self, ends: dict[str, _End], name: str, event: Any, does: str) -> None:
-        if name in ends:
-            ends[name].clashed = True
+    def _on_clash(self, name: str, event: Any, *, is_input: bool) -> None:
+        for end in self._ends:
+            end.clashed |= end.name == name and end.is_input == is_input
         policy = policy_name(event.last_policy_kind)
-        self._warn(f'somebody {does} {name} with a {policy} that does not fit: never connects')
+        does = 'publishes' if is_input else 'subscribes to'
+        self._warn(f'another node {does} {name} with a {policy} that does not fit: never connects')
 
     def _clashes(self, end: _End, matched: int) -> Iterator[Concern]:
         """Yield who offers or asks for another QoS; DDS tells when one comes, not that it went."""
         if not end.clashed:
             return
-        is_input = isinstance(end.endpoint, Subscription)
-        name = end.endpoint.topic_name
-        look = (
-            self._node.get_publishers_info_by_topic
-            if is_input
-            else self._node.get_subscriptions_info_by_topic
-        )
         end.clashed = False
-        for other in look(name):
-            pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
+        name = end.endpoint.topic_name
+        if end.is_input:
+            others = self._node.get_publishers_info_by_topic(name)
+        else:
+            others = self._node.get_subscriptions_info_by_topic(name)
+        for other in others:
+            pair = (other.qos_profile, end.qos) if end.is_input else (end.qos, other.qos_profile)
             compatibility, reason = qos_check_compatible(*pair)
             if compatibility != QoSCompatibility.ERROR:
                 continue
             end.clashed = True
             who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
-            does = 'publishes' if is_input else 'subscribes to'
+            does = 'publishes' if end.is_input else 'subscribes to'
             why = reason.replace('ERROR: ', '').strip('; ').lower()
             text = f'{who} {does} {name} with a QoS that does not fit ({why})'
             level = Level.ERROR if end.partner and matched == 0 else Level.WARN
@@ -168,7 +157,7 @@ class Connections:
 
 
 def has_matched_all(node: Node, *publishers: Publisher) -> bool:
-    """Tell whether publishers have matched every subscriber that the graph knows and they suit."""
+    """Return whether publishers have matched every subscriber in the graph whose QoS fits."""
     return all(
         publisher.get_subscription_count()
         >= sum(
@@ -177,7 +166,3 @@ def has_matched_all(node: Node, *publishers: Publisher) -> bool:
         )
         for publisher in publishers
     )
-
-
-def _whom_to_look_for(partner: str) -> str:
-    return f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
