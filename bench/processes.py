@@ -16,9 +16,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_bringup.replaying import write_parameter_file
 from checkweigher_dsp.ros.executor import make_executor
+from checkweigher_dsp.ros.ports import NODES
 
 HERE = Path(__file__).parent
-STAGES = ('segmenter', 'denoise', 'identifier', 'reject', 'product')
 _TICKS = os.sysconf('SC_CLK_TCK')
 _END_PATIENCE = 20.0  # s
 
@@ -96,7 +96,7 @@ def line_commands(
     driver: list[object] = [HERE / 'stamping.py', 'line' if one_process else 'driver', stamps, *ros]
     if one_process:
         return [driver]
-    return [driver, *(['-m', f'checkweigher_dsp.nodes.{name}', *ros] for name in STAGES)]
+    return [['-m', module, *ros] if name != 'driver' else driver for name, module in NODES.items()]
 
 
 class Listener:

@@ -11,14 +11,6 @@ from checkweigher_bringup.replaying import write_parameter_file
 from checkweigher_bringup.spinning import ros_arguments
 
 LINE = 'checkweigher_bringup.line'
-MODULES = {
-    'segmenter': 'checkweigher_dsp.nodes.segmenter',
-    'denoise': 'checkweigher_dsp.nodes.denoise',
-    'identifier': 'checkweigher_dsp.nodes.identifier',
-    'reject': 'checkweigher_dsp.nodes.reject',
-    'product': 'checkweigher_dsp.nodes.product',
-    'driver': 'checkweigher_driver.driver_node',
-}
 
 Values = Mapping[str, Mapping[str, object]]
 Process = subprocess.Popen[bytes]

@@ -16,10 +16,10 @@ from graph import heard
 from rclpy.node import Node
 from verdicts import assert_one_verdict_each
 
-from checkweigher_bringup.running_line import MODULES
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.ports import NODES
 
 PARAMETERS = """
 /**/driver:
@@ -56,7 +56,7 @@ class SupervisedLine:
     def pid(self, name: str) -> int:
         """Return the process of a node."""
         for pid in self.children():
-            if MODULES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
+            if NODES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
                 return pid
         raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
 

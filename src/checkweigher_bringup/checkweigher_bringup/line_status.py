@@ -7,9 +7,8 @@ import threading
 from typing import Any
 
 from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.ros.ports import NODES, STAGES
 
-_NEEDED = ('segmenter', 'denoise', 'identifier', 'reject')
-_OURS = (*_NEEDED, 'driver', 'product')
 _SILENCE = 3.0  # s, three of its periods
 _NARROWEST = 40  # columns of text
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
@@ -47,7 +46,7 @@ class StatusBoard:
         for status in statuses:
             node, _, aspect = str(status.name).partition(': ')
             lane, _, name = node.strip('/').rpartition('/')
-            if name in _OURS and self._namespace in ('', lane):
+            if name in NODES and self._namespace in ('', lane):
                 values = tuple((str(v.key), str(v.value)) for v in status.values)
                 level = Level(min(status.level[0], Level.STALE))
                 row = Row(node, aspect, level, str(status.message), values, now)
@@ -75,7 +74,7 @@ class StatusBoard:
             found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
         lanes = {node.rpartition('/')[0] for node in nodes} or {self._namespace}
         for lane in lanes:
-            for name in _NEEDED:
+            for name in STAGES:
                 node = f'{lane}/{name}'.lstrip('/')
                 if node not in nodes:
                     text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'

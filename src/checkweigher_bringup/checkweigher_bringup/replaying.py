@@ -29,13 +29,6 @@ _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
 _FAREWELL = 1.0  # s, for recorders to take the last messages
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
-_MODULES = {
-    'segmenter': 'checkweigher_dsp.nodes.segmenter',
-    'denoise': 'checkweigher_dsp.nodes.denoise',
-    'identifier': 'checkweigher_dsp.nodes.identifier',
-    'reject': 'checkweigher_dsp.nodes.reject',
-    'driver': 'checkweigher_driver.driver_node',
-}
 
 
 @dataclass(frozen=True)
@@ -209,7 +202,8 @@ def _processes(plan: Replay) -> Iterator[list[subprocess.Popen[bytes]]]:
         file = Path(folder, 'parameters.yaml')
         write_parameter_file(file, plan.node_parameters())
         try:
-            for module in _MODULES.values():
+            for node in (*ports.STAGES, 'driver'):
+                module = ports.NODES[node]
                 command = [sys.executable, '-m', module, '--ros-args', '--params-file', str(file)]
                 children.append(subprocess.Popen([*command, *ros_arguments(plan.namespace)]))
             yield children

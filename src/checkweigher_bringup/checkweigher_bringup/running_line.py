@@ -24,15 +24,6 @@ from checkweigher_dsp.ros import ports
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
 _END_PATIENCE = 5.0  # s, for a process to end by itself
-# In the order in which they are ended: first what feeds the line, last what judges.
-MODULES = {
-    'driver': 'checkweigher_driver.driver_node',
-    'product': 'checkweigher_dsp.nodes.product',
-    'segmenter': 'checkweigher_dsp.nodes.segmenter',
-    'denoise': 'checkweigher_dsp.nodes.denoise',
-    'identifier': 'checkweigher_dsp.nodes.identifier',
-    'reject': 'checkweigher_dsp.nodes.reject',
-}
 LINE = {'line': 'checkweigher_bringup.line'}
 
 
@@ -63,7 +54,7 @@ class Run:
     @property
     def modules(self) -> dict[str, str]:
         """Name and module of each process."""
-        return MODULES if self.processes else LINE
+        return ports.NODES if self.processes else LINE
 
 
 class _Process:

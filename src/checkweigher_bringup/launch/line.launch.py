@@ -16,18 +16,10 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from checkweigher_dsp.ros.ports import NODES
+
 RESPAWN_DELAY = 1.0  # s
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
-
-# Each node with its package; the executable has the name of the node.
-STAGES = {
-    'segmenter': 'checkweigher_dsp',
-    'denoise': 'checkweigher_dsp',
-    'identifier': 'checkweigher_dsp',
-    'reject': 'checkweigher_dsp',
-    'product': 'checkweigher_dsp',
-    'driver': 'checkweigher_driver',
-}
 
 
 def generate_launch_description():
@@ -107,14 +99,14 @@ def make_line(context):
         ),
         *(
             Node(
-                package=package,
+                package=module.partition('.')[0],
                 executable=name,
                 name=name,
                 parameters={'driver': for_driver, 'reject': for_reject}.get(name, [params_file]),
                 condition=UnlessCondition(one_process),
                 **common,
             )
-            for name, package in STAGES.items()
+            for name, module in NODES.items()
         ),
     ]
 

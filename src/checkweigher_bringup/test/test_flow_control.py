@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from graph import make_stages, wait_for
-from processes import MODULES, command, parameter_file, started
+from processes import command, parameter_file, started
 import pytest
 from rclpy.node import Node
 from running import BAGS
@@ -71,7 +71,8 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
         tmp_path / 'driver.yaml',
         {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
     )
-    driver = [*command(MODULES['driver'], file, NAMESPACE), '-r', 'photo_eyes:=camera/photo_eyes']
+    driver = command(ports.NODES['driver'], file, NAMESPACE)
+    driver += ['-r', 'photo_eyes:=camera/photo_eyes']
     expected = offline_verdicts(read_bag(BAG))
     with started({'driver': driver}):
         wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from hosts import Hosts, two_hosts
-from processes import MODULES, command, parameter_file, started
+from processes import command, parameter_file, started
 import pytest
 from running import BAGS, ROOT
 from verdicts import offline_verdicts
@@ -79,7 +79,7 @@ def lines(
     for lane, nodes in HOSTS.items():
         file = parameter_file(folder / f'{lane}.yaml', values[lane])
         for node, host in nodes.items():
-            commands[f'{lane}/{node}'] = [*hosts[host], *command(MODULES[node], file, lane)]
+            commands[f'{lane}/{node}'] = [*hosts[host], *command(ports.NODES[node], file, lane)]
     witness = Witness(hosts, 'a')
     try:
         with started(commands) as processes:

@@ -8,7 +8,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
-from processes import LINE, MODULES, command, parameter_file, started
+from processes import LINE, command, parameter_file, started
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
@@ -93,7 +93,7 @@ class Lane:
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of all nodes of the lane."""
         values = {}
-        for node in MODULES:
+        for node in ports.NODES:
             names = self.call(ListParameters, f'{node}/list_parameters').result.names
             answer = self.call(GetParameters, f'{node}/get_parameters', names=names)
             values[node] = dict(zip(names, answer.values, strict=True))
@@ -171,7 +171,7 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
         assert lane.stops == stops[namespace]
     # All say how they are on one topic, each under the name of its lane.
     named: set[str] = set()
-    while not named >= {f'{name}/{node}'.lstrip('/') for name in MASSES for node in MODULES}:
+    while not named >= {f'{name}/{node}'.lstrip('/') for name in MASSES for node in ports.NODES}:
         named.add(heard.get(timeout=20.0))
     wait_for(lambda: any(e.kind == 'parameter' for e in read_log(changed.log).entries))
     kinds = {entry.kind for entry in read_log(changed.log).entries}
@@ -181,6 +181,6 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
         entries = read_log(lane.log).entries
         assert {entry.source for entry in entries} == {f'{path}/product'}
         touched = {e.subject.split('.')[0] for e in entries if e.kind in ('found', 'parameter')}
-        assert touched <= {f'{path}/{node}' for node in MODULES}
+        assert touched <= {f'{path}/{node}' for node in ports.NODES}
         if lane is not changed:
             assert {entry.kind for entry in entries} == {'found', 'calibration'}

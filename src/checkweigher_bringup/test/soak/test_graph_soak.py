@@ -11,7 +11,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
 import numpy as np
-from processes import LINE, MODULES, Process, command, parameter_file, started
+from processes import LINE, Process, command, parameter_file, started
 import pytest
 from rclpy.node import Node
 
@@ -107,7 +107,7 @@ def line(folder: Path, count: int, *, one_process: bool) -> Iterator[dict[str, P
             'reject': {'deadlines': False},
         },
     )
-    modules = {'line': LINE} if one_process else MODULES
+    modules = {'line': LINE} if one_process else ports.NODES
     with started({name: command(module, file) for name, module in modules.items()}) as processes:
         yield processes
 

@@ -11,9 +11,9 @@ from checkweigher_msgs.msg import Verdict
 import pytest
 from supervised_line import SupervisedLine, supervised_line
 
-from checkweigher_bringup.running_line import MODULES
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.ros.conversion import stamp_from
+from checkweigher_dsp.ros.ports import NODES
 
 pytestmark = pytest.mark.soak
 
@@ -25,7 +25,7 @@ def line(tmp_path: Path) -> Iterator[SupervisedLine]:
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
-@pytest.mark.parametrize('name', MODULES)
+@pytest.mark.parametrize('name', NODES)
 def test_every_item_has_one_verdict_whichever_node_dies(
     line: SupervisedLine,
     name: str,

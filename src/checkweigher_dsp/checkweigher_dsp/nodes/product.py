@@ -38,7 +38,6 @@ from checkweigher_dsp.ros.stage_node import StageNode, run
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
-_AUDITED = ('segmenter', 'denoise', 'identifier', 'reject', 'product', 'driver')
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class ProductNode(StageNode[ProductParameters]):
         # What the selected product has set, and the nodes that were started since.
         self._set: dict[str, Values] = {}
         self._lost: set[str] = set()
-        self._stale = set(_AUDITED)
+        self._stale = set(ports.NODES)
         self._events = 0
         self._zero_out_of_range = False
         self._advised = False
@@ -184,7 +183,7 @@ class ProductNode(StageNode[ProductParameters]):
     def _notice_started(self) -> None:
         started = self._nodes.started()
         self._lost.update(started)
-        self._stale.update(started.intersection(_AUDITED))
+        self._stale.update(started.intersection(ports.NODES))
 
     async def _select(self, name: str) -> None:
         products, product = self._find(name)
@@ -294,7 +293,7 @@ class ProductNode(StageNode[ProductParameters]):
         if namespace != self.get_namespace().rstrip('/'):
             return
         self._events += 1
-        if message.new_parameters and name in _AUDITED:
+        if message.new_parameters and name in ports.NODES:
             self._stale.add(name)  # it has just been started
         for change in message.changed_parameters:
             value = python_value(change.value)
@@ -312,7 +311,7 @@ class ProductNode(StageNode[ProductParameters]):
         """Compare the parameters of nodes that were started with those that they had last."""
         self._notice_started()
         namespace = self.get_namespace().rstrip('/')
-        for node in _AUDITED:
+        for node in ports.NODES:
             if node not in self._stale or not self._line.ready(node):
                 continue
             events = self._events

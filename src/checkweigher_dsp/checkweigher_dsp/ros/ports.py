@@ -34,6 +34,20 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
+# The nodes of the line with their modules, in the order in which they end: what feeds the line
+# first, what judges last. The executable has the name of the node.
+NODES = {
+    'driver': 'checkweigher_driver.driver_node',
+    'product': 'checkweigher_dsp.nodes.product',
+    'segmenter': 'checkweigher_dsp.nodes.segmenter',
+    'denoise': 'checkweigher_dsp.nodes.denoise',
+    'identifier': 'checkweigher_dsp.nodes.identifier',
+    'reject': 'checkweigher_dsp.nodes.reject',
+}
+# Those that weigh.
+STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
+
+
 @dataclass(frozen=True)
 class Form:
     """How a record stands in its message, where that is not field by field under the same names.
