@@ -20,8 +20,8 @@ from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, Reference
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import reference_to, verdict_from
-from checkweigher_recording.bags.file import BagFile
-from checkweigher_recording.bags.messages import INPUT_TOPICS, OUTPUT_TOPICS, REFERENCE_MASS, Topic
+from checkweigher_dsp.ros.ports import Port
+from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.2  # s
@@ -38,26 +38,25 @@ class RecorderNode(Node):
 
     Attributes
     ----------
-    messages : queue of (Topic, int, bytes)
-        Topic, time of arrival in ns and message; read from any thread.
+    messages : queue of (Port, int, bytes)
+        Port, time of arrival in ns and message; read from any thread.
     """
 
-    def __init__(self, recorded: tuple[Topic, ...]) -> None:
+    def __init__(self, recorded: tuple[Port, ...]) -> None:
         super().__init__('record')
-        self.messages: queue.SimpleQueue[tuple[Topic, int, bytes]] = queue.SimpleQueue()
-        profiles = {topic.name: topic for topic in ports.ALL}
-        for topic in recorded:
-            profile = profiles[topic.name]
-            # What is kept for late joiners is wanted of the latched topics only: old verdicts
-            # would belong to items that are not in the recording.
-            qos = profile.qos if topic.latched else profile.stage_qos
-            self.create_subscription(profile.type, profile.name, self.taker(topic), qos, raw=True)
+        self.messages: queue.SimpleQueue[tuple[Port, int, bytes]] = queue.SimpleQueue()
+        for port in recorded:
+            # As the stages do, which ask for no old verdicts: these would belong to items that are
+            # not in the recording.
+            self.create_subscription(
+                port.type, port.name, self.taker(port), port.stage_qos, raw=True
+            )
 
-    def taker(self, topic: Topic) -> Callable[[bytes], None]:
-        """Return what queues serialized messages of a topic."""
+    def taker(self, port: Port) -> Callable[[bytes], None]:
+        """Return a callback that queues serialized messages of a port."""
 
         def take(data: bytes) -> None:
-            self.messages.put((topic, time.time_ns(), data))
+            self.messages.put((port, time.time_ns(), data))
 
         return take
 
@@ -165,18 +164,20 @@ def record(
     UserError
         If no message came: an empty bag is of no use, so none is left.
     """
-    recorded = INPUT_TOPICS if inputs_only else (*INPUT_TOPICS, *OUTPUT_TOPICS)
+    recorded = ports.PLAYED if inputs_only else ports.ALL
 
     with (
         _signals_restored(),
-        BagFile(path, recorded, namespace, in_place=True) as bag,
+        BagWriter(path, recorded, namespace, in_place=True) as bag,
         spinning(namespace) as spinner,
     ):
         known = None if reference is None else ReferencePasses(reference, passes)
-        node = RecorderNode(tuple(t for t in recorded if not (known and t is REFERENCE_MASS)))
+        node = RecorderNode(
+            tuple(port for port in recorded if not (known and port is ports.REFERENCE_MASS))
+        )
         spinner.add(node)
         if known is not None:
-            known.attach(node, node.taker(REFERENCE_MASS))
+            known.attach(node, node.taker(ports.REFERENCE_MASS))
         _take(bag, node, duration, known)
         while not node.messages.empty():
             bag.put(*node.messages.get())
@@ -219,7 +220,7 @@ class _Ending:
 
 
 def _take(
-    bag: BagFile, node: RecorderNode, duration: float | None, known: ReferencePasses | None
+    bag: BagWriter, node: RecorderNode, duration: float | None, known: ReferencePasses | None
 ) -> None:
     ending = _Ending()
     asked = False

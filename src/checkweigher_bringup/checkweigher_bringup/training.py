@@ -13,7 +13,7 @@ from checkweigher_bringup.output import warn_unfinished
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.block_cutting import JoinedSignal
+from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
 from checkweigher_validation.tuning.parameter_file import parameter_file
@@ -46,7 +46,7 @@ def read_passes(
                 'bags of one machine belong together'
             )
         rate = cell.sample_rate
-        events = chain(recording.references, JoinedSignal(recording))
+        events = chain(recording.references, join_recording(recording))
         found = known_passes(cell, events, segmenter)
         if not found:
             raise UserError(

@@ -11,7 +11,7 @@ from running import BAGS, run_command
 from checkweigher_bringup.cli import COMMANDS, build_parser
 from checkweigher_bringup.commands import weigh
 from checkweigher_dsp.pipeline import side_processes
-from checkweigher_recording.bags.messages import BagError
+from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.csv.log_import import ImportParameters
 
 EXAMPLES = {name: example for name, _, example in COMMANDS}

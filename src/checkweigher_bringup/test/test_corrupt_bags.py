@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Writer as Bag
 from running import run_command
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.bags.messages import BagError, typestore
+from checkweigher_recording.bags.definitions import BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.accuracy.offline import weigh

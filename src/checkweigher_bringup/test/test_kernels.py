@@ -20,7 +20,7 @@ from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 from checkweigher_dsp.signal.window_identification import WindowNoise
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.block_cutting import JoinedSignal
+from checkweigher_recording.block_cutting import join_recording
 
 BAGS = Path(__file__).parents[3] / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
@@ -75,7 +75,7 @@ def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
 
 def _weighed(recording, processes=ALONE):
     line = WeighingLine(recording.load_cell, LineParameters())
-    return line.weigh_all(JoinedSignal(recording), processes)
+    return line.weigh_all(join_recording(recording), processes)
 
 
 def test_processes_beside_this_one_make_the_same_bits(monkeypatch):

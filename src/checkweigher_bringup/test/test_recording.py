@@ -22,7 +22,7 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import edge_to, load_cell_to, reference_to, samples_to
-from checkweigher_recording.bags.messages import BagError
+from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.recording import Event, Recording

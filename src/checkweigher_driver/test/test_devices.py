@@ -9,7 +9,7 @@ from checkweigher_driver.devices import EYES, SOURCES, eyes_class, source_class,
 from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.records import LoadCell
-from checkweigher_recording.bags.messages import BagError
+from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.recording import canonical_order
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate

@@ -4,7 +4,6 @@ How a stream is cut into blocks, and where between them its edges come, does not
 weighed. The stamp of a sample stays what it was, but for rounding to a nanosecond.
 """
 
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 import math
 from typing import Any
@@ -13,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
-from checkweigher_recording.bags.block_columns import BlockColumns
-from checkweigher_recording.recording import Event, Recording
+from checkweigher_recording.recording import BlockColumns, Event, Recording
 
 LONGEST = 0.25  # s of signal in a joined block: the segmenter reports as often
 _ROUNDING = 1  # ns
@@ -47,36 +45,82 @@ def join(
         In the order in which they are due, a block when its last sample has been taken. Blocks that
         follow each other without a gap, in index and in time, are one.
     """
-    blocks: list[SampleBlock] = []
-    count = 0
+    run = _Run(sample_rate, longest)
     for event in events:
         if isinstance(event, SampleBlock):
-            if blocks and not _continues(blocks[0], count, event, sample_rate, longest):
-                yield _joined(blocks)
-                blocks, count = [], 0
-            blocks.append(event)
-            count += len(event.counts)
+            if not run.goes_on_with(event):
+                yield from run.take()
+            run.add(event)
             continue
-        if blocks and isinstance(event, EyeEdge):
-            place = _place(event.stamp - blocks[0].stamp, sample_rate)
-            before = math.ceil(place)
-            wanted = ends_block(event) or count > longest * sample_rate
-            if place > count + _NEARLY or (wanted and before >= count):
-                yield _joined(blocks)
-                blocks, count = [], 0
-            elif wanted and before > 0:
-                whole = _joined(blocks)
-                yield _part(whole, 0, before, sample_rate)
-                blocks, count = [_part(whole, before, count, sample_rate)], count - before
+        if isinstance(event, EyeEdge):
+            yield from run.take_before(event.stamp, ends_block=ends_block(event))
         yield event
-    if blocks:
-        yield _joined(blocks)
+    yield from run.take()
 
 
-class JoinedSignal:
-    """Samples and edges of a recording as `join` yields them if no edge ends a block, but faster.
+class _Run:
+    """Blocks that follow each other without a gap.
 
-    Only blocks that were longer before stay whole, with the edges that fall into them behind.
+    Parameters
+    ----------
+    sample_rate, longest : float
+        Hz, and s of signal that are joined at most.
+    """
+
+    def __init__(self, sample_rate: float, longest: float) -> None:
+        self._sample_rate = sample_rate
+        self._limit = longest * sample_rate
+        self._blocks: list[SampleBlock] = []
+        self._count = 0  # samples
+
+    def add(self, block: SampleBlock) -> None:
+        self._blocks.append(block)
+        self._count += len(block.counts)
+
+    def goes_on_with(self, block: SampleBlock) -> bool:
+        """Tell whether a block follows without a gap and leaves the run short enough."""
+        if not self._blocks:
+            return True
+        first = self._blocks[0]
+        expected = first.stamp + _duration(self._count, self._sample_rate)
+        return (
+            block.first_index == first.first_index + self._count
+            and abs(block.stamp - expected) <= _ROUNDING
+            and self._count + len(block.counts) <= self._limit
+        )
+
+    def take(self) -> Iterator[SampleBlock]:
+        """Yield the run as one block, if there is any, and begin the next one."""
+        if self._blocks:
+            yield self._joined()
+        self._blocks, self._count = [], 0
+
+    def take_before(self, stamp: int, *, ends_block: bool) -> Iterator[SampleBlock]:
+        """Yield what is to come before an edge: the run if the edge is behind it, or a part."""
+        if not self._blocks:
+            return
+        samples = _samples(stamp - self._blocks[0].stamp, self._sample_rate)
+        before = math.ceil(samples)
+        ends_block = ends_block or self._count > self._limit
+        if samples > self._count + _NEARLY or (ends_block and before >= self._count):
+            yield from self.take()
+        elif ends_block and before > 0:
+            whole = self._joined()
+            yield SampleBlock(whole.stamp, whole.first_index, whole.counts[:before])
+            stamp = whole.stamp + _duration(before, self._sample_rate)
+            rest = SampleBlock(stamp, whole.first_index + before, whole.counts[before:])
+            self._blocks, self._count = [rest], len(rest.counts)
+
+    def _joined(self) -> SampleBlock:
+        first, counts = self._blocks[0], [block.counts for block in self._blocks]
+        return SampleBlock(first.stamp, first.first_index, np.concatenate(counts))
+
+
+def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
+    """Return samples and edges of a recording as `join` yields them if no edge ends a block.
+
+    All at once, in a fraction of the time. Only blocks that were longer before stay whole, with the
+    edges that fall into them behind.
 
     Parameters
     ----------
@@ -85,46 +129,35 @@ class JoinedSignal:
     longest : float
         s of signal, of a joined block.
     """
-
-    def __init__(self, recording: Recording, longest: float = LONGEST) -> None:
-        self._edges = recording.edges
-        self._blocks = blocks = BlockColumns.of(recording.blocks)
-        rate = recording.load_cell.sample_rate
-        self._runs = runs = _runs(blocks, rate, longest)
-        self._begins = blocks.begins[runs]
-        self._ends = np.append(self._begins, len(blocks.counts))[1:]
-        stamps = np.array([edge.stamp for edge in self._edges], np.int64)
-        # An edge comes before the block of its stamp, so it falls into the run of the one before.
-        last = np.searchsorted(blocks.stamps, stamps) - 1
-        self._places = places = np.searchsorted(runs, last, 'right') - 1
-        fallen = places >= 0
-        run = places[fallen]
-        count = (self._ends - self._begins)[run]
-        place = _place(stamps[fallen] - blocks.stamps[runs][run], rate)
-        places[fallen] += (place > count + _NEARLY) | (count > longest * rate)
-        places[~fallen] = 0
-
-    def __len__(self) -> int:
-        """Return the number of joined blocks and edges."""
-        return len(self._runs) + len(self._edges)
-
-    def __iter__(self) -> Iterator[SampleBlock | EyeEdge]:
-        """Yield them in the order in which they are due."""
-        blocks, edges, places = self._blocks, self._edges, self._places.tolist()
-        stamps, first_indices = blocks.stamps[self._runs], blocks.first_indices[self._runs]
-        columns = (stamps, first_indices, self._begins, self._ends)
-        edge = 0
-        for run, row in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-            stamp, first, begin, end = row
-            while edge < len(edges) and places[edge] <= run:
-                yield edges[edge]
-                edge += 1
-            yield SampleBlock(stamp, first, blocks.counts[begin:end])
-        yield from edges[edge:]
+    rate, edges = recording.load_cell.sample_rate, recording.edges
+    blocks = BlockColumns.of(recording.blocks)
+    starts = _starts(blocks, rate, longest)
+    begins = blocks.begins[starts]
+    lengths = np.diff(begins, append=len(blocks.counts))
+    joined = list(
+        BlockColumns(blocks.stamps[starts], blocks.first_indices[starts], lengths, blocks.counts)
+    )
+    stamps = np.array([edge.stamp for edge in edges], np.int64)
+    # An edge comes before the block of its stamp, so it falls into that of the one before, if any.
+    before = np.searchsorted(blocks.stamps, stamps) - 1
+    places = np.searchsorted(starts, before, 'right') - 1  # in `joined`, that each edge precedes
+    falls = places >= 0
+    into = places[falls]
+    samples = _samples(stamps[falls] - blocks.stamps[starts][into], rate)
+    is_behind = (samples > lengths[into] + _NEARLY) | (lengths[into] > longest * rate)
+    places[falls] += is_behind
+    places[~falls] = 0
+    events: list[SampleBlock | EyeEdge] = []
+    done = 0
+    for edge, place in zip(edges, places.tolist(), strict=True):
+        events += joined[done:place]
+        done = max(done, place)
+        events.append(edge)
+    return events + joined[done:]
 
 
-def _runs(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
-    """Return the numbers of the blocks that do not continue the one before.
+def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
+    """Return the numbers of the blocks that begin a joined block.
 
     Parameters
     ----------
@@ -133,53 +166,21 @@ def _runs(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[n
     sample_rate, longest : float
         Hz, and s of signal that are joined at most.
     """
-    if not blocks:
-        return np.zeros(0, np.intp)
-    first, lengths = blocks.first_indices, blocks.lengths
-    apart = np.ones(len(blocks), bool)
+    first, limit = blocks.first_indices, longest * sample_rate
+    lost = np.ones(len(blocks), bool)
     # A difference of unsigned numbers may have gone around.
-    apart[1:] = (first[1:] < first[:-1]) | (np.diff(first) != lengths[:-1].astype(np.uint64))
+    lost[1:] = (first[1:] < first[:-1]) | (np.diff(first) != blocks.lengths[:-1].astype(np.uint64))
     begins = blocks.begins
-    ends, limit = begins + lengths, longest * sample_rate
-    runs = np.array(_full_runs(np.flatnonzero(apart), begins, ends, limit), np.intp)
-    of_block = np.searchsorted(runs, np.arange(len(blocks)), 'right') - 1
-    taken = (begins - begins[runs][of_block]) * NANOSECONDS / sample_rate
-    expected = blocks.stamps[runs][of_block] + np.rint(taken).astype(np.int64)
-    if np.all(np.abs(blocks.stamps - expected) <= _ROUNDING):
-        return runs
-    return np.array(_runs_by_stamp(blocks, apart, sample_rate, limit), np.intp)
-
-
-def _full_runs(
-    apart: NDArray[np.intp], begins: NDArray[np.int64], ends: NDArray[np.int64], limit: float
-) -> list[int]:
-    """Return where runs begin if the stamps of all blocks go with their indices."""
-    runs: list[int] = []
-    ends_listed, stops = ends.tolist(), [*apart[1:].tolist(), len(ends)]
-    for begin, stop in zip(apart.tolist(), stops, strict=True):
-        number = begin
-        while number < stop:
-            runs.append(number)
-            last = int(begins[number]) + limit
-            number = max(bisect_right(ends_listed, last, number, stop), number + 1)
-    return runs
-
-
-def _runs_by_stamp(
-    blocks: BlockColumns, apart: NDArray[np.bool_], sample_rate: float, limit: float
-) -> list[int]:
-    """Return where runs begin, block for block."""
-    begins = blocks.begins
-    columns = (apart, blocks.stamps, begins, begins + blocks.lengths)
-    runs: list[int] = []
-    origin = since = 0
+    columns = (lost, blocks.stamps, begins, begins + blocks.lengths)
+    starts: list[int] = []
+    origin = since = 0  # position and stamp of the first sample of the joined block
     rows = zip(*(column.tolist() for column in columns), strict=True)
-    for number, (is_apart, stamp, begin, end) in enumerate(rows):
-        expected = since + round((begin - origin) * NANOSECONDS / sample_rate)
-        if is_apart or end - origin > limit or abs(stamp - expected) > _ROUNDING:
-            runs.append(number)
+    for number, (is_lost, stamp, begin, end) in enumerate(rows):
+        expected = since + _duration(begin - origin, sample_rate)
+        if is_lost or end - origin > limit or abs(stamp - expected) > _ROUNDING:
+            starts.append(number)
             origin, since = begin, stamp
-    return runs
+    return np.array(starts, np.intp)
 
 
 def is_exit(edge: EyeEdge) -> bool:
@@ -208,29 +209,11 @@ def cut_for_pace(
     return join(events, sample_rate, block_time, ends_block=is_exit)
 
 
-def _place(time: Any, sample_rate: float) -> Any:
-    """Return how many samples are taken in a time, ns."""
+def _samples(time: Any, sample_rate: float) -> Any:
+    """Return how many samples are taken in a time, ns; of a number or an array."""
     return time * sample_rate / NANOSECONDS
 
 
-def _part(block: SampleBlock, begin: int, end: int, sample_rate: float) -> SampleBlock:
-    stamp = block.stamp + round(begin * NANOSECONDS / sample_rate)
-    return SampleBlock(stamp, block.first_index + begin, block.counts[begin:end])
-
-
-def _continues(
-    first: SampleBlock, count: int, block: SampleBlock, sample_rate: float, longest: float
-) -> bool:
-    expected = first.stamp + round(count * NANOSECONDS / sample_rate)
-    return (
-        block.first_index == first.first_index + count
-        and abs(block.stamp - expected) <= _ROUNDING
-        and count + len(block.counts) <= longest * sample_rate
-    )
-
-
-def _joined(blocks: list[SampleBlock]) -> SampleBlock:
-    if len(blocks) == 1:
-        return blocks[0]
-    counts = np.concatenate([block.counts for block in blocks])
-    return SampleBlock(blocks[0].stamp, blocks[0].first_index, counts)
+def _duration(samples: int, sample_rate: float) -> int:
+    """Return how long some samples take, ns."""
+    return round(samples * NANOSECONDS / sample_rate)

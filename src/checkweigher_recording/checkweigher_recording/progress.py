@@ -1,52 +1,35 @@
-"""Progress of what may take longer than a moment."""
+"""Progress bars of what may take longer than a moment."""
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable
 import sys
-import time
 from typing import TypeVar
 
 T = TypeVar('T')
 
-_DELAY = 2.0  # s before a bar appears
+_DELAY = 1.0  # s before a bar appears
 
 
 def with_progress(
-    messages: Iterable[T], doing: str, total: int | None = None, *, unit: str = 'messages',
+    items: Iterable[T], doing: str, total: int | None = None, *, unit: str = 'messages',
     shown: bool = True,
 ) -> Iterable[T]:  # fmt: skip
-    """Return the same messages, with a bar on a terminal once they take more than two seconds.
+    """Return the same items, with a bar on a terminal once they take more than a second.
 
     Parameters
     ----------
-    messages : iterable
+    items : iterable
         What is worked through.
     doing : str
-        What the bar says.
+        Label of the bar.
     total : int or None
-        Their number; None if it is not known, or is their length.
+        Number of items; None if it is not known, or is their length.
     unit : str
-        What they are.
+        Name of the items.
     shown : bool
         Whether there may be a bar at all; never where stderr is no terminal.
     """
     if not shown or not sys.stderr.isatty():
-        return messages
-    return _watched(messages, doing, total, unit)
+        return items
+    from tqdm import tqdm  # its import takes as long as reading a short bag
 
-
-def _watched(messages: Iterable[T], doing: str, total: int | None, unit: str) -> Iterator[T]:
-    begin, count = time.monotonic(), 0
-    if total is None and isinstance(messages, Sized):
-        total = len(messages)
-    rest = iter(messages)
-    for message in rest:
-        yield message
-        count += 1
-        if time.monotonic() - begin > _DELAY:
-            break
-    else:
-        return
-    # Its import takes as long as most of what is over by now.
-    from tqdm import tqdm
-
-    yield from tqdm(rest, desc=doing, total=total, initial=count, unit=f' {unit}', leave=False)
+    return tqdm(items, desc=doing, total=total, unit=f' {unit}', delay=_DELAY, leave=False)

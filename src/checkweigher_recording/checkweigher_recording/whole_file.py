@@ -38,6 +38,24 @@ def write_whole(path: Path, text: str) -> None:
         raise output_error(path, error) from None
 
 
+def check_new(path: Path) -> None:
+    """Check that a file or folder can be made, before the work for it begins.
+
+    Parameters
+    ----------
+    path : Path
+        The new file or folder.
+
+    Raises
+    ------
+    OutputError
+        If `path` exists or its parent is not a folder that can be written to.
+    """
+    if os.path.lexists(path):
+        raise OutputError(f'{path}: exists already; remove it or choose another name')
+    check_folder_of(path)
+
+
 def check_folder_of(path: Path) -> None:
     """Check that something can be made or replaced beside what `path` names.
 

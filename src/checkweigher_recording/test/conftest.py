@@ -11,7 +11,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys.store import Typestore
 
 from checkweigher_dsp.records import EyeEdge, SampleBlock
-from checkweigher_recording.bags.messages import HEADER, INPUT_TOPICS, TIME, typestore
+from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_recording.bags.definitions import HEADER, TIME, typestore
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
@@ -32,9 +33,7 @@ def recording() -> Recording:
 @pytest.fixture
 def messages(recording: Recording) -> list[Message]:
     """Every message of the recording, in canonical order; the first one is the load cell's."""
-    info, samples, eyes, references = (
-        (f'/{topic.name}', topic.message_type) for topic in INPUT_TOPICS
-    )
+    info, samples, eyes, references = ((f'/{port.name}', port.message_type) for port in PLAYED)
     cell = recording.load_cell
     fields = {name: getattr(cell, name) for name in cell.__slots__}
     listed = [Message(*info, recording.blocks[0].stamp, fields)]

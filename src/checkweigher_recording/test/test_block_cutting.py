@@ -7,7 +7,7 @@ import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
-from checkweigher_recording.block_cutting import JoinedSignal, cut_for_pace, is_exit, join
+from checkweigher_recording.block_cutting import cut_for_pace, is_exit, join, join_recording
 from checkweigher_recording.pacing import Pacer
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
@@ -193,7 +193,7 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
     events += [EyeEdge(at * MILLISECOND, Eye(at % 2), at % 3 == 0) for at in edges]
     recording = Recording.from_events(CELL, [*events, Reference(MILLISECOND, 0.1)])
 
-    joined = JoinedSignal(recording, longest)
+    joined = join_recording(recording, longest)
 
     signal = (event for event in recording if not isinstance(event, Reference))
     expected = [_plain(event) for event in join(signal, RATE, longest, ends_block=never)]
@@ -204,7 +204,7 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
 def test_the_edges_of_a_long_block_of_a_recording_come_after_it():
     events = [block(0, 100), entry(2.5), edge(6.5), block(100, 10), entry(105)]
 
-    joined = JoinedSignal(Recording.from_events(CELL, events), 0.05)
+    joined = join_recording(Recording.from_events(CELL, events), 0.05)
 
     assert shown(joined) == [(0, 100), 2.5, 6.5, 105, (100, 10)]
 

@@ -65,16 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Read the log and write the bag."""
     from dataclasses import fields
 
-    from checkweigher_recording.bags.file import check_output
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.csv.log_import import ImportParameters, import_csv
+    from checkweigher_recording.whole_file import check_new
 
     given = {
         entry.name: getattr(arguments, entry.name)
         for entry in fields(ImportParameters)
         if getattr(arguments, entry.name) is not None
     }
-    check_output(arguments.output)
+    check_new(arguments.output)
     recording = import_csv(arguments.log, ImportParameters.from_mapping(given), arguments.edges)
     write_bag(arguments.output, recording.load_cell, recording)
     samples = sum(len(block.counts) for block in recording.blocks)

@@ -1,22 +1,30 @@
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
+import math
 from pathlib import Path
+from typing import Any
 
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_recording.bags.chunks import read_chunks
-from checkweigher_recording.bags.lane_messages import Lane, LaneMessages, choose_lane, decode
-from checkweigher_recording.bags.mcap_integrity import check_mcap
-from checkweigher_recording.bags.messages import LOAD_CELL_INFO, SAMPLES, BagError
-from checkweigher_recording.bags.types import check_type
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, Reference
+from checkweigher_dsp.ros.ports import (
+    LOAD_CELL_INFO,
+    LOAD_CELL_SAMPLES,
+    PHOTO_EYES,
+    PLAYED,
+    REFERENCE_MASS,
+    Port,
+)
+from checkweigher_recording.bags.definitions import BagError, check_definition, deserialize
+from checkweigher_recording.bags.integrity import check_mcap
+from checkweigher_recording.bags.lanes import Lane, choose_lane
+from checkweigher_recording.bags.sample_decoding import SampleDecoder
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording, canonical_order
@@ -118,36 +126,62 @@ def _read_lane(
     path: Path, reader: Reader | UnfinishedBag, namespace: str | None, progress: bool
 ) -> Recording:
     lane = choose_lane(path, reader.connections, namespace)
-    for connection, topic in lane:
-        check_type(path, connection, topic)
+    for connection, port in lane:
+        check_definition(path, connection, port)
+    ports = {connection.topic: port for connection, port in lane}
     connections = [connection for connection, _ in lane]
-    found: LaneMessages | None = None
+    total = sum(connection.msgcount for connection in connections)
+    messages = with_progress(reader.messages(connections), 'reading', total, shown=progress)
+    numbers: Counter[str] = Counter()
+    samples = SampleDecoder()
+    records: dict[str, list[Any]] = {port.name: [] for port in PLAYED}
+    for connection, _, data in messages:
+        numbers[connection.topic] += 1
+        port = ports[connection.topic]
+        if port is LOAD_CELL_SAMPLES:
+            samples.add(data)
+        else:
+            records[port.name].append(_record(path, port, data))
+    blocks = samples.blocks()
     if isinstance(reader, Reader):
-        watch = partial(with_progress, doing='reading', unit='chunks', shown=progress)
-        found = read_chunks(path, reader, lane, watch)
-    if found is None:
-        total = sum(connection.msgcount for connection in connections)
-        messages = reader.messages(connections)
-        found = decode(path, lane, with_progress(messages, 'reading', total, shown=progress))
-    if isinstance(reader, Reader):
-        _check_numbers(path, reader, found.numbers, lane)
-    if not found.cells:
+        _check_numbers(path, reader, numbers, lane)
+    cell = _load_cell(path, records[LOAD_CELL_INFO.name])
+    if not blocks:
+        raise BagError(
+            f'{path}: no samples on {LOAD_CELL_SAMPLES.name}; the driver was not running'
+        )
+    return Recording(
+        cell,
+        blocks.in_canonical_order(),
+        tuple(sorted(records[PHOTO_EYES.name], key=canonical_order)),
+        tuple(sorted(records[REFERENCE_MASS.name], key=canonical_order)),
+    )
+
+
+def _record(path: Path, port: Port, data: bytes) -> Any:
+    """Return what a message says of a load cell, an edge or a known mass."""
+    try:
+        record = deserialize(port, data)
+    except ValueError as error:
+        if port is not LOAD_CELL_INFO:
+            raise
+        raise BagError(f'{path}: {port.name}: {error}') from None
+    if isinstance(record, Reference) and not (math.isfinite(record.mass) and record.mass >= 0):
+        raise ValueError(f'a {port.name} of {record.mass:g} kg')
+    return record
+
+
+def _load_cell(path: Path, cells: Sequence[LoadCell]) -> LoadCell:
+    if not cells:
         raise BagError(
             f'{path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that topic, too'
         )
-    if any(cell != found.cells[0] for cell in found.cells):
+    if any(cell != cells[0] for cell in cells):
         raise BagError(
             f'{path}: {LOAD_CELL_INFO.name} changes within the bag; record one bag for each '
             'calibration'
         )
-    if not found.blocks:
-        raise BagError(f'{path}: no samples on {SAMPLES.name}; the driver was not running')
-    return Recording(
-        found.cells[0],
-        found.blocks.in_canonical_order(),
-        tuple(sorted(found.edges, key=canonical_order)),
-        tuple(sorted(found.references, key=canonical_order)),
-    )
+    return cells[0]
 
 
 def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int], lane: Lane) -> None:

@@ -1,13 +1,12 @@
-"""A whole bag of what is there of a recording that broke off."""
+"""Recovery of a recording that broke off: a whole bag of the messages that are there."""
 
 from pathlib import Path
 
-from rosbags.interfaces import Connection
-
-from checkweigher_recording.bags.file import BagFile
-from checkweigher_recording.bags.messages import INPUT_TOPICS, OUTPUT_TOPICS, BagError, Topic
-from checkweigher_recording.bags.types import check_type
+from checkweigher_dsp.ros.ports import ALL, Port
+from checkweigher_recording.bags.definitions import BagError, check_definition
+from checkweigher_recording.bags.lanes import find_port
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
+from checkweigher_recording.bags.writing import BagWriter
 
 
 def recover_bag(source: Path, path: Path) -> int:
@@ -33,32 +32,25 @@ def recover_bag(source: Path, path: Path) -> int:
         bag = UnfinishedBag(unfinished_parts(source) or [source])
     except OSError as error:
         raise BagError(f'{source}: cannot be read: {error.strerror or error}') from error
-    found: dict[str, tuple[str, Topic]] = {}
-    taken: list[Connection] = []
+    ports: dict[str, Port] = {}  # by the name of the topic
+    lanes: set[str] = set()
+    connections = []
     for connection in bag.connections:
-        topic = _topic_of(connection.topic)
-        if topic is not None and connection.msgcount:
-            check_type(source, connection, topic)
-            found[connection.topic] = connection.topic.removesuffix(f'/{topic.name}'), topic
-            taken.append(connection)
-    # What nodes of all lanes share says nothing of the lane.
-    lanes = {prefix for prefix, topic in found.values() if not topic.name.startswith('/')}
+        found = find_port(connection.topic, ALL)
+        if found is None or not connection.msgcount:
+            continue
+        prefix, port = found
+        check_definition(source, connection, port)
+        ports[connection.topic] = port
+        connections.append(connection)
+        # A topic that nodes of all lanes share is of no lane.
+        if not port.name.startswith('/'):
+            lanes.add(prefix)
     if len(lanes) != 1:
         what = 'holds several lanes' if lanes else 'no message of a checkweigher can be read'
         raise BagError(f'{source}: {what}; there is nothing to recover')
-    topics = list(dict.fromkeys(topic for _, topic in found.values()))
-    with BagFile(path, topics, lanes.pop()) as whole:
-        for connection, time, data in bag.messages(taken):
-            whole.put(found[connection.topic][1], time, data)
+    written = list({port.name: port for port in ports.values()}.values())
+    with BagWriter(path, written, lanes.pop()) as whole:
+        for connection, log_time, data in bag.messages(connections):
+            whole.put(ports[connection.topic], log_time, data)
         return whole.message_count
-
-
-def _topic_of(name: str) -> Topic | None:
-    """Return the topic of a checkweigher that has this name in some lane."""
-    topics = [
-        topic
-        for topic in (*INPUT_TOPICS, *OUTPUT_TOPICS)
-        if name == topic.name or name.endswith(f'/{topic.name}')
-    ]
-    # The longest: load_cell/status is no status of a lane called load_cell.
-    return max(topics, key=lambda topic: len(topic.name), default=None)

@@ -1,17 +1,56 @@
-"""A recording that was not completed, because its recorder was killed: what is there of it."""
+"""A recording without an end, because its recorder was killed: the messages that are there."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
 
-from rosbags.interfaces import Connection
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
+from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
 
-if TYPE_CHECKING:
-    from checkweigher_recording.bags.fragment import Message
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.integrity import MAGIC
 
-_NUMBER = re.compile(r'_(\d+)$')
+_PART_NUMBER = re.compile(r'_(\d+)$')
+_HEAD_SIZE = 9  # bytes, opcode and length of a record
+_LONGEST = 1 << 20  # bytes of a record that is neither chunk nor index
+_FORMATS = {
+    'ros2msg': MessageDefinitionFormat.MSG,
+    'ros2idl': MessageDefinitionFormat.IDL,
+    'omgidl': MessageDefinitionFormat.IDL,
+}
+# What stands in the data section of a file.
+_PARSERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
+    Opcode.HEADER: Header.read,
+    Opcode.SCHEMA: Schema.read,
+    Opcode.CHANNEL: Channel.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.MESSAGE_INDEX: MessageIndex.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.DATA_END: DataEnd.read,
+}
 
 
 class UnfinishedBag:
@@ -39,39 +78,41 @@ class UnfinishedBag:
     """
 
     def __init__(self, parts: Sequence[Path]) -> None:
-        # Its parsers take as long to import as a whole bag to read.
-        from checkweigher_recording.bags.fragment import BagFragment
-
-        self._fragments: list[BagFragment] = []
+        self._parts: list[_Part] = []
         self.damage = ''
-        for part, following in zip_longest(parts, parts[1:]):
-            fragment = BagFragment(part)
-            self._fragments.append(fragment)
-            if fragment.damage:
-                self.damage = f'{part.name}: {fragment.damage}'
-            elif following and not fragment.ended:
-                self.damage = f'{part.name}: cut off, but there are parts after it'
-            elif following and _number(following) > _number(part) + 1:
-                self.damage = f'there is no part {_number(part) + 1}'
+        for path, following in zip_longest(parts, parts[1:]):
+            part = _Part(path)
+            self._parts.append(part)
+            if part.damage:
+                self.damage = f'{path.name}: {part.damage}'
+            elif following and not part.ended:
+                self.damage = f'{path.name}: cut off, but there are parts after it'
+            elif following and _number(following) > _number(path) + 1:
+                self.damage = f'there is no part {_number(path) + 1}'
             if self.damage:
                 break
-        self.connections = [c for fragment in self._fragments for c in fragment.connections]
+        self.connections = [each for part in self._parts for each in part.connections()]
 
     @property
     def message_count(self) -> int:
         """Number of messages that are there."""
         return sum(connection.msgcount for connection in self.connections)
 
-    def messages(self, connections: Collection[Connection]) -> 'Iterator[Message]':
-        """Yield connection, log time and data of the messages of some connections."""
-        for fragment in self._fragments:
-            yield from fragment.messages([c for c in connections if c.owner is fragment])
+    def messages(
+        self, connections: Collection[Connection]
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield connection, log time in ns and data of the messages of some connections."""
+        for part in self._parts:
+            wanted = {each.id: each for each in connections if each.owner is part}
+            for message in part.messages():
+                if message.channel_id in wanted:
+                    yield wanted[message.channel_id], message.log_time, message.data
 
 
 def unfinished_parts(path: Path) -> list[Path]:
     """Return the files of a folder in their order if it is a recording that was not completed.
 
-    What tells is that it has no ``metadata.yaml``: recorders write that at the end.
+    Such a folder has no ``metadata.yaml``: recorders write that at the end.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -79,5 +120,168 @@ def unfinished_parts(path: Path) -> list[Path]:
 
 
 def _number(part: Path) -> int:
-    found = _NUMBER.search(part.stem)
+    found = _PART_NUMBER.search(part.stem)
     return int(found[1]) if found else 0
+
+
+class _DamageError(Exception):
+    """Bytes that no recorder leaves, however it ends."""
+
+
+class _Part:
+    """An MCAP file up to where it was cut.
+
+    Attributes
+    ----------
+    ended : bool
+        Whether all its data are there, although their index may be missing.
+    damage : str
+        Where the file is not as a killed recorder or a machine without power leaves it: with a
+        wrong check sum and more behind it, for instance. Messages are those before. Empty if there
+        is no such place.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.ended = False
+        self.damage = ''
+        self._data = path.read_bytes()
+        self._places: list[tuple[int, int]] = []  # begin and end of records with messages
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._counts: Counter[int] = Counter()
+        if not self._data.startswith(MAGIC[: len(self._data)]):
+            raise BagError(f'{path}: not an MCAP file: its first bytes are others')
+        try:
+            self._scan()
+        except _DamageError as error:
+            self.damage = str(error)
+
+    def connections(self) -> list[Connection]:
+        """Return the channels, with the numbers of messages that are there."""
+        return [self._connection(channel) for channel in self._channels.values()]
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages."""
+        for begin, end in self._places:
+            for record in _records(self._data[begin:end]):
+                if isinstance(record, Message):
+                    yield record
+
+    def _scan(self) -> None:
+        bad_chunk = 0
+        for begin, end in _places(self._data):
+            is_chunk = self._data[begin] == Opcode.CHUNK
+            if bad_chunk and is_chunk:
+                raise _DamageError(f'wrong check sum of the chunk at byte {bad_chunk}')
+            try:
+                self._take(begin, end)
+            # Damaged bytes can lead decompression and parsers anywhere.
+            except Exception:
+                if not is_chunk:
+                    raise _DamageError(f'the record at byte {begin} is not valid') from None
+                bad_chunk = begin
+        if bad_chunk and self.ended:
+            raise _DamageError(f'wrong check sum of the chunk at byte {bad_chunk}')
+
+    def _take(self, begin: int, end: int) -> None:
+        """Take what stands in a record: all or nothing."""
+        records = _records(self._data[begin:end])
+        channels = {record.id: record for record in records if isinstance(record, Channel)}
+        counts = Counter(record.channel_id for record in records if isinstance(record, Message))
+        if not counts.keys() <= self._channels.keys() | channels.keys():
+            raise _DamageError('a message without its channel')
+        self._schemas |= {record.id: record for record in records if isinstance(record, Schema)}
+        self._channels |= channels
+        self._counts += counts
+        if counts:
+            self._places.append((begin, end))
+        self.ended = any(isinstance(record, DataEnd) for record in records)
+
+    def _connection(self, channel: Channel) -> Connection:
+        schema = self._schemas.get(channel.schema_id)
+        definition = MessageDefinition(MessageDefinitionFormat.NONE, '')
+        if schema is not None and schema.encoding in _FORMATS:
+            text = schema.data.decode(errors='replace')
+            definition = MessageDefinition(_FORMATS[schema.encoding], text)
+        return Connection(
+            channel.id,
+            channel.topic,
+            schema.name if schema is not None else '',
+            definition,
+            channel.metadata.get('topic_type_hash', ''),
+            self._counts[channel.id],
+            ConnectionExtRosbag2(channel.message_encoding, []),
+            self,
+        )
+
+
+def _places(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of each whole record of the data section."""
+    position, written = MAGIC_SIZE, len(data.rstrip(b'\0'))
+    while position + _HEAD_SIZE <= len(data):
+        begin, position = position, position + _HEAD_SIZE
+        length = int.from_bytes(data[begin + 1 : position], 'little')
+        if not _is_record(data, begin, length, len(data)):
+            # After a loss of power, the room that the file system had reserved is still empty.
+            if position >= written or _is_record(data, begin, length, written):
+                return
+            raise _DamageError(f'no record at byte {begin}')
+        position += length
+        if position > len(data):
+            return
+        yield begin, position
+        if data[begin] == Opcode.DATA_END:
+            return
+
+
+def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
+    """Tell whether the length of a record agrees with the lengths in what is there of it.
+
+    A wrong length would hide all that is behind it: the file would seem to be cut there.
+
+    Parameters
+    ----------
+    data : bytes
+        Of the file.
+    begin, length : int
+        Position of the record, and the length that it states.
+    size : int
+        Bytes of the file that have been written.
+    """
+
+    def number(offset: int, width: int) -> int:
+        return int.from_bytes(data[position + offset : position + offset + width], 'little')
+
+    opcode, position = data[begin], begin + _HEAD_SIZE
+    there = size - position
+    if opcode == Opcode.CHUNK:
+        # Two log times, size and check sum; length of the name of a compression, name; length, data
+        name = number(28, 4) if there >= 32 else 0
+        head = 32 + name + 8
+        if there < head:
+            return name <= 16 and length >= head
+        return length == head + number(head - 8, 8)
+    if opcode == Opcode.MESSAGE_INDEX:
+        # Channel; length, entries
+        return length >= 6 if there < 6 else length == 6 + number(2, 4)
+    if opcode != Opcode.MESSAGE and opcode not in _PARSERS:
+        return False
+    return length <= there or there < _LONGEST
+
+
+def _records(record: bytes) -> list[McapRecord]:
+    """Return what a record with its head holds: the records of a chunk, or the record itself.
+
+    Raises
+    ------
+    Exception
+        If its check sum is wrong or it cannot be parsed.
+    """
+    opcode, length = record[0], len(record) - _HEAD_SIZE
+    stream = ReadDataStream(BytesIO(record[_HEAD_SIZE:]))
+    if opcode == Opcode.MESSAGE:
+        return [Message.read(stream, length)]
+    parsed = _PARSERS[opcode](stream)
+    if stream.count != length:
+        raise _DamageError('a record that is longer than its content')
+    return breakup_chunk(parsed, validate_crc=True) if isinstance(parsed, Chunk) else [parsed]

@@ -1,55 +1,47 @@
-"""Writing the events of a lane as a ROS 2 bag: the same bytes for the same events."""
+"""Writing a ROS 2 bag: MCAP with check sums, and metadata.yaml."""
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+import os
 from pathlib import Path
-from typing import Any
+import shutil
+from types import TracebackType
+from typing import Any, Self
 
-import numpy as np
-
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock
-from checkweigher_recording.bags.file import BagFile
-from checkweigher_recording.bags.messages import (
-    HEADER,
-    INPUT_TOPICS,
-    LOAD_CELL_INFO,
-    PHOTO_EYES,
-    REFERENCE_MASS,
-    SAMPLES,
-    TIME,
-    Topic,
-    typestore,
+from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
 )
+from rosbags.rosbag2.metadata import dump_qos_v9
+import yaml
+
+from checkweigher_dsp.records import LoadCell
+from checkweigher_dsp.ros.ports import LOAD_CELL_INFO, PLAYED, Port
+from checkweigher_recording.bags.definitions import serialize, typestore
+from checkweigher_recording.bags.lanes import lane_prefix
 from checkweigher_recording.recording import Event
+from checkweigher_recording.whole_file import OutputError, check_new, output_error
 
-
-class BagWriter(BagFile):
-    """A new bag of the events of one lane; the log time of a message is the stamp of its event.
-
-    Parameters
-    ----------
-    path : Path
-        Folder to make; its parent must exist.
-    load_cell : LoadCell
-        The cell that took the samples.
-    namespace : str
-        Of the lane, ``''`` for none.
-    """
-
-    def __init__(self, path: Path, load_cell: LoadCell, namespace: str = '') -> None:
-        super().__init__(path, INPUT_TOPICS, namespace)
-        self._encoder = _Encoder(load_cell)
-
-    def write(self, event: Event) -> None:
-        """Append an event; the stamp of the first one is also that of the load cell's message."""
-        if self.message_count == 0:
-            self.put(LOAD_CELL_INFO, event.stamp, self._encoder.describe(event.stamp))
-        self.put(*self._encoder.encode(event))
+# Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
+_FILE = 'line_0.mcap'
+_VERSION = 9  # of the bag format
+_FOREVER = QosTime(9223372036, 854775807)
+_PORTS = {port.record: port for port in PLAYED}
 
 
 def write_bag(
     path: Path, load_cell: LoadCell, events: Iterable[Event], namespace: str = ''
 ) -> None:
     """Write the events of one lane as a new bag, all or nothing.
+
+    The log time of a message is the stamp of its event; that of the load cell, which comes first,
+    is the stamp of the first event. Equal events give equal bytes.
 
     Parameters
     ----------
@@ -69,52 +61,243 @@ def write_bag(
     BagError
         If the message definitions are not installed.
     """
-    with BagWriter(path, load_cell, namespace) as bag:
+    with BagWriter(path, PLAYED, namespace) as bag:
         for event in events:
-            bag.write(event)
+            if bag.message_count == 0:
+                data = serialize(LOAD_CELL_INFO, load_cell, event.stamp)
+                bag.put(LOAD_CELL_INFO, event.stamp, data)
+            port = _PORTS[type(event)]
+            bag.put(port, event.stamp, serialize(port, event, event.stamp))
 
 
-class _Encoder:
-    """Makes messages of records."""
+class BagWriter:
+    """A new bag of serialized messages.
 
-    def __init__(self, load_cell: LoadCell) -> None:
-        self._load_cell = load_cell
-        self._store = typestore()
-        self._time, self._header = self._store.types[TIME], self._store.types[HEADER]
+    A context manager. The bag is there, whole, when the block ends without an exception; until
+    then, and after an exception, there is nothing under its name. With `in_place` it grows there
+    from the first message on, and what is there stays, without ``metadata.yaml`` until the end: so
+    a recording is not lost with its recorder. Equal messages, flushed alike, give equal bytes in
+    all files of the bag.
 
-    def describe(self, stamp: int) -> bytes:
-        """Return the load cell's message."""
-        cell = self._load_cell
-        return self._serialize(
-            LOAD_CELL_INFO,
-            stamp,
-            model=cell.model,
-            serial_number=cell.serial_number,
-            sample_rate=cell.sample_rate,
-            counts_per_kg=cell.counts_per_kg,
-            zero_counts=cell.zero_counts,
-            min_counts=cell.min_counts,
-            max_counts=cell.max_counts,
-            capacity=cell.capacity,
-            weigh_length=cell.weigh_length,
+    Parameters
+    ----------
+    path : Path
+        Folder to make; its parent must exist.
+    ports : sequence of Port
+        All ports that there will be messages of.
+    namespace : str
+        Of the lane, ``''`` for none.
+    in_place : bool
+        Whether to write under the bag's own name from the first message on.
+
+    Raises
+    ------
+    OutputError
+        If there is something at `path` already, or it cannot be written.
+    BagError
+        If the message definitions are not installed.
+
+    Notes
+    -----
+    The file has check sums of each chunk, of the data section and of the summary, so any damage
+    shows. That is why it is written by the mcap package: rosbags leaves the check sums out.
+    """
+
+    def __init__(
+        self, path: Path, ports: Sequence[Port], namespace: str = '', *, in_place: bool = False
+    ) -> None:
+        check_new(path)
+        self._path = path
+        self._in_place = in_place
+        self._folder = path
+        if not in_place:
+            self._folder = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        self._mcap: Writer | None = None
+        self._ports = ports
+        self._prefix = lane_prefix(namespace)
+        self._channels: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
+        self._begin = self._end = 0
+
+    def __enter__(self) -> Self:
+        """Return the bag."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Complete the bag; after an exception remove it, or leave what is there in place."""
+        try:
+            if error is None:
+                self._complete()
+            elif self._in_place and self._mcap is not None:
+                with suppress(OSError):
+                    self._mcap.flush()
+        except OSError as failure:
+            raise self._output_error(failure) from None
+        finally:
+            if self._mcap is not None:
+                with suppress(OSError):
+                    self._file.close()
+            if not self._in_place:
+                shutil.rmtree(self._folder, ignore_errors=True)
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages so far."""
+        return self._counts.total()
+
+    def put(self, port: Port, stamp: int, data: bytes) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        port : Port
+            One of those that the bag was made for.
+        stamp : int
+            ns, log time.
+        data : bytes
+            The message in CDR.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written, because the disk is full for instance.
+        """
+        mcap = self._mcap or self._open()
+        try:
+            mcap.add_message(self._channels[port.name], stamp, data, publish_time=stamp)
+        except OSError as error:
+            raise self._output_error(error) from None
+        if not self._counts:
+            self._begin = self._end = stamp
+        self._counts[port.name] += 1
+        self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
+
+    def flush(self) -> None:
+        """Write what has come so far, so that it is there if this process is killed.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        if self._mcap is not None:
+            try:
+                self._mcap.flush()
+            except OSError as error:
+                raise self._output_error(error) from None
+
+    def _open(self) -> Writer:
+        try:
+            self._folder.mkdir()
+        except OSError as error:
+            raise output_error(self._path, error) from None
+        try:
+            self._file = (self._folder / _FILE).open('xb')
+            # The check sum of the data section is off by default.
+            mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
+            # The name of the library, by default with its version, is part of the file.
+            mcap.start(profile='ros2', library='checkweigher')
+            self._file.flush()
+        except OSError as error:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise output_error(self._path, error) from None
+        self._mcap = mcap
+        self._channels = {port.name: self._add_channel(mcap, port) for port in self._ports}
+        return mcap
+
+    def _output_error(self, error: OSError) -> OutputError:
+        text = str(output_error(self._path, error))
+        if self._in_place and self._folder.exists():
+            text += '; what was recorded before is there'
+        return OutputError(text)
+
+    def _topic(self, port: Port) -> str:
+        absolute = port.name.startswith('/')
+        return port.name if absolute else f'{self._prefix}/{port.name}'
+
+    def _add_channel(self, mcap: Writer, port: Port) -> int:
+        """Return the number of a new channel for a port."""
+        store = typestore([port])
+        text, _ = store.generate_msgdef(port.message_type, ros_version=2)
+        schema = mcap.register_schema(port.message_type, 'ros2msg', text.encode())
+        qos = yaml.safe_dump(dump_qos_v9([_qos(port)]), sort_keys=False).strip()
+        digest = store.hash_rihs01(port.message_type)
+        return mcap.register_channel(
+            self._topic(port),
+            'cdr',
+            schema,
+            {'offered_qos_profiles': qos, 'topic_type_hash': digest},
         )
 
-    def encode(self, event: Event) -> tuple[Topic, int, bytes]:
-        """Return an event's topic, log time and message."""
-        topic, content = _content(event)
-        return topic, event.stamp, self._serialize(topic, event.stamp, **content)
+    def _complete(self) -> None:
+        if self._mcap is None or not self._counts:
+            raise OutputError(f'{self._path}: there is nothing to write')
+        information = self._information()
+        text = yaml.safe_dump(information, sort_keys=False)
+        self._mcap.add_metadata('rosbag2', {'serialized_metadata': text})
+        self._mcap.finish()
+        self._file.close()
+        text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
+        # That this file is there tells that the bag is whole.
+        partial = self._folder / '.metadata.yaml.partial'
+        try:
+            partial.write_text(text, encoding='utf-8')
+            partial.rename(self._folder / 'metadata.yaml')
+        finally:
+            partial.unlink(missing_ok=True)
+        if not self._in_place:
+            self._folder.rename(self._path)
 
-    def _serialize(self, topic: Topic, stamp: int, **content: Any) -> bytes:
-        second, nanosecond = divmod(stamp, NANOSECONDS)
-        header = self._header(self._time(second, nanosecond), '')
-        message = self._store.types[topic.message_type](header=header, **content)
-        return bytes(self._store.serialize_cdr(message, topic.message_type, little_endian=True))
+    def _information(self) -> dict[str, Any]:
+        """Return what metadata.yaml says."""
+        topics = [
+            {
+                'topic_metadata': {
+                    'name': self._topic(port),
+                    'type': port.message_type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': dump_qos_v9([_qos(port)]),
+                    'type_description_hash': typestore([port]).hash_rihs01(port.message_type),
+                },
+                'message_count': self._counts[port.name],
+            }
+            for port in self._ports
+        ]
+        return {
+            'version': _VERSION,
+            'storage_identifier': 'mcap',
+            **self._span(),
+            'topics_with_message_count': topics,
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [_FILE],
+            'files': [{'path': _FILE, **self._span()}],
+            'custom_data': None,
+            'ros_distro': 'jazzy',
+        }
+
+    def _span(self) -> dict[str, Any]:
+        return {
+            'duration': {'nanoseconds': self._end - self._begin},
+            'starting_time': {'nanoseconds_since_epoch': self._begin},
+            'message_count': self._counts.total(),
+        }
 
 
-def _content(event: Event) -> tuple[Topic, dict[str, Any]]:
-    if isinstance(event, SampleBlock):
-        counts = np.ascontiguousarray(event.counts, '<i4')
-        return SAMPLES, {'first_index': event.first_index, 'counts': counts}
-    if isinstance(event, EyeEdge):
-        return PHOTO_EYES, {'eye': int(event.eye), 'blocked': event.blocked}
-    return REFERENCE_MASS, {'mass': event.mass}
+def _qos(port: Port) -> Qos:
+    return Qos(
+        QosHistory.KEEP_LAST,
+        port.history.depth,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if port.history.latched else QosDurability.VOLATILE,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )

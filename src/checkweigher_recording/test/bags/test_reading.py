@@ -10,14 +10,9 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from checkweigher_dsp.records import Eye
-from checkweigher_recording.bags.messages import (
-    HEADER,
-    INPUT_TOPICS,
-    SAMPLES,
-    TIME,
-    BagError,
-    typestore,
-)
+from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
+from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 
@@ -79,9 +74,9 @@ def test_log_times_do_not_matter(messages, recording, tmp_path, write_mcap, same
 
 def test_other_topics_are_left_alone(messages, recording, write_foreign, same):
     store = get_typestore(Stores.ROS2_JAZZY)
-    for topic in INPUT_TOPICS:
-        store.fielddefs[topic.message_type] = typestore().fielddefs[topic.message_type]
-        store.types[topic.message_type] = typestore().types[topic.message_type]
+    for port in PLAYED:
+        store.fielddefs[port.message_type] = typestore().fielddefs[port.message_type]
+        store.types[port.message_type] = typestore().types[port.message_type]
     note = replace(messages[0], topic='/note', message_type='std_msgs/msg/String')
     note.content = {'data': 'shift 2'}
 

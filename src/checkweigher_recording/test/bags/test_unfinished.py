@@ -8,22 +8,13 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from checkweigher_recording.bags.file import BagFile
-from checkweigher_recording.bags.messages import (
-    HEADER,
-    INPUT_TOPICS,
-    OUTPUT_TOPICS,
-    REFERENCE_MASS,
-    TIME,
-    BagError,
-    typestore,
-)
+from checkweigher_dsp.ros.ports import DIAGNOSTICS, PLAYED, REFERENCE_MASS
+from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.recovery import recover_bag
-from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.bags.writing import BagWriter, write_bag
 from checkweigher_recording.whole_file import OutputError
 
-DIAGNOSTICS = OUTPUT_TOPICS[-1]
 FLUSHED = 10  # messages at a time
 
 
@@ -38,7 +29,7 @@ def taped(tmp_path, recording):
     write_bag(whole, recording.load_cell, recording)
     with Reader(whole) as reader:
         messages = [
-            (next(t for t in INPUT_TOPICS if connection.topic == f'/{t.name}'), stamp, data)
+            (next(t for t in PLAYED if connection.topic == f'/{t.name}'), stamp, data)
             for connection, stamp, data in reader.messages()
         ]
 
@@ -52,7 +43,7 @@ def taped(tmp_path, recording):
         path = tmp_path / name
         with (
             suppress(KilledError),
-            BagFile(path, (*INPUT_TOPICS, DIAGNOSTICS), in_place=True) as bag,
+            BagWriter(path, (*PLAYED, DIAGNOSTICS), in_place=True) as bag,
         ):
             write(bag, [*extra, *messages[begin:end]])
             if killed:
@@ -215,13 +206,13 @@ def test_what_all_lanes_share_is_recovered_as_well(taped, tmp_path):
 
 def test_in_place_there_is_nothing_before_the_first_message(tmp_path, recording):
     path = tmp_path / 'bag'
-    with pytest.raises(KilledError), BagFile(path, INPUT_TOPICS, in_place=True):
+    with pytest.raises(KilledError), BagWriter(path, PLAYED, in_place=True):
         raise KilledError
     assert not list(tmp_path.iterdir())
-    with BagFile(path, INPUT_TOPICS, in_place=True) as bag:
+    with BagWriter(path, PLAYED, in_place=True) as bag:
         bag.put(REFERENCE_MASS, 1, b'')
         assert path.exists()
         assert not (path / 'metadata.yaml').exists()
     assert sorted(file.name for file in path.iterdir()) == ['line_0.mcap', 'metadata.yaml']
     with pytest.raises(OutputError, match='exists already'):
-        BagFile(path, INPUT_TOPICS, in_place=True)
+        BagWriter(path, PLAYED, in_place=True)

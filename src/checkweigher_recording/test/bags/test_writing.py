@@ -15,12 +15,12 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 import yaml
 
-from checkweigher_recording.bags.file import check_output
-from checkweigher_recording.bags.messages import INPUT_TOPICS, typestore
+from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_recording.bags.definitions import typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter, write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
-from checkweigher_recording.whole_file import OutputError
+from checkweigher_recording.whole_file import OutputError, check_new
 
 
 def _files(folder):
@@ -66,17 +66,17 @@ def test_a_bag_describes_itself(tmp_path, recording):
 
     with Reader(tmp_path / 'bag') as reader:
         connections = {connection.topic: connection for connection in reader.connections}
-        assert set(connections) == {f'/lane1/{topic.name}' for topic in INPUT_TOPICS}
+        assert set(connections) == {f'/lane1/{port.name}' for port in PLAYED}
         assert reader.start_time == recording.blocks[0].stamp
         assert reader.duration == recording.blocks[-1].stamp - recording.blocks[0].stamp + 1
-        for topic in INPUT_TOPICS:
-            connection = connections[f'/lane1/{topic.name}']
-            assert connection.msgtype == topic.message_type
-            assert connection.digest == typestore().hash_rihs01(topic.message_type)
+        for port in PLAYED:
+            connection = connections[f'/lane1/{port.name}']
+            assert connection.msgtype == port.message_type
+            assert connection.digest == typestore().hash_rihs01(port.message_type)
             (qos,) = connection.ext.offered_qos_profiles
             assert qos.reliability is QosReliability.RELIABLE
-            assert (qos.durability is QosDurability.TRANSIENT_LOCAL) == topic.latched
-            assert (qos.depth == 1) == topic.latched
+            assert (qos.durability is QosDurability.TRANSIENT_LOCAL) == port.history.latched
+            assert (qos.depth == 1) == port.history.latched
         assert connections['/lane1/load_cell/info'].msgcount == 1
 
 
@@ -100,16 +100,16 @@ def test_metadata_agrees_with_the_file(tmp_path, recording):
     assert information['message_count'] == 1 + sum(1 for _ in recording)
 
 
-@pytest.mark.parametrize('topic', INPUT_TOPICS, ids=lambda topic: topic.name)
-def test_type_hashes_are_those_of_the_installed_messages(topic):
-    package, folder, name = topic.message_type.split('/')
+@pytest.mark.parametrize('port', PLAYED, ids=lambda port: port.name)
+def test_type_hashes_are_those_of_the_installed_messages(port):
+    package, folder, name = port.message_type.split('/')
     path = Path(get_package_share_directory(package), folder, f'{name}.json')
     hashes = {
         entry['type_name']: entry['hash_string']
         for entry in json.loads(path.read_text())['type_hashes']
     }
 
-    assert typestore().hash_rihs01(topic.message_type) == hashes[topic.message_type]
+    assert typestore().hash_rihs01(port.message_type) == hashes[port.message_type]
 
 
 def test_25_products_take_little_room(tmp_path):
@@ -153,7 +153,7 @@ def test_what_exists_is_not_overwritten(tmp_path, recording, make):
 
 def test_a_missing_parent_is_refused(tmp_path, recording):
     with pytest.raises(OutputError, match='there is no folder'):
-        BagWriter(tmp_path / 'none' / 'bag', recording.load_cell)
+        BagWriter(tmp_path / 'none' / 'bag', PLAYED)
 
 
 def test_a_parent_that_cannot_be_written_to_is_refused(tmp_path):
@@ -169,7 +169,7 @@ def test_a_parent_that_cannot_be_written_to_is_refused(tmp_path):
 def test_a_file_as_parent_is_refused(tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(OutputError, match='there is no folder'):
-        check_output(tmp_path / 'file' / 'bag')
+        check_new(tmp_path / 'file' / 'bag')
 
 
 def _no_file_beyond_4_kb():

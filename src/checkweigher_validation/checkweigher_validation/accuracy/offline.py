@@ -2,7 +2,7 @@
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.pipeline.side_processes import ALONE, SideProcesses
-from checkweigher_recording.block_cutting import JoinedSignal
+from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import ItemResult, join_all
@@ -35,6 +35,6 @@ def weigh(
     """
     line = WeighingLine(recording.load_cell, parameters)
     # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
-    signal = JoinedSignal(recording)
+    signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     return join_all(line.weigh_all(events, processes), recording.edges, recording.references)

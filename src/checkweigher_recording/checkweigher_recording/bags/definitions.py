@@ -1,0 +1,138 @@
+"""The definitions of the messages in bags, as they are installed."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros import conversion
+from checkweigher_dsp.ros.ports import ALL, Port
+
+TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
+_STORE = get_typestore(Stores.EMPTY)
+
+
+class BagError(ValueError):
+    """A bag that cannot be used; one line that says which, where and what to do."""
+
+
+def typestore(ports: Iterable[Port] = ALL) -> Typestore:
+    """Return the definitions of the messages of some ports and of their parts.
+
+    They are read from the installed packages, so a bag and the graph have the same types. Each
+    definition takes its time, so only those are read that are asked for.
+
+    Raises
+    ------
+    BagError
+        If a package with messages is not installed.
+    """
+    for port in ports:
+        _register(port.message_type)
+    return _STORE
+
+
+def _register(message_type: str) -> None:
+    if message_type in _STORE.fielddefs:
+        return
+    package, folder, name = message_type.split('/')
+    try:
+        share = get_package_share_directory(package)
+        text = Path(share, folder, f'{name}.msg').read_text(encoding='utf-8')
+    except (PackageNotFoundError, OSError):
+        raise BagError(
+            f'{message_type}: its definition is not installed; build the workspace and source its '
+            'environment'
+        ) from None
+    types = get_types_from_msg(text, message_type)
+    for _, fields in types.values():
+        for _, field in fields:
+            for part in _parts(field):
+                _register(part)
+    _STORE.register(types)
+
+
+def _parts(field: Any) -> Iterator[str]:
+    """Yield the message type of a field that is a message, or an array of messages."""
+    kind, content = field
+    if kind == Nodetype.NAME:
+        yield content
+    elif kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        yield from _parts(content[0])
+
+
+def serialize(port: Port, record: Any, stamp: int) -> bytes:
+    """Return the message of a record in CDR.
+
+    Parameters
+    ----------
+    port : Port
+        What the record passes.
+    record : object
+        Of the port's class.
+    stamp : int
+        ns, for the header of a record without a stamp of its own.
+    """
+    store = typestore([port])
+    fields = conversion.to_fields(record, stamp)
+    # Without frame_id: it says nothing that the topic does not say.
+    header = store.types[HEADER](store.types[TIME](**fields['header']['stamp']), '')
+    message = store.types[port.message_type](**fields | {'header': header})
+    return bytes(store.serialize_cdr(message, port.message_type, little_endian=True))
+
+
+def deserialize(port: Port, data: bytes) -> Any:
+    """Return the record of a message in CDR.
+
+    Raises
+    ------
+    Exception
+        If the bytes are no such message, or it holds what the record cannot have.
+    """
+    message: Any = typestore([port]).deserialize_cdr(data, port.message_type)
+    stamp = message.header.stamp
+    if stamp.sec < 0 or stamp.nanosec >= NANOSECONDS:
+        raise ValueError(f'{port.name}: a stamp of {stamp.sec} s and {stamp.nanosec} ns')
+    return conversion.to_record(port, message)
+
+
+def check_definition(path: Path, connection: Connection, port: Port) -> None:
+    """Check that the messages of a connection have the type and definition of a port.
+
+    Raises
+    ------
+    BagError
+        If they have another type or another definition.
+    """
+    if connection.msgtype != port.message_type:
+        raise BagError(
+            f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
+            f'{port.message_type}'
+        )
+    here = typestore([port]).hash_rihs01(port.message_type)
+    for there in (connection.digest, _type_hash(connection.msgdef, port)):
+        if there and there != here:
+            raise BagError(
+                f'{path}: topic {connection.topic} was recorded with another definition of '
+                f'{port.message_type} ({there}, here {here}); use the version that recorded it'
+            )
+
+
+def _type_hash(definition: MessageDefinition, port: Port) -> str:
+    """Return the hash of a definition that a bag brings along, empty if it brings none."""
+    known = typestore([port])
+    if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
+        return known.hash_rihs01(port.message_type)
+    store = get_typestore(Stores.EMPTY)
+    if definition.format == MessageDefinitionFormat.MSG:
+        store.register(get_types_from_msg(definition.data, port.message_type))
+    elif definition.format == MessageDefinitionFormat.IDL:
+        store.register(get_types_from_idl(definition.data))
+    else:
+        return ''
+    return store.hash_rihs01(port.message_type)

@@ -1,0 +1,100 @@
+"""Decoding of sample blocks, nearly all messages of a bag: many at once by numpy."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES
+from checkweigher_recording.bags.definitions import deserialize, typestore
+from checkweigher_recording.recording import BlockColumns
+
+_LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
+_BATCH_SIZE = 4096  # messages that are kept until they are decoded together
+
+
+class SampleDecoder:
+    """Decode messages of type LoadCellSamples."""
+
+    def __init__(self) -> None:
+        self._messages: list[bytes] = []
+        self._decoded: list[BlockColumns] = []
+
+    def add(self, message: bytes) -> None:
+        """Take a message.
+
+        Raises
+        ------
+        Exception
+            If this one, or one before, cannot be decoded.
+        """
+        self._messages.append(message)
+        if len(self._messages) == _BATCH_SIZE:
+            self._decode_batch()
+
+    def blocks(self) -> BlockColumns:
+        """Return the blocks of all messages in their order; raise as `add` does."""
+        self._decode_batch()
+        return BlockColumns.concatenate(self._decoded)
+
+    def _decode_batch(self) -> None:
+        messages, self._messages = self._messages, []
+        sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+        parts: list[BlockColumns] = []
+        numbers = np.zeros(0, np.int64)  # of the messages whose blocks are in `parts`
+        for size in np.unique(sizes):
+            same_size = np.flatnonzero(sizes == size)
+            alike, blocks = _decode_alike([messages[number] for number in same_size])
+            parts.append(blocks)
+            numbers = np.append(numbers, same_size[alike])
+        rest = np.setdiff1d(np.arange(len(messages)), numbers)
+        parts.append(
+            BlockColumns.of([deserialize(LOAD_CELL_SAMPLES, messages[number]) for number in rest])
+        )
+        order = np.argsort(np.append(numbers, rest))
+        self._decoded.append(BlockColumns.concatenate(parts).take(order))
+
+
+def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
+    """Decode those messages that differ from the first one in nothing but numbers.
+
+    Parameters
+    ----------
+    messages : sequence of bytes
+        All of one size, at least one.
+
+    Returns
+    -------
+    alike : ndarray, (n,) bool
+        Which messages these are.
+    blocks : BlockColumns
+        Their blocks.
+    """
+    message_type = LOAD_CELL_SAMPLES.message_type
+    first: Any = typestore([LOAD_CELL_SAMPLES]).deserialize_cdr(messages[0], message_type)
+    frame_size = len(first.header.frame_id.encode()) + 1
+    # The index, of 8 bytes, lies at a multiple of 8 bytes behind the encapsulation.
+    padded_size = -(-(12 + frame_size) // 8) * 8 - 12
+    layout = np.dtype([
+        ('encapsulation', '<u4'), ('sec', '<i4'), ('nanosec', '<u4'),
+        ('frame_size', '<u4'), ('frame_id', 'u1', (padded_size,)),
+        ('first_index', '<u8'), ('count', '<u4'), ('counts', '<i4', (len(first.counts),)),
+    ])  # fmt: skip
+    if layout.itemsize != len(messages[0]):
+        return np.zeros(len(messages), bool), BlockColumns.of([])
+    rows = np.frombuffer(b''.join(messages), layout)
+    alike: NDArray[np.bool_] = (
+        (rows['encapsulation'] == _LITTLE_ENDIAN)
+        & (rows['sec'] >= 0)
+        & (rows['nanosec'] < NANOSECONDS)
+        & (rows['frame_size'] == frame_size)
+        & np.all(rows['frame_id'] == rows['frame_id'][0], axis=1)
+        & (rows['count'] == len(first.counts))
+    )
+    rows = rows[alike]
+    stamps = rows['sec'].astype(np.int64) * NANOSECONDS + rows['nanosec']
+    lengths = np.full(len(rows), len(first.counts))
+    counts = rows['counts'].astype(np.int32).reshape(-1)
+    return alike, BlockColumns(stamps, rows['first_index'].astype(np.uint64), lengths, counts)
