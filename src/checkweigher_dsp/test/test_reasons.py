@@ -1,0 +1,28 @@
+"""Reasons: each has its hint, and is a constant of the messages."""
+
+from enum import StrEnum
+from typing import Any
+
+from checkweigher_msgs.msg import StopRequest, Verdict
+import pytest
+
+from checkweigher_dsp.reasons import Reason, StopReason
+
+
+@pytest.mark.parametrize('reason', [*Reason, *StopReason])
+def test_every_reason_has_a_hint(reason: Any):
+    assert reason.hint
+
+
+@pytest.mark.parametrize(
+    ('message', 'reasons'),
+    [
+        (Verdict, list(Reason)),
+        # A line never asks for a stop without a reason.
+        (StopRequest, [reason for reason in StopReason if reason is not StopReason.UNKNOWN]),
+    ],
+)
+def test_the_reasons_are_constants_of_the_message(message: Any, reasons: list[StrEnum]):
+    constants = type(message).__prepare__('', ())
+    found = {name: value for name, value in constants.items() if isinstance(value, str)}
+    assert found == {reason.name: reason.value for reason in reasons}
