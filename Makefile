@@ -7,9 +7,9 @@ SHELL := bash
 # A recipe line that starts with it runs in the project's environment.
 IN_ENVIRONMENT = setup/bootstrap && source setup/environment &&
 
-PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/)
+PYTHON_SOURCES := $(wildcard src/*/) $(wildcard test/) $(wildcard bench/) $(wildcard docs/)
 
-.PHONY: help setup demo test soak bench lint format clean
+.PHONY: help setup demo test soak bench docs lint format clean
 
 help: ## Show this list.
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -30,6 +30,9 @@ soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are 
 
 bench: ## Measure kernels and graph; BENCH_ARGS='--quick --part graph' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST python3 bench/run.py $(BENCH_ARGS)
+
+docs: ## Write the tables of README.md and docs/interfaces.md and config/line.yaml from the code.
+	@$(IN_ENVIRONMENT) python3 docs/make_docs.py
 
 lint: ## Check style and types.
 	@$(IN_ENVIRONMENT) ruff check $(PYTHON_SOURCES)

@@ -16,7 +16,8 @@ class SegmenterParameters(Parameters):
         0.5, 'signal before t1 that goes with each window', unit='s', minimum=0, maximum=60
     )
     trail_time: float = parameter(
-        0.0, 'signal after t3 that is waited for, at most until the item has left', unit='s',
+        0.0, 'signal after t3 that is waited for, at most until the item has left; later verdicts, '
+        'only gauss_markov gains', unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     zero_time: float = parameter(
@@ -24,7 +25,8 @@ class SegmenterParameters(Parameters):
         minimum=0, maximum=60,
     )  # fmt: skip
     settle_time: float = parameter(
-        0.1, 'ring-down after an item has left, not read for the zero', unit='s',
+        0.1, 'ring-down after an item has left, not read for the zero; longer on a soft platform',
+        unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     zero_initial_std_dev: float = parameter(
@@ -32,7 +34,8 @@ class SegmenterParameters(Parameters):
         minimum=1e-9, maximum=1e6,
     )  # fmt: skip
     zero_random_walk: float = parameter(
-        1e-5, 'drift of the zero, standard deviation after one second', unit='kg/sqrt(s)',
+        1e-5, 'drift of the zero, standard deviation after one second; larger follows faster, '
+        'averages less', unit='kg/sqrt(s)',
         minimum=0, maximum=1e6,
     )  # fmt: skip
     zero_moment: float = parameter(
