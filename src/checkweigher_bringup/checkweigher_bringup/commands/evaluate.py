@@ -2,6 +2,10 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from checkweigher_validation.accuracy.classes import AccuracyClass
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,45 +64,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Weigh, show the table, write what was asked for."""
-    from checkweigher_bringup.errors import UserError
+    """Weigh, show the table and write the files that are asked for."""
     from checkweigher_bringup.evaluation import evaluate_bags, evaluate_simulation
-    from checkweigher_bringup.output import check_output_file
-    from checkweigher_bringup.settings import check_positive
-    from checkweigher_dsp.production.prepackages import limits
     from checkweigher_recording.whole_file import write_whole
-    from checkweigher_validation.accuracy.classes import AccuracyClass
     from checkweigher_validation.accuracy.tables import text_table, write_csv, write_json
     from checkweigher_validation.tuning.parameter_file import parameter_file
 
-    if bool(arguments.bags) == bool(arguments.protocol):
-        raise UserError('name bags, or --protocol paper to simulate')
-    for name in ('budget', 'jobs', 'nominal'):
-        check_positive(f'--{name}', getattr(arguments, name))
-    if arguments.tuned and not (arguments.train or arguments.protocol):
-        raise UserError('--tuned: nothing would be tuned; add --train BAG')
-    outputs = [
-        path
-        for path in (arguments.html, arguments.csv, arguments.json, arguments.tuned)
-        if path is not None
-    ]
-    for path in outputs:
-        check_output_file(path, arguments.overwrite)
-        if outputs.count(path) > 1:
-            raise UserError(f'{path}: cannot be two of the outputs at once')
-    try:
-        accuracy_class = AccuracyClass(
-            arguments.accuracy_class, arguments.factor, arguments.interval / 1000,
-            arguments.in_service,
-        )  # fmt: skip
-    except ValueError as error:
-        raise UserError(f'--class: {error}') from None
-    nominal = None if arguments.nominal is None else arguments.nominal / 1000
-    try:
-        if nominal is not None:
-            limits(nominal)
-    except ValueError as error:
-        raise UserError(f'--nominal: {error}') from None
+    _check(arguments)
+    accuracy_class, nominal = _accuracy_class(arguments), _nominal(arguments)
     evaluate = evaluate_simulation if arguments.protocol else evaluate_bags
     evaluation, tuned = evaluate(arguments)
     print(text_table(evaluation, accuracy_class))
@@ -114,3 +87,50 @@ def run(arguments: argparse.Namespace) -> int:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
         write_whole(arguments.tuned, parameter_file(tuned, source))
     return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse options that cannot be used, before the work and not after it."""
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_bringup.output import check_output_file
+    from checkweigher_bringup.settings import check_positive
+
+    if bool(arguments.bags) == bool(arguments.protocol):
+        raise UserError('name bags, or --protocol paper to simulate')
+    for name in ('budget', 'jobs', 'nominal'):
+        check_positive(f'--{name}', getattr(arguments, name))
+    if arguments.tuned and not (arguments.train or arguments.protocol):
+        raise UserError('--tuned: nothing would be tuned; add --train BAG')
+    given = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
+    outputs = [path for path in given if path is not None]
+    for path in outputs:
+        check_output_file(path, arguments.overwrite)
+        if outputs.count(path) > 1:
+            raise UserError(f'{path}: cannot be two of the outputs at once')
+
+
+def _accuracy_class(arguments: argparse.Namespace) -> 'AccuracyClass':
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_validation.accuracy.classes import AccuracyClass
+
+    try:
+        return AccuracyClass(
+            arguments.accuracy_class, arguments.factor, arguments.interval / 1000,
+            arguments.in_service,
+        )  # fmt: skip
+    except ValueError as error:
+        raise UserError(f'--class: {error}') from None
+
+
+def _nominal(arguments: argparse.Namespace) -> float | None:
+    """Return the nominal quantity in kg if there are limits of 76/211/EEC for it."""
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_dsp.production.prepackages import limits
+
+    if arguments.nominal is None:
+        return None
+    try:
+        limits(arguments.nominal / 1000)
+    except ValueError as error:
+        raise UserError(f'--nominal: {error}') from None
+    return arguments.nominal / 1000

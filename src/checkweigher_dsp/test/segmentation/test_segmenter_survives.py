@@ -150,7 +150,7 @@ def test_a_product_taken_off_first_is_passed_over_if_the_length_is_known(make_li
 def test_a_product_on_the_belt_at_start_up_is_a_fault(make_line, run_segmenter, before):
     # An eye that reports its state when it starts, instead of the edge.
     line = make_line((0.1, 0.1), first_entry=-0.05 if before == ('t1',) else -0.12)
-    edges = [e for e in line.edges([(0, name) for name in before])]
+    edges = list(line.edges([(0, name) for name in before]))
     if before == ('t1',):
         edges.append(EyeEdge(line.start, Eye.INFEED, True))
 
