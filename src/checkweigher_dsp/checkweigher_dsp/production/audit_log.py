@@ -1,17 +1,17 @@
-"""The audit log: what was changed when, in a file in which every line is chained to the one before.
+"""The audit log: changes with their times, in a file whose lines are chained by hashes.
 
 One entry a line, JSON in one fixed form. An entry holds the SHA-256 of the entry before it and its
-own, over all that it says; so a line that was changed, removed, inserted or moved breaks the
-chain. How far the log went stands in a second file beside it, `LOG.head`, written after each entry:
-lines cut off at the end are missed by it. A power loss can leave the beginning of an entry that
-`LOG.head` never knew: such a torn end is no tampering, and the next entry says that it was there.
+own, over all its other fields; so a line that was changed, removed, inserted or moved breaks the
+chain. The number of the last entry stands in a second file, `LOG.head`, written after each entry:
+it shows that lines were cut off at the end. A power loss can leave the beginning of an entry that
+`LOG.head` never knew: such a torn end is no tampering, and the next entry records it.
 
-The chain has no key. Who may write both files can write them anew from the changed entry on;
-whoever noted a hash elsewhere finds that out (`verify` with `known_hash`).
+The chain has no key. A person who may write both files can rewrite them from the changed entry on;
+a hash that was noted elsewhere shows that (`verify` with `known_hash`).
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import fcntl
 import hashlib
 import json
@@ -40,11 +40,11 @@ class Entry:
     time : str
         ISO 8601, UTC.
     source : str
-        Who wrote it down: the node with its namespace.
+        Node that wrote it, with its namespace.
     kind : str
         ``parameter``, ``recipe``, ``calibration``, ...
     subject : str
-        What was changed.
+        Name of the thing that was changed.
     old, new : JSON value
         NaN and infinities stand as ``'nan'``, ``'inf'`` and ``'-inf'``. None: there is none.
     previous, hash : str
@@ -74,7 +74,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What a log turned out to be.
+    """Result of verifying a log.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Verification:
     problem : str
         ``changed``, ``removed``, ``inserted`` or ``cut``; empty if the chain is whole.
     reason : str
-        What is wrong, for the user.
+        The fault in words.
     torn : bytes
         Beginning of an entry at the end that was never finished.
     """
@@ -103,7 +103,7 @@ class Verification:
 
 
 def head_path(path: Path) -> Path:
-    """Return the file beside a log that says how far it went."""
+    """Return the file beside a log that has the number of its last entry."""
     return path.with_name(path.name + '.head')
 
 
@@ -141,7 +141,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     data : bytes
         The log.
     head : bytes
-        What stands in the file beside it, empty if there is none.
+        Content of the file beside it, empty if there is none.
     known_hash : str
         Hash of an entry that has to be there.
     """
@@ -155,7 +155,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
 
 
 def _follow_chain(data: bytes) -> Verification:
-    """Verify all but the end; `Verification.torn` is what comes after the last entry."""
+    """Verify all but the end; `Verification.torn` is the rest after the last entry."""
     lines = data.split(b'\n')
     parsed = [_parse(line) for line in lines]
     entries: list[Entry] = []
@@ -168,7 +168,7 @@ def _follow_chain(data: bytes) -> Verification:
             torn = b'\n'.join(lines[begin:end])
             if end == len(lines) and _may_be_torn(torn, len(entries) + 1):
                 return Verification(tuple(entries), torn=torn)
-            if end == len(lines) or not _tells_of(parsed[end], torn):
+            if end == len(lines) or not _records(parsed[end], torn):
                 reason = 'it is no entry, or not as it was written'
                 return Verification(tuple(entries), begin + 1, 'changed', reason)
             begin = end
@@ -183,9 +183,9 @@ def _follow_chain(data: bytes) -> Verification:
 
 
 def _misplaced(entry: Entry, expected: int, previous: str, torn: bytes) -> tuple[str, str]:
-    """Tell what is wrong with an entry at its place; two empty strings if nothing is."""
-    if entry.kind == TORN and not (torn and _tells_of(entry, torn)):
-        return 'removed', 'the torn entry before it, of which it tells, is not there'
+    """Return problem and reason of an entry at its place; two empty strings if it is right."""
+    if entry.kind == TORN and not (torn and _records(entry, torn)):
+        return 'removed', 'the torn entry that it records is not there before it'
     if entry.sequence > expected:
         return 'removed', f'entry {entry.sequence} stands where entry {expected} should be'
     if entry.sequence < expected or entry.previous != previous:
@@ -194,7 +194,7 @@ def _misplaced(entry: Entry, expected: int, previous: str, torn: bytes) -> tuple
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
-    """Tell whether power loss or a full disk may have left this of the entry `expected`."""
+    """Tell whether a power loss or a full disk may have left this of the entry `expected`."""
     beginning = b'{"sequence":%d,' % expected
     first = end.split(b'\n')[0]
     begun = first.startswith(beginning) or (first != b'' and beginning.startswith(first))
@@ -211,7 +211,7 @@ def _hold_to_head(found: Verification, head: bytes) -> Verification:
         # Power may be lost between the first entry and its head.
         if count <= 1:
             return found
-        reason = 'the file LOG.head is missing, so nobody knows how far the log went'
+        reason = 'the file LOG.head is missing, so the number of entries is not known'
         return Verification(found.entries, after, 'cut', reason)
     try:
         known = json.loads(head)
@@ -235,7 +235,7 @@ def _hold_to_head(found: Verification, head: bytes) -> Verification:
 
 
 class AuditLog:
-    """A log that is open for appending; nobody else can open it meanwhile.
+    """A log that is open for appending, locked against other processes.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ class AuditLog:
     Attributes
     ----------
     entries : tuple of Entry
-        Those that were there when it was opened.
+        Entries of the file when it was opened.
     last_hash : str
         Of the last entry.
 
@@ -262,12 +262,13 @@ class AuditLog:
         except OSError as error:
             raise AuditError(f'{path}: {error.strerror or error}') from None
         try:
-            self._open()
+            self._read()
         except BaseException:
             self.close()
             raise
 
-    def _open(self) -> None:
+    def _read(self) -> None:
+        """Lock the log and read the entries that it has."""
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -308,19 +309,20 @@ class AuditLog:
         """
         try:
             if self._torn:
-                # First the end of the torn line, then what it was: a reader needs both.
-                what = {'bytes': len(self._torn), 'sha256': hashlib.sha256(self._torn).hexdigest()}
-                self._write(self._next(time, source, TORN, 'last entry', None, what), b'\n')
-            return self._write(self._next(time, source, kind, subject, old, new))
+                # First the end of the torn line, then its record: a reader needs both.
+                torn = _fingerprint(self._torn)
+                self._write(self._entry(time, source, TORN, 'last entry', None, torn), b'\n')
+            return self._write(self._entry(time, source, kind, subject, old, new))
         except OSError as error:
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
-    def _next(self, *values: Any) -> Entry:
-        time, source, kind, subject, old, new = values
+    def _entry(
+        self, time: str, source: str, kind: str, subject: str, old: object, new: object
+    ) -> Entry:
         entry = Entry(
             self._count + 1, time, source, kind, subject, plain(old), plain(new), self.last_hash
         )
-        return Entry(**{**asdict(entry), 'hash': entry.digest()})
+        return replace(entry, hash=entry.digest())
 
     def _write(self, entry: Entry, before: bytes = b'') -> Entry:
         line = before + entry.line()
@@ -362,7 +364,7 @@ def plain(value: object) -> Any:
 
 
 def _parse(line: bytes) -> Entry | None:
-    """Return the entry of a line, None if it is not byte for byte as it was written."""
+    """Return the entry of a line, None if the line is not byte for byte as it was written."""
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash
@@ -371,16 +373,12 @@ def _parse(line: bytes) -> Entry | None:
     return entry if good and type(entry.sequence) is int else None
 
 
-def _tells_of(entry: Entry | None, torn: bytes) -> bool:
-    return (
-        entry is not None
-        and entry.kind == TORN
-        and entry.new
-        == {
-            'bytes': len(torn),
-            'sha256': hashlib.sha256(torn).hexdigest(),
-        }
-    )
+def _records(entry: Entry | None, torn: bytes) -> bool:
+    return entry is not None and entry.kind == TORN and entry.new == _fingerprint(torn)
+
+
+def _fingerprint(torn: bytes) -> dict[str, object]:
+    return {'bytes': len(torn), 'sha256': hashlib.sha256(torn).hexdigest()}
 
 
 def _canonical(values: Mapping[str, Any]) -> bytes:

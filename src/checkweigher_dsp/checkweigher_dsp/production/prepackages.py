@@ -2,8 +2,8 @@
 
 The tolerable negative error (TNE) depends on the nominal quantity. A batch is right if its mean is
 not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TNE and none is below
-TU2 = nominal - 2 TNE. Percentages are taken as they stand; the directive rounds them up to the next
-0.1 g (quoted from memory), so what is computed here is never the looser one.
+TU2 = nominal - 2 TNE. Percentages are not rounded here; the directive rounds them up to the next
+0.1 g (quoted from memory), so the limits here are never the looser ones.
 
 Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is
 not part of this module.
@@ -15,18 +15,17 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_SHARE_BELOW_TU1 = 0.025
-SMALLEST, LARGEST = 0.005, 10.0  # kg, what the table goes from and up to
+SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
 
-# Nominal quantity in kg up to which a row holds, and its TNE: a share of it or kg.
-_SHARE, _CONSTANT = True, False
+# Nominal quantity in kg up to which a row holds, and its TNE: a share of the quantity, or kg.
 _ROWS = (
-    (0.05, _SHARE, 9e-2),
-    (0.1, _CONSTANT, 4.5e-3),
-    (0.2, _SHARE, 4.5e-2),
-    (0.3, _CONSTANT, 9e-3),
-    (0.5, _SHARE, 3e-2),
-    (1.0, _CONSTANT, 15e-3),
-    (10.0, _SHARE, 1.5e-2),
+    (0.05, 0.09, 0.0),
+    (0.1, 0.0, 0.0045),
+    (0.2, 0.045, 0.0),
+    (0.3, 0.0, 0.009),
+    (0.5, 0.03, 0.0),
+    (1.0, 0.0, 0.015),
+    (10.0, 0.015, 0.0),
 )
 
 # A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
@@ -45,18 +44,18 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BatchJudgement:
-    """A batch against the directive.
+    """Judgement of a batch by the directive.
 
     Attributes
     ----------
     limits : Limits
-        For its nominal quantity.
+        Limits for the nominal quantity.
     count : int
         Prepackages in the batch.
     mean : float
         kg.
     below_tu1, below_tu2 : int
-        How many are below each; those below TU2 are below TU1 as well.
+        Number below each; those below TU2 are below TU1 as well.
     mean_passed, tu1_passed, tu2_passed : bool
         Whether each requirement is met.
     """
@@ -99,8 +98,9 @@ def tolerable_negative_error(nominal: float) -> float:
             f'nominal {nominal:g} kg is not in {SMALLEST:g}..{LARGEST:g} kg, for which the '
             'directive has limits'
         )
-    _, kind, value = next(row for row in _ROWS if nominal <= row[0] * (1 + _ROUNDING))
-    return value * (nominal if kind is _SHARE else 1.0)
+    row = next(row for row in _ROWS if nominal <= row[0] * (1 + _ROUNDING))
+    _, share, constant = row
+    return share * nominal + constant
 
 
 def limits(nominal: float) -> Limits:
@@ -110,7 +110,7 @@ def limits(nominal: float) -> Limits:
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Hold a batch to the three requirements.
+    """Judge a batch by the three requirements.
 
     Parameters
     ----------
@@ -128,9 +128,7 @@ def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
     if not len(batch):
         raise ValueError('a batch of no prepackages cannot be judged')
     if not np.isfinite(batch).all():
-        raise ValueError(
-            'a mass is not finite; a prepackage that was not weighed has no place here'
-        )
+        raise ValueError('a mass is not finite; leave out the prepackages that were not weighed')
     its = limits(nominal)
     slack = _ROUNDING * nominal
     mean = float(batch.mean())

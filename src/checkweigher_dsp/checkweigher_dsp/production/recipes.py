@@ -1,9 +1,9 @@
-"""Recipes: what the line has to know of each product, in one YAML file.
+"""Recipes: masses, limits and parameters of each product, in one YAML file.
 
     products:
       crisps_150g:
         nominal: 0.150            # kg, contents
-        tare: 0.004               # kg, what the packaging weighs
+        tare: 0.004               # kg, of the packaging
         lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
         upper_limit: 0.165        # kg of contents
         length: [0.09, 0.12]      # m, shortest and longest
@@ -12,8 +12,8 @@
           identifier:
             estimator: gauss_markov
 
-All masses of a product are those of its contents. What the scale weighs has the packaging on it, so
-the limits that the reject node gets are tare + limit.
+All masses of a product are those of its contents. The scale weighs contents and packaging, so the
+limits that the reject node gets are tare + limit.
 """
 
 from collections.abc import Mapping
@@ -53,12 +53,12 @@ class RecipeError(ValueError):
 
 @dataclass(frozen=True)
 class Product:
-    """One product.
+    """Recipe of one product.
 
     Attributes
     ----------
     name : str
-        As the operator selects it.
+        Name by which the operator selects it.
     nominal : float
         NominalWeight of OPC 40200, kg of contents.
     tare : float
@@ -109,7 +109,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
     Raises
     ------
     RecipeError
-        If the file or anything in it cannot be used; nothing of it is then taken.
+        If the file or a part of it cannot be used; no recipe of it is then taken.
     """
     try:
         content = yaml.load(path.read_text(encoding='utf-8'), _Loader)
@@ -131,7 +131,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 
 def make_product(name: object, values: object) -> Product:
-    """Check one recipe and return its product; `RecipeError` names the first bad key."""
+    """Return the product of a recipe; `RecipeError` names the first bad key."""
     if not isinstance(name, str) or not name.strip():
         raise RecipeError(f'{name!r} is no name of a product; put it in quotes')
     if not isinstance(values, dict):
@@ -148,16 +148,17 @@ def make_product(name: object, values: object) -> Product:
     if SMALLEST <= nominal <= LARGEST:
         its = limits(nominal)
         tu1, tu2 = its.tu1, its.tu2
-    lower = _lower_limit(f'{name}.lower_limit', values.get('lower_limit'), nominal, tu1, tu2)
-    upper = math.inf
-    if values.get('upper_limit') is not None:
-        upper = _number(f'{name}.upper_limit', values['upper_limit'], nominal, _LARGEST_MASS, 'kg')
+    upper = values.get('upper_limit')
     return Product(
         name=name,
         nominal=nominal,
         tare=_number(f'{name}.tare', values.get('tare', 0.0), 0, _LARGEST_MASS, 'kg'),
-        lower_limit=lower,
-        upper_limit=upper,
+        lower_limit=_lower_limit(
+            f'{name}.lower_limit', values.get('lower_limit'), nominal, tu1, tu2
+        ),
+        upper_limit=math.inf
+        if upper is None
+        else _number(f'{name}.upper_limit', upper, nominal, _LARGEST_MASS, 'kg'),
         tu1=tu1,
         tu2=tu2,
         length=_range(f'{name}.length', values.get('length'), 'm'),
@@ -202,7 +203,7 @@ def _range(key: str, value: object, unit: str) -> tuple[float, float]:
 
 
 def _parameters(key: str, value: object) -> Changes:
-    """Return the parameters by node; what they have to be together only the nodes can tell."""
+    """Return the parameters by node; only the nodes can check them together."""
     if value is None:
         return {}
     if not isinstance(value, dict):
@@ -233,7 +234,7 @@ def _parameters(key: str, value: object) -> Changes:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which YAML would take the last without a word."""
+    """Loader that refuses a key that stands twice; YAML would silently take the last one."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return a mapping, its keys all different."""

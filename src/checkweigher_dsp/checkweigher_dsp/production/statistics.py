@@ -1,7 +1,7 @@
-"""Statistics of what passed: for each product and batch, in the time of the samples.
+"""Statistics of production for each product and batch, in the time of the samples.
 
-The items that were not accepted are counted by decision and reason. Mean, standard deviation,
-giveaway and the shares below TU1 and TU2 are those of the accepted items: what leaves the line. All
+Items that were not accepted are counted by decision and reason. Mean, standard deviation,
+giveaway and the shares below TU1 and TU2 are those of the accepted items, which leave the line. All
 masses are of the contents, without tare.
 """
 
@@ -64,13 +64,16 @@ class ProductionStatistics:
         if verdict.decision == Decision.ACCEPT and math.isfinite(verdict.mass):
             self._add_mass(verdict.mass - self.tare)
 
-    def add_estimate(self, estimate: MassEstimate) -> None:
-        """Count an item whose length or speed is not that of the product."""
+    def add_estimate(self, estimate: MassEstimate) -> bool:
+        """Count an item whose length or speed is not that of the product; tell whether it is so."""
         if self.product is None:
-            return
-        # What is not known is not outside: it has another reason.
-        self.length_faults += _outside(estimate.product_length, self.product.length)
-        self.speed_faults += _outside(estimate.belt_speed, self.product.speed)
+            return False
+        # A value that is not known is not outside: the item has another reason.
+        length = _outside(estimate.product_length, self.product.length)
+        speed = _outside(estimate.belt_speed, self.product.speed)
+        self.length_faults += length
+        self.speed_faults += speed
+        return length or speed
 
     def _add_mass(self, mass: float) -> None:
         """Update mean and sum of squares as Welford (1962) does: without cancellation."""
@@ -84,7 +87,7 @@ class ProductionStatistics:
             self.below_tu2 += mass < self.product.tu2 - slack
 
     def summary(self, batch: str) -> Statistics:
-        """Return what was counted until now, as that of a batch."""
+        """Return the counts until now, under the name of a batch."""
         product, decisions = self.product, self.decisions
         return Statistics(
             stamp=self.last,
@@ -114,12 +117,12 @@ class ProductionStatistics:
 
     @property
     def tare(self) -> float:
-        """What the packaging weighs, kg."""
+        """Mass of the packaging, kg."""
         return self.product.tare if self.product else 0.0
 
     @property
     def items(self) -> int:
-        """How many items passed."""
+        """Number of items that passed."""
         return self.decisions.total()
 
     @property
@@ -130,7 +133,7 @@ class ProductionStatistics:
 
     @property
     def giveaway(self) -> float:
-        """What an accepted item has above its nominal weight on average, kg (GiveAway)."""
+        """Mean mass of the accepted items above the nominal weight, kg (GiveAway)."""
         return self.mean - self.product.nominal if self.product else math.nan
 
     @property
@@ -156,14 +159,21 @@ class ProductionRecord:
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
 
     @property
+    def _key(self) -> tuple[str, str]:
+        return self.product.name if self.product else '', self.batch
+
+    @property
     def current(self) -> ProductionStatistics:
         """The statistics of this product in this batch."""
-        key = (self.product.name if self.product else '', self.batch)
-        found = self._all.get(key)
-        # A recipe that was changed begins anew: its items are held to other limits.
+        found = self._all.get(self._key)
+        # The counts of a recipe that was changed begin at 0: its items have other limits.
         if found is None or found.product != self.product:
-            found = self._all[key] = ProductionStatistics(self.product)
+            found = self._all[self._key] = ProductionStatistics(self.product)
         return found
+
+    def summary(self) -> Statistics:
+        """Return the counts of this product in this batch."""
+        return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
         """Tell whether anything was counted for a batch, or it is the present one."""
@@ -171,9 +181,7 @@ class ProductionRecord:
 
     def reset(self) -> None:
         """Count this product in this batch from 0."""
-        self._all[(self.product.name if self.product else '', self.batch)] = ProductionStatistics(
-            self.product
-        )
+        self._all[self._key] = ProductionStatistics(self.product)
 
 
 def _outside(value: float, span: tuple[float, float]) -> bool:

@@ -14,10 +14,10 @@ NODE = '/lane1/reject'
 def session(path: Path, values: Mapping[str, object], *changes: tuple[str, object]) -> None:
     """Start the line with some parameters, change some, and stop it."""
     with AuditLog(path) as log:
-        trail = AuditTrail(log, '/lane1/product')
-        trail.found(TIME, NODE, values)
+        trail = AuditTrail(log, '/lane1/product', lambda: TIME)
+        trail.found(NODE, values)
         for name, value in changes:
-            trail.parameter(TIME, NODE, name, value)
+            trail.parameter(NODE, name, value)
 
 
 def entries(path: Path) -> list[tuple[str, str, object, object]]:
@@ -54,7 +54,7 @@ def test_recipes_that_were_changed_or_removed_are_noticed(tmp_path: Path):
     path = tmp_path / 'audit.log'
     for recipes in ({'a': {'nominal': 1.0}, 'b': {'nominal': 2.0}}, {'a': {'nominal': 1.5}}):
         with AuditLog(path) as log:
-            AuditTrail(log, '/product').recipes(TIME, recipes)
+            AuditTrail(log, '/product', lambda: TIME).recipes(recipes)
     assert entries(path)[2:] == [
         ('recipe', 'a', {'nominal': 1.0}, {'nominal': 1.5}),
         ('recipe', 'b', {'nominal': 2.0}, None),
@@ -65,8 +65,8 @@ def test_a_calibration_is_written_when_it_is_another(tmp_path: Path):
     path = tmp_path / 'audit.log'
     for counts in (5e5, 5e5, 4e5):
         with AuditLog(path) as log:
-            trail = AuditTrail(log, '/product')
-            trail.state(TIME, 'calibration', 'load_cell/info', {'counts_per_kg': counts})
+            trail = AuditTrail(log, '/product', lambda: TIME)
+            trail.state('calibration', 'load_cell/info', {'counts_per_kg': counts})
     assert entries(path) == [
         ('calibration', 'load_cell/info', None, {'counts_per_kg': 5e5}),
         ('calibration', 'load_cell/info', {'counts_per_kg': 5e5}, {'counts_per_kg': 4e5}),
