@@ -95,24 +95,13 @@ def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
 def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:
     """Return a function that opens a source, with the photo-eyes that are read beside it.
 
-    Parameters
-    ----------
-    name : str
-        One of `SOURCES`.
-    eyes : str
-        One of `EYES`; 'none' for a source that has the eyes itself, or for no eyes.
-    read : callable
-        Called at once.
-
-    Returns
-    -------
-    callable
-        Raises ValueError if a device cannot be opened; the message is one line for a technician.
+    The function raises ValueError if a device cannot be opened; the message is one line for a
+    technician.
 
     Raises
     ------
     ParameterError
-        If the two do not go together or a parameter cannot be used.
+        If source and eyes do not go together or a parameter cannot be used.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -138,12 +127,6 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
 
 def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
     """Return the outputs of a machine, which are yet to be opened.
-
-    Parameters
-    ----------
-    name : str
-        One of `OUTPUTS`.
-    read : callable
 
     Raises
     ------

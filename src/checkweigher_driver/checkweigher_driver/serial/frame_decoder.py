@@ -148,10 +148,6 @@ class FrameDecoder:
     def feed(self, data: bytes) -> Decoded:
         """Take the next bytes of the stream and return the readings that they complete."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
-        if self._begun and self._since_frame == 0 and self.frame_bytes == _WITH_TRAILER:
-            whole = self._all_good()
-            if whole is not None:
-                return whole
         position = 0 if self.frame_bytes else self._find_size()
         found: list[tuple[int, int]] = []  # first byte and number of the frames
         lost: list[int] = []
@@ -184,25 +180,6 @@ class FrameDecoder:
             position += 1
         self._data = self._data[position:].copy()
         return self._decoded(places, found, lost)
-
-    def _all_good(self) -> Decoded | None:
-        """Return all whole frames, None if one is bad or doubtful: the fast path."""
-        number = len(self._data) // _WITH_TRAILER
-        frames = self._data[: number * _WITH_TRAILER].reshape(number, _WITH_TRAILER)
-        wide = frames[:, :4].astype(np.int32)
-        good = (frames[:, 4] == ord('\r')) & (frames[:, 5] == ord('\n'))
-        good &= ~((frames[:, :3] == ord('\r')) & (frames[:, 1:4] == ord('\n'))).any(axis=1)
-        if self._checksum:
-            good &= (wide[:, 0] ^ wide[:, 1] ^ wide[:, 2]) == wide[:, 3]
-            overflow = np.zeros(number, bool)
-        else:
-            good &= (wide[:, 3] & _UNUSED) == 0
-            overflow = (wide[:, 3] & _OVERFLOW) != 0
-        if not good.all():
-            return None
-        self._data = self._data[number * _WITH_TRAILER :]
-        counts = wide[:, 0] << 16 | wide[:, 1] << 8 | wide[:, 2]
-        return Decoded(counts - ((wide[:, 0] >> 7) << 24), overflow, np.zeros(number, np.int64))
 
     def _find_size(self) -> int:
         """Try both sizes; return the bytes that are then passed over."""

@@ -249,7 +249,7 @@ class ProductNode(StageNode[ProductParameters]):
             'product': product.name if product else 'none',
             'batch': self._production.batch,
             'recipes': self.parameters.recipes,
-            'items': self._production.current.items,
+            'items': self._production.summary().items,
         }
         found = []
         if first and product is None:

@@ -23,46 +23,42 @@ class ProductionStatistics:
     ----------
     product : Product or None
         None while none was selected: nominal weight and limits are then not known.
-
-    Attributes
-    ----------
-    decisions : Counter of Decision
-        Items by decision.
-    reasons : Counter of str
-        Items by reason; an item may have several.
-    mean : float
-        Of the accepted items, kg; NaN if there is none.
-    below_tu1, below_tu2 : int
-        Accepted items below each; those below TU2 are below TU1 as well.
-    length_faults, speed_faults : int
-        Items whose length or belt speed was outside the range of the recipe.
-    last : int or None
-        Largest t3 so far, ns.
     """
 
     def __init__(self, product: Product | None = None) -> None:
         self.product = product
-        self.decisions: Counter[Decision] = Counter()
-        self.reasons: Counter[str] = Counter()
-        self.mean = math.nan
-        self.below_tu1 = self.below_tu2 = 0
-        self.length_faults = self.speed_faults = 0
-        self.last: int | None = None
-        self._first: int | None = None
+        self._decisions: Counter[Decision] = Counter()
+        self._reasons: Counter[str] = Counter()  # an item may have several
+        self._mean = math.nan  # kg, of the accepted items
+        self._squares = 0.0  # of their deviations from the mean
+        self._accepted = 0  # with a mass
+        self._below_tu1 = self._below_tu2 = 0
+        self._length_faults = self._speed_faults = 0
+        self._first: int | None = None  # t3, ns
+        self._last: int | None = None
         self._timed = 0
-        self._squares = 0.0
-        self._accepted = 0
 
     def add(self, verdict: Verdict) -> None:
         """Count one item."""
-        self.decisions[verdict.decision] += 1
-        self.reasons.update(set(verdict.reasons))
+        self._decisions[verdict.decision] += 1
+        self._reasons.update(set(verdict.reasons))
         if verdict.t3 is not None:
             self._timed += 1
             self._first = verdict.t3 if self._first is None else min(self._first, verdict.t3)
-            self.last = verdict.t3 if self.last is None else max(self.last, verdict.t3)
+            self._last = verdict.t3 if self._last is None else max(self._last, verdict.t3)
         if verdict.decision == Decision.ACCEPT and math.isfinite(verdict.mass):
-            self._add_mass(verdict.mass - self.tare)
+            self._add_mass(verdict.mass - (self.product.tare if self.product else 0.0))
+
+    def _add_mass(self, mass: float) -> None:
+        """Update mean and sum of squares as Welford (1962) does: without cancellation."""
+        self._accepted += 1
+        before = mass if self._accepted == 1 else self._mean
+        self._mean = before + (mass - before) / self._accepted
+        self._squares += (mass - before) * (mass - self._mean)
+        if self.product is not None:
+            slack = _ROUNDING * self.product.nominal
+            self._below_tu1 += mass < self.product.tu1 - slack
+            self._below_tu2 += mass < self.product.tu2 - slack
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
         """Count an item whose length or speed is not that of the product; tell whether it is so."""
@@ -71,83 +67,47 @@ class ProductionStatistics:
         # A value that is not known is not outside: the item has another reason.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
-        self.length_faults += length
-        self.speed_faults += speed
+        self._length_faults += length
+        self._speed_faults += speed
         return length or speed
 
-    def _add_mass(self, mass: float) -> None:
-        """Update mean and sum of squares as Welford (1962) does: without cancellation."""
-        self._accepted += 1
-        before = mass if self._accepted == 1 else self.mean
-        self.mean = before + (mass - before) / self._accepted
-        self._squares += (mass - before) * (mass - self.mean)
-        if self.product is not None:
-            slack = _ROUNDING * self.product.nominal
-            self.below_tu1 += mass < self.product.tu1 - slack
-            self.below_tu2 += mass < self.product.tu2 - slack
-
-    def summary(self, batch: str) -> Statistics:
+    def summary(self, batch: str = '') -> Statistics:
         """Return the counts until now, under the name of a batch."""
-        product, decisions = self.product, self.decisions
+        product = self.product or Product('', math.nan)
+        many = self._accepted > 1
         return Statistics(
-            stamp=self.last,
-            product=product.name if product else '',
+            stamp=self._last,
+            product=product.name,
             batch=batch,
-            items=self.items,
-            accepted=decisions[Decision.ACCEPT],
-            under=decisions[Decision.UNDER],
-            over=decisions[Decision.OVER],
-            faults=decisions[Decision.FAULT],
-            reasons=tuple(sorted(self.reasons)),
-            reason_counts=tuple(self.reasons[reason] for reason in sorted(self.reasons)),
-            length_faults=self.length_faults,
-            speed_faults=self.speed_faults,
-            nominal=product.nominal if product else math.nan,
-            tare=self.tare,
-            mean=self.mean,
-            std_dev=self.std_dev,
-            giveaway=self.giveaway,
-            tu1=product.tu1 if product else math.nan,
-            tu2=product.tu2 if product else math.nan,
-            below_tu1=self.below_tu1,
-            below_tu2=self.below_tu2,
-            share_below_tu1=self.share_below_tu1,
-            throughput=self.throughput,
+            items=self._decisions.total(),
+            accepted=self._decisions[Decision.ACCEPT],
+            under=self._decisions[Decision.UNDER],
+            over=self._decisions[Decision.OVER],
+            faults=self._decisions[Decision.FAULT],
+            reasons=tuple(sorted(self._reasons)),
+            reason_counts=tuple(self._reasons[reason] for reason in sorted(self._reasons)),
+            length_faults=self._length_faults,
+            speed_faults=self._speed_faults,
+            nominal=product.nominal,
+            tare=product.tare,
+            mean=self._mean,
+            std_dev=math.sqrt(self._squares / (self._accepted - 1)) if many else math.nan,
+            giveaway=self._mean - product.nominal,
+            tu1=product.tu1,
+            tu2=product.tu2,
+            below_tu1=self._below_tu1,
+            below_tu2=self._below_tu2,
+            share_below_tu1=math.nan
+            if math.isnan(product.tu1) or not self._accepted
+            else self._below_tu1 / self._accepted,
+            throughput=self._throughput(),
         )
 
-    @property
-    def tare(self) -> float:
-        """Mass of the packaging, kg."""
-        return self.product.tare if self.product else 0.0
-
-    @property
-    def items(self) -> int:
-        """Number of items that passed."""
-        return self.decisions.total()
-
-    @property
-    def std_dev(self) -> float:
-        """Sample standard deviation of the accepted items, kg; NaN below two."""
-        many = self._accepted > 1
-        return math.sqrt(self._squares / (self._accepted - 1)) if many else math.nan
-
-    @property
-    def giveaway(self) -> float:
-        """Mean mass of the accepted items above the nominal weight, kg (GiveAway)."""
-        return self.mean - self.product.nominal if self.product else math.nan
-
-    @property
-    def share_below_tu1(self) -> float:
-        """Share of the accepted items below TU1, 0..1; NaN if there is none."""
-        known = self.product is not None and not math.isnan(self.product.tu1)
-        return self.below_tu1 / self._accepted if self._accepted and known else math.nan
-
-    @property
-    def throughput(self) -> float:
-        """Items in a minute between the first and the last one, NaN below two."""
-        if self._first is None or self.last is None or self.last == self._first:
+    def _throughput(self) -> float:
+        """Return the items in a minute between the first and the last one, NaN below two."""
+        if self._first is None or self._last is None or self._last == self._first:
             return math.nan
-        return (self._timed - 1) * _MINUTE / (self.last - self._first)
+        return (self._timed - 1) * _MINUTE / (self._last - self._first)
 
 
 class ProductionRecord:

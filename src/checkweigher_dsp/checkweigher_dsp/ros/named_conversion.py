@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
-from checkweigher_dsp.production.statistics import ProductionStatistics
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
@@ -312,37 +311,6 @@ def zero_change_to(change: ZeroChange) -> messages.ZeroSetting:
         zero=float(change.zero),
         previous=float(change.previous),
         std_dev=float(change.std_dev),
-    )
-
-
-def statistics_to(statistics: ProductionStatistics, batch: str) -> messages.Statistics:
-    """Return the Statistics message of one product in one batch."""
-    product, decisions = statistics.product, statistics.decisions
-    unknown = float('nan')
-    return messages.Statistics(
-        header=header_to(statistics.last),
-        product=product.name if product else '',
-        batch=batch,
-        items=statistics.items,
-        accepted=decisions[Decision.ACCEPT],
-        under=decisions[Decision.UNDER],
-        over=decisions[Decision.OVER],
-        faults=decisions[Decision.FAULT],
-        reasons=sorted(statistics.reasons),
-        reason_counts=[statistics.reasons[reason] for reason in sorted(statistics.reasons)],
-        length_faults=int(statistics.length_faults),
-        speed_faults=int(statistics.speed_faults),
-        nominal=product.nominal if product else unknown,
-        tare=float(statistics.tare),
-        mean=float(statistics.mean),
-        std_dev=float(statistics.std_dev),
-        giveaway=float(statistics.giveaway),
-        tu1=product.tu1 if product else unknown,
-        tu2=product.tu2 if product else unknown,
-        below_tu1=int(statistics.below_tu1),
-        below_tu2=int(statistics.below_tu2),
-        share_below_tu1=float(statistics.share_below_tu1),
-        throughput=float(statistics.throughput),
     )
 
 

@@ -34,22 +34,22 @@ def test_mean_giveaway_and_shares_are_those_of_the_contents_of_what_was_accepted
     counted.add(verdict(0.1, Decision.UNDER))
     counted.add(verdict(math.nan, Decision.FAULT, reasons=('SamplesLost', 'Saturation')))
     counted.add(verdict(math.nan, Decision.FAULT, reasons=('SamplesLost',)))
+    found = counted.summary()
     # (151 + 154 + 143.25 + 143 + 136) / 5 = 145.45
-    assert counted.mean == pytest.approx(0.14545, rel=EXACT)
-    assert counted.giveaway == pytest.approx(-0.00455, rel=1e-10)
+    assert found.mean == pytest.approx(0.14545, rel=EXACT)
+    assert found.giveaway == pytest.approx(-0.00455, rel=1e-10)
     # Squares of 5.55, 8.55, -2.2, -2.45, -9.45: 204.05 over 4
-    assert counted.std_dev == pytest.approx(math.sqrt(204.05 / 4) * 1e-3, rel=1e-10)
-    assert (counted.below_tu1, counted.below_tu2) == (2, 1)
-    assert counted.share_below_tu1 == 0.4
-    assert counted.items == 9
-    assert counted.decisions == {
-        Decision.ACCEPT: 5, Decision.OVER: 1, Decision.UNDER: 1, Decision.FAULT: 2,
-    }  # fmt: skip
-    assert counted.reasons == {'SamplesLost': 2, 'Saturation': 1}
+    assert found.std_dev == pytest.approx(math.sqrt(204.05 / 4) * 1e-3, rel=1e-10)
+    assert (found.below_tu1, found.below_tu2) == (2, 1)
+    assert found.share_below_tu1 == 0.4
+    assert found.items == 9
+    assert (found.accepted, found.over, found.under, found.faults) == (5, 1, 1, 2)
+    assert found.reasons == ('SamplesLost', 'Saturation')
+    assert found.reason_counts == (2, 1)
 
 
 def test_before_anything_passed_nothing_is_known(crisps: Product):
-    counted = ProductionStatistics(crisps)
+    counted = ProductionStatistics(crisps).summary()
     values = (counted.mean, counted.std_dev, counted.giveaway, counted.share_below_tu1)
     assert all(math.isnan(value) for value in (*values, counted.throughput))
     assert counted.items == 0
@@ -58,10 +58,11 @@ def test_before_anything_passed_nothing_is_known(crisps: Product):
 def test_without_a_product_there_is_a_mean_but_no_giveaway():
     counted = ProductionStatistics()
     counted.add(verdict(0.2))
-    assert counted.mean == 0.2
-    assert math.isnan(counted.std_dev)
-    assert math.isnan(counted.giveaway)
-    assert math.isnan(counted.share_below_tu1)
+    found = counted.summary()
+    assert found.mean == 0.2
+    assert math.isnan(found.std_dev)
+    assert math.isnan(found.giveaway)
+    assert math.isnan(found.share_below_tu1)
 
 
 @given(
@@ -72,8 +73,9 @@ def test_the_spread_does_not_suffer_from_a_large_mean(deviations: list[float], m
     counted = ProductionStatistics()
     for mass in masses:
         counted.add(verdict(mass))
-    assert counted.mean == pytest.approx(statistics.fmean(masses), rel=1e-12, abs=1e-15)
-    assert counted.std_dev == pytest.approx(statistics.stdev(masses), rel=1e-6, abs=1e-12)
+    found = counted.summary()
+    assert found.mean == pytest.approx(statistics.fmean(masses), rel=1e-12, abs=1e-15)
+    assert found.std_dev == pytest.approx(statistics.stdev(masses), rel=1e-6, abs=1e-12)
 
 
 def test_throughput_counts_the_distances_between_items_in_the_time_of_the_samples():
@@ -82,14 +84,15 @@ def test_throughput_counts_the_distances_between_items_in_the_time_of_the_sample
     for number in (0, 2, 1, 4, 3):
         counted.add(verdict(0.1, t3=START + number * 6 * NANOSECONDS // 10))
     counted.add(verdict(math.nan, Decision.FAULT, t3=None))
-    assert counted.throughput == pytest.approx(100.0, rel=EXACT)
+    assert counted.summary().throughput == pytest.approx(100.0, rel=EXACT)
 
 
 def test_an_item_of_another_length_is_counted_and_one_of_unknown_length_is_not(crisps: Product):
     counted = ProductionStatistics(crisps)
     for length in (0.1, 0.2, 0.21, 0.05, math.nan):
         counted.add_estimate(MassEstimate(1, 1, 2, 3, product_length=length, belt_speed=1.0))
-    assert (counted.length_faults, counted.speed_faults) == (2, 0)
+    found = counted.summary()
+    assert (found.length_faults, found.speed_faults) == (2, 0)
 
 
 def test_each_product_and_batch_has_its_own_count(crisps: Product):
@@ -99,11 +102,11 @@ def test_each_product_and_batch_has_its_own_count(crisps: Product):
     record.current.add(verdict(0.154))
     record.current.add(verdict(0.154))
     record.batch = 'tuesday'
-    assert record.current.items == 0
+    assert record.summary().items == 0
     record.batch = 'monday'
-    assert record.current.items == 2
+    assert record.summary().items == 2
     record.product = None
-    assert record.current.items == 1
+    assert record.summary().items == 1
     assert record.has_batch('monday')
     assert not record.has_batch('wednesday')
 
@@ -114,9 +117,9 @@ def test_a_reset_is_one_of_the_present_product_alone(crisps: Product):
     record.product = crisps
     record.current.add(verdict(0.154))
     record.reset()
-    assert record.current.items == 0
+    assert record.summary().items == 0
     record.product = None
-    assert record.current.items == 1
+    assert record.summary().items == 1
 
 
 def test_a_recipe_that_was_changed_counts_anew(crisps: Product):
@@ -124,4 +127,4 @@ def test_a_recipe_that_was_changed_counts_anew(crisps: Product):
     record.product = crisps
     record.current.add(verdict(0.154))
     record.product = make_product('crisps', {'nominal': 0.16})
-    assert record.current.items == 0
+    assert record.summary().items == 0
