@@ -1,13 +1,14 @@
 """The recorder: the messages of a lane, byte for byte as they come, into a bag."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 import math
 from pathlib import Path
 import queue
 import signal
+import threading
 import time
-from types import FrameType
 from typing import Any
 
 from rclpy.node import Node
@@ -17,24 +18,80 @@ from tqdm import tqdm
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, Reference
+from checkweigher_dsp.records import Decision, Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import reference_to, verdict_from
+from checkweigher_dsp.ros.conversion import to_message, to_record
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # s; what is lost of a recording if the process is killed
-_FAREWELL = 1.0  # s, for what had come when the end was asked for
-_PATIENCE = 5.0  # s without a message before that is said
+_FLUSH_PERIOD = 1.0  # s; a recording lacks no more than that if the process is killed
+_FAREWELL = 1.0  # s, for the messages that had come when the end was asked for
+_PATIENCE = 5.0  # s without a message before that is reported
 _TRAIL = 1.0  # s, in which the last product leaves the belt
-# Passes with these reasons count: their window is whole, and the dynamic setting removes the first.
+# Passes with these reasons count: their window is whole, and training may remove the reason.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
+
+
+class ReferencePasses:
+    """Passes of products of one known mass.
+
+    Parameters
+    ----------
+    mass : float
+        kg.
+    wanted : int or None
+        Passes after which the recording ends.
+
+    Attributes
+    ----------
+    count : int
+        Passes up to now, without those that have no whole window.
+    news : queue of str
+        A line for each pass; read from any thread.
+    """
+
+    def __init__(self, mass: float, wanted: int | None) -> None:
+        self.news: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.count = 0
+        self._mass = mass
+        self._wanted = math.inf if wanted is None else wanted
+        self._of = '' if wanted is None else f' of {wanted}'
+        self._last = 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether the wanted passes have come, and the last product has left the belt."""
+        return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
+
+    def take(self, verdict: Verdict) -> Reference | None:
+        """Return the known mass of the item of a verdict, None if the pass does not count."""
+        if self.count >= self._wanted:
+            return None
+        reasons = ', '.join(verdict.reasons)
+        fault = verdict.decision == Decision.FAULT and not _OF_USE.issuperset(verdict.reasons)
+        if fault or verdict.t1 is None:
+            self.news.put(f'a pass that was not weighed: {reasons}')
+            return None
+        self.count += 1
+        self._last = time.monotonic()
+        found = f'{GRAMS * verdict.mass:.3f} g, {GRAMS * (verdict.mass - self._mass):+.3f} g'
+        if math.isnan(verdict.mass):
+            found = f'no mass yet: {reasons}'
+        self.news.put(f'pass {self.count}{self._of}: {found}')
+        return Reference(verdict.t1, self._mass)
 
 
 class RecorderNode(Node):
     """Queue the serialized messages of a lane.
+
+    Parameters
+    ----------
+    recorded : sequence of Port
+        What is recorded.
+    passes : ReferencePasses or None
+        Says which mass passes, in place of the references of the line.
 
     Attributes
     ----------
@@ -42,89 +99,30 @@ class RecorderNode(Node):
         Port, time of arrival in ns and message; read from any thread.
     """
 
-    def __init__(self, recorded: tuple[Port, ...]) -> None:
+    def __init__(self, recorded: tuple[Port, ...], passes: ReferencePasses | None) -> None:
         super().__init__('record')
         self.messages: queue.SimpleQueue[tuple[Port, int, bytes]] = queue.SimpleQueue()
+        self._passes = passes
+        # With the profile of the stages, which takes no old verdicts: they would belong to items
+        # that are not in the recording.
         for port in recorded:
-            # As the stages do, which ask for no old verdicts: these would belong to items that are
-            # not in the recording.
-            self.create_subscription(
-                port.type, port.name, self.taker(port), port.stage_qos, raw=True
-            )
+            if passes is None or port is not ports.REFERENCE_MASS:
+                self.create_subscription(
+                    port.type, port.name, partial(self._put, port), port.stage_qos, raw=True
+                )
+        if passes is not None:
+            port = ports.VERDICT
+            self.create_subscription(port.type, port.name, self._on_verdict, port.stage_qos)
 
-    def taker(self, port: Port) -> Callable[[bytes], None]:
-        """Return a callback that queues serialized messages of a port."""
+    def _put(self, port: Port, data: bytes) -> None:
+        self.messages.put((port, time.time_ns(), data))
 
-        def take(data: bytes) -> None:
-            self.messages.put((port, time.time_ns(), data))
-
-        return take
-
-
-class ReferencePasses:
-    """Say of every item that passed as a whole what it weighs.
-
-    Parameters
-    ----------
-    mass : float
-        kg.
-    wanted : int, optional
-        Passes after which that is enough.
-
-    Attributes
-    ----------
-    count : int
-        Passes up to now; those of which there is no whole window do not count and get no mass.
-    """
-
-    def __init__(self, mass: float, wanted: int | None) -> None:
-        self._mass = mass
-        self._wanted = wanted
-        self._news: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self._last = 0.0
-        self.count = 0
-
-    @property
-    def done(self) -> bool:
-        """Whether there were enough, and the last one has left the belt."""
-        return (
-            self._wanted is not None
-            and self.count >= self._wanted
-            and time.monotonic() > self._last + _TRAIL
-        )
-
-    def attach(self, node: Node, put: Callable[[bytes], None]) -> None:
-        """Listen with a node, and hand over serialized messages of reference_mass."""
-
-        def hear(message: Any) -> None:
-            verdict = verdict_from(message)
-            if self._wanted is not None and self.count >= self._wanted:
-                return
-            fault = verdict.decision == Decision.FAULT and not _OF_USE.issuperset(verdict.reasons)
-            if fault or verdict.t1 is None:
-                self._news.put(f'a pass that was not weighed: {", ".join(verdict.reasons)}')
-                return
-            put(serialize_message(reference_to(Reference(verdict.t1, self._mass))))
-            self.count += 1
-            self._last = time.monotonic()
-            of = '' if self._wanted is None else f' of {self._wanted}'
-            found = (
-                f'{GRAMS * verdict.mass:.3f} g, {GRAMS * (verdict.mass - self._mass):+.3f} g'
-                if verdict.mass == verdict.mass
-                else f'no mass yet: {", ".join(verdict.reasons)}'
-            )
-            self._news.put(f'pass {self.count}{of}: {found}')
-
-        node.create_subscription(
-            ports.VERDICT.type, ports.VERDICT.name, hear, ports.VERDICT.stage_qos
-        )
-
-    def news(self) -> list[str]:
-        """Return a line for each pass since the last call."""
-        lines = []
-        while not self._news.empty():
-            lines.append(self._news.get())
-        return lines
+    def _on_verdict(self, message: Any) -> None:
+        assert self._passes is not None
+        reference = self._passes.take(to_record(ports.VERDICT, message))
+        if reference is not None:
+            message = to_message(ports.REFERENCE_MASS, reference)
+            self._put(ports.REFERENCE_MASS, serialize_message(message))
 
 
 def record(
@@ -135,8 +133,8 @@ def record(
     inputs_only: bool = False,
     reference: float | None = None,
     passes: int | None = None,
-) -> int:
-    """Record until the duration is over or SIGINT or SIGTERM comes; return the exit status.
+) -> None:
+    """Record until the duration is over, the passes have come, or SIGINT or SIGTERM comes.
 
     The bag grows under its name from the first message on. If this process is killed, it lacks the
     last second and ``metadata.yaml``.
@@ -150,11 +148,11 @@ def record(
     duration : float or None
         s.
     inputs_only : bool
-        Whether to leave out what a replay makes anew.
-    reference : float, optional
+        Whether to leave out what a replay makes again.
+    reference : float or None
         kg, known mass of every product that passes: it goes into the bag as reference_mass, in
-        place of what the line itself may say.
-    passes : int, optional
+        place of the references of the line.
+    passes : int or None
         Weighed passes of it after which to end.
 
     Raises
@@ -165,20 +163,15 @@ def record(
         If no message came: an empty bag is of no use, so none is left.
     """
     recorded = ports.PLAYED if inputs_only else ports.ALL
-
+    known = None if reference is None else ReferencePasses(reference, passes)
     with (
-        _signals_restored(),
+        _ending() as ending,
         BagWriter(path, recorded, namespace, in_place=True) as bag,
         spinning(namespace) as spinner,
     ):
-        known = None if reference is None else ReferencePasses(reference, passes)
-        node = RecorderNode(
-            tuple(port for port in recorded if not (known and port is ports.REFERENCE_MASS))
-        )
+        node = RecorderNode(recorded, known)
         spinner.add(node)
-        if known is not None:
-            known.attach(node, node.taker(ports.REFERENCE_MASS))
-        _take(bag, node, duration, known)
+        _take(bag, node, duration, known, ending)
         while not node.messages.empty():
             bag.put(*node.messages.get())
         if bag.message_count == 0:
@@ -188,50 +181,40 @@ def record(
             )
         count = bag.message_count
     print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))
-    return 0
 
 
 @contextmanager
-def _signals_restored() -> Iterator[None]:
-    """Leave SIGINT and SIGTERM, in the end, to whoever had them before."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    signal.signal(signal.SIGTERM, _interrupt)
+def _ending() -> Iterator[threading.Event]:
+    """Set an event at SIGINT or SIGTERM: they must not break into the writing of a message."""
+    asked = threading.Event()
+    before = {
+        number: signal.signal(number, lambda *_: asked.set())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
-        yield
+        yield asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
-
-
-class _Ending:
-    """Whether SIGINT or SIGTERM has come; it must not break into the writing of a message."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
-
-    def _ask(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
-
-
 def _take(
-    bag: BagWriter, node: RecorderNode, duration: float | None, known: ReferencePasses | None
+    bag: BagWriter,
+    node: RecorderNode,
+    duration: float | None,
+    known: ReferencePasses | None,
+    ending: threading.Event,
 ) -> None:
-    ending = _Ending()
+    """Write messages until the end, and those that had come when it was asked for."""
     asked = False
     now = silent_since = flushed = time.monotonic()
     end = math.inf if duration is None else now + duration
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
         while now < end and not (known and known.done):
-            if ending.asked and not asked:
+            if ending.is_set() and not asked:
                 asked, end = True, min(end, now + _FAREWELL)
-            for line in known.news() if known else ():
-                progress.write(line)
+            while known and not known.news.empty():
+                progress.write(known.news.get())
             try:
                 message = node.messages.get(timeout=_POLL_PERIOD)
             except queue.Empty:

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     reference = check_positive('--reference', arguments.reference)
     if arguments.passes is not None and reference is None:
         raise UserError('--passes: needs the mass of the product, --reference')
-    return record(
+    record(
         arguments.output,
         check_namespace(arguments.namespace),
         check_positive('--duration', arguments.duration),
@@ -41,3 +41,4 @@ def run(arguments: argparse.Namespace) -> int:
         reference=None if reference is None else 0.001 * reference,
         passes=check_positive('--passes', arguments.passes),
     )
+    return 0

@@ -1,7 +1,7 @@
-"""A node for commissioning: passes of products of known mass at each belt speed, then training.
+"""The dynamic setting by services: passes of known mass at each belt speed, then training.
 
-What it begins runs in processes of their own, the commands `record` and `tune`: training takes
-minutes of both cores, and the line must not wait for it.
+The commands `record` and `tune` run in processes of their own: training takes minutes of all
+cores, and the line must not wait for it.
 """
 
 from collections.abc import Sequence
@@ -55,23 +55,18 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
-        self._folder = Path(self.parameters.folder)
-        if not self.parameters.folder or not self._folder.is_dir():
-            folder = self.parameters.folder
-            self.destroy_node()
-            raise ParameterError(
-                f'dynamic_setting.folder: {folder!r} is no folder; make it, and name it there'
-            )
         try:
-            check_not_installed(self._folder)
-        except CalibrationError as error:
+            self._folder = _folder(self.parameters.folder)
+        except ParameterError:
             self.destroy_node()
-            raise ParameterError(f'dynamic_setting.folder: {error}') from None
+            raise
+        self._file = self._folder / 'machine.yaml'
+        self._learned = self._folder / 'machine.new.yaml'  # before it is the newest version
         self._child: subprocess.Popen[bytes] | None = None
         self._recording: Path | None = None
-        self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')
         self._cancelled = False
-        self._said = self._new_state(DynamicSetting.IDLE, '')
+        self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')
+        self._output, self._errors = (Path(self._scratch.name, n) for n in ('output', 'errors'))
         self._publisher = self.create_publisher(
             ports.DYNAMIC_SETTING.type, ports.DYNAMIC_SETTING.name, ports.DYNAMIC_SETTING.qos
         )
@@ -79,41 +74,27 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self.create_service(Trigger, ports.TUNE_PASSES, self._on_tune)
         self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
         self.create_timer(_POLL_PERIOD, self._poll)
-        self._publish()
-
-    @property
-    def _file(self) -> Path:
-        return self._folder / 'machine.yaml'
-
-    @property
-    def _output(self) -> Path:
-        return Path(self._scratch.name, 'output')
-
-    @property
-    def _errors(self) -> Path:
-        return Path(self._scratch.name, 'errors')
+        self._tell(DynamicSetting.IDLE, '')
 
     def _bags(self) -> list[Path]:
-        """Return what is recorded, in the order of recording."""
+        """Return the bags in the order of recording, without the one that is being recorded."""
         found = ((_number(path), path) for path in self._folder.glob('passes_*'))
         return [path for number, path in sorted(found) if number and path != self._recording]
 
-    def _new_state(self, state: int, text: str) -> DynamicSetting:
-        return DynamicSetting(
+    def _tell(self, state: int, text: str, **values: Any) -> None:
+        """Publish a new state."""
+        self._said = DynamicSetting(
             state=state,
             text=text,
-            mass=math.nan,
             bags=[str(bag) for bag in self._bags()],
             file=str(self._file) if self._file.exists() else '',
+            **{'mass': math.nan, **values},
         )
+        self._publish()
 
     def _publish(self) -> None:
         self._said.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(self._said)
-
-    def _tell(self, state: int, text: str) -> None:
-        self._said = self._new_state(state, text)
-        self._publish()
 
     # What is asked for
 
@@ -134,9 +115,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 'record', '--output', self._recording, '--inputs-only', '--reference', grams,
                 '--passes', request.passes, '--namespace', self.get_namespace().strip('/'),
             )  # fmt: skip
-            self._tell(DynamicSetting.RECORDING, 'waiting for the first pass')
-            self._said.mass, self._said.wanted = float(request.mass), int(request.passes)
-            self._publish()
+            self._tell(
+                DynamicSetting.RECORDING, 'waiting for the first pass', mass=float(request.mass),
+                wanted=int(request.passes),
+            )  # fmt: skip
             response.success, response.bag = True, str(self._recording)
         return response
 
@@ -159,7 +141,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return response
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
-        """End what is under way; passes that were recorded are kept."""
+        """End recording or training; passes that were recorded are kept."""
         response.success = True
         response.message = 'nothing is under way'
         if self._child is not None:
@@ -177,11 +159,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
 
-    @property
-    def _learned(self) -> Path:
-        """What `tune` writes, before it is the newest version."""
-        return self._folder / 'machine.new.yaml'
-
     # What is under way
 
     def _begin(self, *words: object) -> None:
@@ -197,7 +174,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
 
     def _poll(self) -> None:
-        """Tell of passes that have come, and of the end."""
+        """Publish the passes that have come, and the end."""
         if self._child is None:
             return
         status = self._child.poll()
@@ -214,7 +191,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._publish()
 
     def _end(self, status: int) -> None:
-        """Take what a child has left."""
+        """Publish the result of a child that has ended."""
         errors, passes = _lines(self._errors), int(self._said.passes)
         was, wanted, mass = self._said.state, int(self._said.wanted), self._said.mass
         self._child, bag, self._recording = None, self._recording, None
@@ -223,11 +200,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if status and not self._cancelled:
             self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
         elif was == DynamicSetting.RECORDING:
-            self._tell(
-                DynamicSetting.IDLE, f'{passes} of {wanted} passes of {GRAMS * mass:g} g recorded'
-            )
-            self._said.passes, self._said.wanted, self._said.mass = passes, wanted, mass
-            self._publish()
+            text = f'{passes} of {wanted} passes of {GRAMS * mass:g} g recorded'
+            self._tell(DynamicSetting.IDLE, text, passes=passes, wanted=wanted, mass=mass)
         elif self._cancelled:
             self._tell(DynamicSetting.IDLE, 'training cancelled')
         else:
@@ -240,7 +214,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self.get_logger().info(self._said.text)
 
     def destroy_node(self) -> None:
-        """End what is under way as well."""
+        """End recording or training first."""
         child = getattr(self, '_child', None)
         if child is not None:
             self._interrupt(child)
@@ -252,6 +226,20 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if hasattr(self, '_scratch'):
             self._scratch.cleanup()
         super().destroy_node()
+
+
+def _folder(name: str) -> Path:
+    """Return the folder of a name, or raise ParameterError if nothing can be kept in it."""
+    folder = Path(name)
+    if not name or not folder.is_dir():
+        raise ParameterError(
+            f'dynamic_setting.folder: {name!r} is no folder; make it, and name it there'
+        )
+    try:
+        check_not_installed(folder)
+    except CalibrationError as error:
+        raise ParameterError(f'dynamic_setting.folder: {error}') from None
+    return folder
 
 
 def _number(path: Path) -> int:
