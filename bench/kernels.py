@@ -19,7 +19,7 @@ from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.denoising.wavelet_shrinkage import ShrinkageFilter, denoise_periodic
 from checkweigher_dsp.estimation.estimators.base import raw_plateau
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.records import Reference, SampleBlock, WeighWindow
+from checkweigher_dsp.records import Reference, WeighWindow
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 from checkweigher_dsp.signal.window_identification import WindowNoise, identify_window
 from checkweigher_recording.bags.reading import read_bag
@@ -41,10 +41,8 @@ def windows_of(speed: int) -> list[WeighWindow]:
     segmenter = Segmenter(recording.load_cell, SegmenterParameters())
     windows: list[WeighWindow] = []
     for event in recording:
-        if isinstance(event, SampleBlock):
-            windows += segmenter.add_samples(event)
-        elif not isinstance(event, Reference):
-            windows += segmenter.add_edge(event)
+        if not isinstance(event, Reference):
+            windows += segmenter.take(event)
     return [window for window in windows + segmenter.finish() if not window.reasons]
 
 

@@ -109,10 +109,7 @@ def run_segmenter(segmenter, events):
     """Feed events to a segmenter and return the windows, those of the end included."""
     windows = []
     for event in events:
-        if isinstance(event, SampleBlock):
-            windows += segmenter.add_samples(event)
-        else:
-            windows += segmenter.add_edge(event)
+        windows += segmenter.take(event)
     return windows + segmenter.finish()
 
 

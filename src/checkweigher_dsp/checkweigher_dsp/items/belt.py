@@ -5,7 +5,6 @@ from collections import deque
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import Item, State
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Eye, EyeEdge
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
 _OVERDUE = 1.5
@@ -219,19 +218,12 @@ class Belt:
         for item in self.items:
             item.fault(reason)
 
-    def there(self, eye: Eye) -> Item | None:
-        """Return the item that blocks an eye."""
-        return self.at_infeed if eye == Eye.INFEED else self.at_outfeed
-
-    def clear(self, edge: EyeEdge) -> None:
-        """Take the item away from the eye that an edge clears."""
-        if edge.eye == Eye.INFEED:
-            self.at_infeed = None
-            return
+    def clear_outfeed(self, stamp: int) -> None:
+        """Take the item away from the outfeed eye; for those that entered meanwhile it is gone."""
         self.at_outfeed = None
         for item in self.items:
             if item.others_there:
-                item.left_before = edge.stamp
+                item.left_before = stamp
 
     def drop_given_up(self) -> bool:
         """Take all that was before an item as gone; tell whether it may have been one of these."""

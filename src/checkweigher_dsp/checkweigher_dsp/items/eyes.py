@@ -10,28 +10,26 @@ _LONG_AGO = -(2**62)  # ns
 _REMEMBERED = 64  # edges, among which one that comes twice is recognized
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Switch:
     """One switching of an eye.
 
     Attributes
     ----------
-    edge : EyeEdge
-        The edge.
+    stamp : int
+        ns.
     previous : EyeEdge or None
         The edge of the same eye before it.
     there : Item or None
         The item that blocked this eye until now.
+    blocked : bool
+        Whether an item blocks the eye now.
     """
 
-    edge: EyeEdge
+    stamp: int
     previous: EyeEdge | None
-    there: Item | None = None
-
-    @property
-    def stamp(self) -> int:
-        """Time of the edge, ns."""
-        return self.edge.stamp
+    there: Item | None
+    blocked: bool
 
 
 class Eyes:
@@ -71,11 +69,15 @@ class Eyes:
         """Tell whether an edge has come before."""
         return edge in self._known
 
-    def remember(self, edge: EyeEdge) -> None:
-        """Know an edge when it comes again."""
-        self._known[edge] = None
-        if len(self._known) > _REMEMBERED:
+    def is_new(self, edge: EyeEdge) -> bool:
+        """Tell whether an edge has not come before, and remember it."""
+        number = len(self._known)
+        self._known.setdefault(edge)
+        if len(self._known) == number:
+            return False
+        if number == _REMEMBERED:
             self._known.popitem(last=False)
+        return True
 
     def youngest(self, eye: Eye) -> EyeEdge | None:
         """Return the youngest edge of an eye."""
@@ -103,7 +105,7 @@ class Eyes:
         previous = switch.previous
         if previous is None:
             return False
-        longest = self.debounce * (2 if previous.blocked == switch.edge.blocked else 1)
+        longest = self.debounce * (2 if previous.blocked == switch.blocked else 1)
         return 0 <= switch.stamp - previous.stamp < longest
 
     def tells_state(self, stamp: int) -> bool:

@@ -19,7 +19,10 @@ class State(Enum):
     @property
     def is_on_belt(self) -> bool:
         """Whether the item is yet to reach the outfeed eye."""
-        return self in (State.ENTERING, State.ON_BELT)
+        return self in _ON_BELT
+
+
+_ON_BELT = (State.ENTERING, State.ON_BELT)
 
 
 @dataclass(slots=True, eq=False)
@@ -64,7 +67,9 @@ class Item:
     @property
     def entered(self) -> int:
         """When it was seen first, ns."""
-        return next(stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None)
+        if self.t1 is not None:
+            return self.t1
+        return next(stamp for stamp in (self.t2, self.t3) if stamp is not None)
 
     @property
     def length(self) -> int:

@@ -74,8 +74,7 @@ class ItemTracker:
     def add(self, edge: EyeEdge) -> list[Item]:
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)
-        if not self._eyes.knows(edge):
-            self._eyes.remember(edge)
+        if self._eyes.is_new(edge):
             newest = self._eyes.newest
             if newest is not None and edge.stamp < newest:
                 apply_late_edge(self._belt, edge)
@@ -86,8 +85,10 @@ class ItemTracker:
 
     def expire(self, stamp: int) -> list[Item]:
         """Return the items that must have left by `stamp` without the outfeed eye seeing them."""
-        self._expire(stamp)
-        return self._belt.take_finished()
+        belt = self._belt
+        if belt.items or belt.cleared_first is not None:  # for each block of samples
+            self._expire(stamp)
+        return belt.take_finished()
 
     def _expire(self, stamp: int) -> None:
         first = self._belt.cleared_first

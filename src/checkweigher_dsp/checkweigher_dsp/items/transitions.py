@@ -43,20 +43,25 @@ class Transition:
 
 def apply_edge(belt: Belt, edge: EyeEdge) -> None:
     """Take an edge that is the youngest of its eye."""
-    switch = Switch(edge, belt.eyes.take(edge), belt.there(edge.eye))
+    stamp, blocked, infeed = edge.stamp, edge.blocked, edge.eye == Eye.INFEED
+    there = belt.at_infeed if infeed else belt.at_outfeed
+    switch = Switch(stamp, belt.eyes.take(edge), there, blocked)
     settle_first(belt)
-    if edge.eye == Eye.OUTFEED:
+    if not infeed:
         _merge_flicker(belt)
-    if not edge.blocked:
-        belt.clear(edge)
-    for case in TRANSITIONS[edge.eye, edge.blocked]:
+    if not blocked:
+        if infeed:
+            belt.at_infeed = None
+        else:
+            belt.clear_outfeed(stamp)
+    for case in TRANSITIONS[edge.eye, blocked]:
         found = case.guard(belt, switch)
         if found:
             item = case.action(belt, switch, found)
             if item is not None and case.state is not None:
                 belt.move(item, case.state)
             break
-    if edge.eye == Eye.INFEED:
+    if infeed:
         belt.clock_is_new = False
 
 
@@ -377,7 +382,7 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
-    if belt.eyes.flickers(Switch(edge, belt.eyes.take_late(edge))):
+    if belt.eyes.flickers(Switch(edge.stamp, belt.eyes.take_late(edge), None, edge.blocked)):
         return
     youngest = belt.eyes.youngest(edge.eye)
     if edge.eye == Eye.INFEED and _complete_entry(belt, edge, youngest):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import NANOSECONDS
 
 
 @dataclass(frozen=True)
@@ -110,3 +111,13 @@ class SegmenterParameters(Parameters):
                 f'segmenter.min_belt_speed: {self.min_belt_speed:g} is not below max_belt_speed '
                 f'{self.max_belt_speed:g} m/s'
             )
+
+    def max_transit(self, weigh_length: float) -> int:
+        """Return how long an item takes from eye to eye on the slowest belt, ns.
+
+        Parameters
+        ----------
+        weigh_length : float
+            m, between the eyes.
+        """
+        return round(NANOSECONDS * weigh_length / self.min_belt_speed)

@@ -54,7 +54,7 @@ class SampleBuffer:
     -----
     Blocks may come twice or overlap: samples that are there already are passed over. A block that
     is later in time but not in index, or with which the stream began long ago, comes from a source
-    that has started again: the caller asks `is_restart` and begins with a new buffer.
+    that has started again: the caller asks `is_restart`, and clears the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
@@ -62,6 +62,10 @@ class SampleBuffer:
         self._capacity = max(2, math.ceil(duration * sample_rate))
         # Twice the capacity, so that the kept part moves to the front only once per capacity.
         self._counts = np.zeros(2 * self._capacity, np.int32)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all samples, and the clock and index that they had."""
         self.start = self.end = 0
         self.empty = True
         self.origin: int | None = None

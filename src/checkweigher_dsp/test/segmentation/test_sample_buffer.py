@@ -206,6 +206,18 @@ def test_the_beginning_again_is_a_restart_whatever_its_time(first, end, restart)
     assert buffer.is_restart(block) == restart
 
 
+def test_a_cleared_buffer_takes_any_index_and_clock():
+    buffer = _filled((0, 40), (60, 80))
+
+    buffer.clear()
+    assert buffer.empty
+    buffer.append(SampleBlock(5, 1000, np.arange(3, dtype=np.int32)))
+
+    assert (buffer.start, buffer.end, buffer.origin) == (1000, 1003, 5)
+    assert buffer.is_whole(1000, 1003)
+    assert buffer.stamp_at(1000) == 5
+
+
 def test_nothing_is_a_restart_of_an_empty_buffer():
     assert not SampleBuffer(RATE, 1.0).is_restart(_block(0, [1, 2]))
     assert SampleBuffer(RATE, 1.0).last_stamp is None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import LoadCell, Reference, SampleBlock, WeighWindow
+from checkweigher_dsp.records import LoadCell, Reference, WeighWindow
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 from checkweigher_recording.recording import Event
 from checkweigher_validation.accuracy.references import ReferenceMasses
@@ -71,10 +71,8 @@ def known_passes(
     for event in events:
         if isinstance(event, Reference):
             references.append(event)
-        elif isinstance(event, SampleBlock):
-            windows += segmenter.add_samples(event)
         else:
-            windows += segmenter.add_edge(event)
+            windows += segmenter.take(event)
     windows += segmenter.finish()
     masses = ReferenceMasses(references)
     known = [KnownPass(window, masses.at(window.t1)) for window in windows]

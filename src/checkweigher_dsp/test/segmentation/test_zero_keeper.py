@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import SampleBlock
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 
 CAREFUL = SegmenterParameters(zero_range=0.003, zero_time=0.5)
@@ -15,8 +14,7 @@ def _feed(segmenter, events):
     """Feed events and return the windows."""
     windows = []
     for event in events:
-        take = segmenter.add_samples if isinstance(event, SampleBlock) else segmenter.add_edge
-        windows += take(event)
+        windows += segmenter.take(event)
     return windows
 
 

@@ -1,0 +1,112 @@
+"""The items of the line, in the order in which the eyes are done with them."""
+
+from collections.abc import Iterable
+
+from checkweigher_dsp.items.edge_queue import EdgeQueue
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.tracking import ItemTracker
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
+
+
+class ItemSource:
+    """Keep edges until the samples have reached them, and pair them to items.
+
+    Items are returned as the eyes have shown them by then: later edges do not change them.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Distance between the eyes.
+    parameters : SegmenterParameters
+        How items are told apart.
+    buffer : SampleBuffer
+        The samples.
+    item_count : int
+        Items that were there before.
+    """
+
+    def __init__(
+        self,
+        load_cell: LoadCell,
+        parameters: SegmenterParameters,
+        buffer: SampleBuffer,
+        item_count: int,
+    ) -> None:
+        known = parameters.product_length > 0
+        self._buffer = buffer
+        self._lateness = round(NANOSECONDS * parameters.edge_lateness)
+        self._queue = EdgeQueue(self._lateness)
+        self._tracker = ItemTracker(
+            round(NANOSECONDS * parameters.debounce_time),
+            parameters.max_transit(load_cell.weigh_length),
+            item_count,
+            load_cell.weigh_length / parameters.product_length if known else 0.0,
+        )
+
+    @property
+    def count(self) -> int:
+        """Number of the last item that entered."""
+        return self._tracker.count
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no item is on the belt and both eyes are clear."""
+        return self._tracker.is_empty
+
+    @property
+    def empty_since(self) -> int | None:
+        """When the last item had left, ns; None if none was there."""
+        return self._tracker.empty_since
+
+    def add(self, edge: EyeEdge) -> list[Item]:
+        """Take an edge and return the items whose last edge the samples have reached."""
+        self._queue.add(edge)
+        return self._reached()
+
+    def advance(self) -> list[Item]:
+        """Return the items that more samples have reached, and those that must have left by now."""
+        buffer, tracker = self._buffer, self._tracker
+        tracker.begin(buffer.origin)
+        items = self._reached()
+        now = buffer.last_stamp if tracker.overdue_after is not None else None
+        if now is not None:
+            items += [item.snapshot() for item in tracker.expire(now - self._lateness)]
+        return items
+
+    def admit_strays(self) -> None:
+        """Take edges that are far behind the others for late ones: the clock has not changed."""
+        self._queue.admit_strays()
+
+    def give_up_before(self, limit: int) -> list[Item]:
+        """Return the items of edges before `limit`, ns, for which no samples come any more."""
+        return self._track(self._queue.pop_while(lambda edge: edge.stamp < limit))
+
+    def finish_edges(self) -> list[Item]:
+        """Return the items of all edges, whether samples have reached them or not."""
+        return self._track(self._queue.pop_all())
+
+    def give_up(self, reason: Reason) -> list[Item]:
+        """Return the items on the belt, with `reason`: nothing more will come of them."""
+        return [item.snapshot() for item in self._tracker.give_up(reason)]
+
+    def edges_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
+        """Take out the edges of a clock that jumps to `stamp`, ns, forward or back."""
+        return self._queue.pop_of_new_clock(stamp, forward=forward)
+
+    def begin_anew(self, edges: Iterable[EyeEdge], *, forward: bool) -> None:
+        """Go on by another clock, with the edges of that which have come already."""
+        self._queue.put_back(edges)
+        self._tracker.forget(backwards=not forward)
+
+    def _reached(self) -> list[Item]:
+        buffer = self._buffer
+        if buffer.empty:
+            return []
+        end = buffer.end
+        return self._track(self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= end))
+
+    def _track(self, edges: Iterable[EyeEdge]) -> list[Item]:
+        return [item.snapshot() for edge in edges for item in self._tracker.add(edge)]

@@ -1,0 +1,205 @@
+"""Cutting the samples of each item out of the stream, once they have come and if they are sound."""
+
+from collections.abc import Iterable
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, WeighWindow, seconds
+from checkweigher_dsp.segmentation.load_check import LoadCheck
+from checkweigher_dsp.segmentation.motion_check import MotionCheck
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
+from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
+
+_Identity = tuple[int, int | None, int | None, int | None, float, float, float]
+
+
+class WindowCutter:
+    """Turn items into weigh windows.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Calibration, rate and the distance between the eyes.
+    parameters : SegmenterParameters
+        What belongs to a window.
+    buffer : SampleBuffer
+        The samples.
+    zero : ZeroKeeper
+        Follows the empty belt before each item.
+    """
+
+    def __init__(
+        self,
+        load_cell: LoadCell,
+        parameters: SegmenterParameters,
+        buffer: SampleBuffer,
+        zero: ZeroKeeper,
+    ) -> None:
+        self._load_cell = load_cell
+        self._parameters = parameters
+        self._buffer = buffer
+        self._zero = zero
+        self._motion = MotionCheck(load_cell.weigh_length, parameters)
+        self._load_check = LoadCheck()
+        self._debounce = round(NANOSECONDS * parameters.debounce_time)
+        self._max_transit = parameters.max_transit(load_cell.weigh_length)
+        self._settle_time = round(NANOSECONDS * parameters.settle_time)
+        self._zero_span = round(parameters.zero_time * load_cell.sample_rate)
+        self._lead = round(parameters.lead_time * load_cell.sample_rate)
+        self._trail = round(parameters.trail_time * load_cell.sample_rate)
+        self._waiting: list[Item] = []
+
+    def forget_speed(self) -> None:
+        """Forget the speed of the belt: the source has begun anew."""
+        self._motion.forget()
+
+    def take(self, items: Iterable[Item]) -> None:
+        """Let items wait for their samples."""
+        for item in items:
+            self._check_start(item)
+            self._motion.check(item)
+            self._waiting.append(item)
+
+    def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
+        """Fault the items that wait and entered before a time, ns; tell whether there are any."""
+        late = [item for item in self._waiting if item.entered < before]
+        for item in late:
+            item.fault(reason)
+        return bool(late)
+
+    def cut(self, *, wait: bool = True) -> list[WeighWindow]:
+        """Return the windows of the items whose samples are there.
+
+        Without `wait` the samples up to t3 are enough.
+        """
+        if not self._waiting:
+            return []
+        windows, still_waiting = [], []
+        for item in self._waiting:
+            window = self._cut(item, wait=wait)
+            if window is None:
+                still_waiting.append(item)
+            else:
+                windows.append(window)
+        self._waiting = still_waiting
+        return windows
+
+    def _cut(self, item: Item, *, wait: bool) -> WeighWindow | None:
+        """Return the window of an item, None while its samples are yet to come."""
+        buffer = self._buffer
+        if buffer.empty and wait:
+            return None
+        self._check_start(item)
+        if item.faults or item.t1 is None or item.t2 is None or item.t3 is None:
+            return self._fault(item, *item.faults)
+        if buffer.empty:
+            return None
+        entry, begin, end = (buffer.index_at(stamp) for stamp in (item.t1, item.t2, item.t3))
+        trail_end = self._trail_end(item.t3 + item.length, end)
+        if buffer.end < (trail_end if wait else end):
+            return None
+        if end - begin < self._parameters.min_window:
+            return self._fault(item, Reason.WINDOW_TOO_SHORT)
+        reason = self._check_samples(entry, end)
+        if reason is not None:
+            return self._fault(item, reason)
+        empty, settled = self._empty_belt(item, entry)
+        if settled:
+            self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
+        zero = self._zero.update(seconds(item.t1), empty, settled)
+        if not zero.trusted:
+            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
+        first = buffer.whole_from(entry - self._lead, entry)
+        alone_from = min(max(self._alone_from(item, first, begin), first), begin)
+        before = buffer.look_at(min(alone_from, entry), entry)
+        if not self._load_check.is_steady(buffer.look_at(begin, end), before, zero.counts):
+            return self._fault(item, Reason.DISTANCE_FAULT)
+        cell = self._load_cell
+        return WeighWindow(
+            *self._identity(item),
+            sample_rate=cell.sample_rate,
+            counts_per_kg=cell.counts_per_kg,
+            zero_counts=cell.zero_counts,
+            zero=zero.counts,
+            zero_std_dev=zero.std_dev,
+            first_index=first,
+            # By that of t2: what the clock of the samples is off would show in the lead time.
+            stamp=buffer.stamp_at(begin) - round((begin - first) * NANOSECONDS / cell.sample_rate),
+            empty_begin=alone_from - first,
+            window_begin=begin - first,
+            window_end=end - first,
+            counts=buffer.read(first, self._sound_end(end, trail_end)),
+        )
+
+    def _fault(self, item: Item, *reasons: Reason) -> WeighWindow:
+        return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
+
+    def _identity(self, item: Item) -> _Identity:
+        """Return the first fields of the window of an item: which it is, and how it moves."""
+        speed, length = self._motion.measure(item)
+        line_speed = speed
+        if math.isnan(speed) and item.usual_transit is not None:
+            line_speed = self._load_cell.weigh_length / seconds(item.usual_transit)
+        return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
+
+    def _trail_end(self, left: int, end: int) -> int:
+        """Return the end of the samples to wait for: no later than the item has `left`, ns."""
+        if not self._trail:
+            return end
+        return max(min(end + self._trail, self._buffer.index_at(left)), end)
+
+    def _sound_end(self, end: int, trail_end: int) -> int:
+        """Return the end of what can be used after t3: none of it if any is lost or saturated."""
+        trail_end = min(trail_end, self._buffer.end)
+        return end if trail_end == end or self._check_samples(end, trail_end) else trail_end
+
+    def _alone_from(self, item: Item, first: int, begin: int) -> int:
+        """Return the index from which on the item before had left, `first` if there was none."""
+        if item.left_before is None:
+            return begin if item.others_there else first
+        return self._buffer.index_at(item.left_before)
+
+    def _check_start(self, item: Item) -> None:
+        """Fault an item that was there before the samples began: its edges are not its own."""
+        origin = self._buffer.origin
+        if origin is None:
+            return
+        if item.t1 is not None:
+            before = item.t1 <= origin + self._debounce
+        else:
+            before = item.entered <= origin + self._max_transit
+        if before:
+            item.fault(Reason.START_UP)
+
+    def _check_samples(self, begin: int, end: int) -> Reason | None:
+        if not self._buffer.is_whole(begin, end):
+            return Reason.SAMPLES_LOST
+        counts, limits = self._buffer.look_at(begin, end), self._load_cell
+        if len(counts) and (
+            int(np.minimum.reduce(counts)) <= limits.min_counts
+            or int(np.maximum.reduce(counts)) >= limits.max_counts
+        ):
+            return Reason.SATURATION
+        return None
+
+    def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
+        """Return the samples of the empty belt before an item enters, and whether they settled."""
+        buffer = self._buffer
+        if item.others_there:
+            return buffer.look_at(entry, entry), False
+        begin = earliest = entry - self._zero_span
+        if item.left_before is not None:
+            begin = max(begin, buffer.index_at(item.left_before + self._settle_time))
+            earliest = max(earliest, buffer.index_at(item.left_before))
+        begin = min(buffer.whole_from(begin, entry), entry)
+        least = self._parameters.zero_moment * self._load_cell.sample_rate
+        if entry - begin < least:
+            earliest = min(buffer.whole_from(earliest, entry), entry)
+            if least <= entry - earliest:
+                return buffer.look_at(earliest, entry), False
+        return buffer.look_at(begin, entry), True

@@ -1,0 +1,135 @@
+"""The zero of the belt: tracked from product to product, and set on demand."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, ZeroChange
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
+from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker
+
+_PATIENCE = 10.0  # s of signal
+Span = tuple[int, int]  # first index and one past the last index of samples
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroAnswer:
+    """Whether the belt was zeroed, what to or why not, and if it was, the two zeros."""
+
+    done: bool
+    text: str
+    change: ZeroChange | None = None
+
+
+class ZeroKeeper:
+    """Keep the zero of the belt.
+
+    Parameters
+    ----------
+    load_cell : LoadCell
+        Its calibration.
+    parameters : SegmenterParameters
+        How long and how steady an empty belt is that is read.
+    buffer : SampleBuffer
+        The samples.
+
+    Attributes
+    ----------
+    answer : ZeroAnswer or None
+        What became of the last request; None while it waits for the empty belt.
+    """
+
+    def __init__(
+        self, load_cell: LoadCell, parameters: SegmenterParameters, buffer: SampleBuffer
+    ) -> None:
+        sensitivity = abs(load_cell.counts_per_kg)
+        self._load_cell = load_cell
+        self._limits = parameters
+        self._buffer = buffer
+        self._tracker = ZeroTracker(
+            load_cell.zero_counts,
+            sensitivity * parameters.zero_initial_std_dev,
+            sensitivity * parameters.zero_random_walk,
+            load_cell.sample_rate,
+            ZeroLimits(
+                sensitivity * parameters.zero_range,
+                sensitivity * parameters.zero_rate,
+                sensitivity * parameters.zero_stability,
+            ),
+        )
+        self._requested: int | None = None  # index of the sample from which on the belt is read
+        self._why_not = ''
+        self.answer: ZeroAnswer | None = None
+
+    @property
+    def zero(self) -> Zero:
+        """The zero as it stands."""
+        return self._tracker.zero
+
+    @property
+    def is_requested(self) -> bool:
+        """Whether a request waits for the empty belt."""
+        return self._requested is not None
+
+    def update(self, time: float, counts: NDArray[np.int32], settled: bool) -> Zero:
+        """Follow the zero on the empty belt before an item, as `ZeroTracker.update`."""
+        return self._tracker.update(time, counts, settled)
+
+    def request(self) -> None:
+        """Zero on the next empty belt at rest that begins from now on."""
+        self._requested = 0 if self._buffer.empty else self._buffer.end
+        self._why_not = 'the belt was not empty'
+        self.answer = None
+
+    def try_to_set(self, empty: Span | None, least: float) -> None:
+        """Answer a request, if the belt was empty for long enough or the patience has ended.
+
+        Parameters
+        ----------
+        empty : tuple of int or None
+            Samples of a settled empty belt; None if it is not empty.
+        least : float
+            s, how long it must have been empty.
+        """
+        if self._requested is None:
+            return
+        buffer, rate = self._buffer, self._load_cell.sample_rate
+        if empty is not None:
+            begin, end = max(empty[0], self._requested), empty[1]
+            count = min(end - begin, round(self._limits.zero_time * rate))
+            if count >= max(2, round(least * rate)):
+                self.answer = self._set(end - count, end)
+        late = buffer.end - self._requested > (_PATIENCE + self._limits.edge_lateness) * rate
+        if self.answer is None and late:
+            text = f'{self._why_not} within {_PATIENCE:g} s: not zeroed'
+            self.answer = ZeroAnswer(False, text)
+        if self.answer is not None:
+            self._requested = None
+
+    def _set(self, begin: int, end: int) -> ZeroAnswer | None:
+        """Set the zero to the samples [begin, end); None while it is to be tried again."""
+        if not self._buffer.is_whole(begin, end):
+            self._why_not = 'samples were lost'
+            return None
+        stamp, before = self._buffer.stamp_at(end), self.zero.counts
+        reading = self._tracker.set(stamp / NANOSECONDS, self._buffer.look_at(begin, end))
+        if reading is None:
+            self._why_not = 'the empty belt was not at rest'
+            return None
+        cell = self._load_cell
+        mass = (reading - cell.zero_counts) / cell.counts_per_kg
+        if not self._tracker.is_in_range(reading):
+            text = (
+                f'the empty belt reads {mass:.6f} kg, beyond zero_range '
+                f'{self._limits.zero_range:g} kg: not zeroed'
+            )
+            return ZeroAnswer(False, text)
+        change = ZeroChange(
+            stamp,
+            mass,
+            (before - cell.zero_counts) / cell.counts_per_kg,
+            self.zero.std_dev / abs(cell.counts_per_kg),
+        )
+        return ZeroAnswer(True, f'zeroed at {mass:.6f} kg from the zero of calibration', change)
