@@ -11,12 +11,12 @@ import sys
 import tempfile
 import time
 
+from joblib import Parallel, delayed, parallel_config
 from kernels import varied, windows_of
 from rosbags.rosbag2 import Reader
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.pipeline.side_processes import SideProcesses
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
@@ -73,11 +73,11 @@ def _window_speeds(speed: int, repetitions: int) -> Speeds:
     windows = windows_of(speed)
     cores = len(os.sched_getaffinity(0))
     speeds = Speeds(f'windows {speed} m/min', '1/s', 5000.0, [], [])
-    with SideProcesses(cores, ('batch',)) as processes:
+    with parallel_config('loky', n_jobs=cores, inner_max_num_threads=1):
         for _ in range(repetitions):
             for count, values in ((cores, speeds.values), (1, speeds.references)):
-                calls = [processes.submit(_windows_a_second, windows, n) for n in range(count)]
-                values.append(sum(call.result() for call in calls))
+                calls = [delayed(_windows_a_second)(windows, number) for number in range(count)]
+                values.append(sum(Parallel()(calls)))
     return speeds
 
 

@@ -7,7 +7,7 @@ import platform
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import estimator_names, line_parameters
-from checkweigher_bringup.training import ProgressBars, read_passes
+from checkweigher_bringup.training import read_passes
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.simulation.simulator import PROFILES
@@ -15,6 +15,7 @@ from checkweigher_validation.accuracy.errors import Evaluation, Example
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.examples import example_of, simulated_examples
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
+from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
@@ -42,11 +43,9 @@ def evaluate_simulation(arguments: argparse.Namespace) -> Result:
     estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
     protocol = Protocol(arguments.profile, arguments.passes, arguments.seed)
     budget = arguments.budget or BUDGET
-    with ProgressBars() as bars:
-        conditions, tuned = evaluate_protocol(
-            protocol, estimators, base, budget=budget, workers=arguments.jobs,
-            on_progress=bars.show,
-        )  # fmt: skip
+    conditions, tuned = evaluate_protocol(
+        protocol, estimators, base, budget=budget, n_jobs=arguments.jobs or ALL_CORES
+    )
     half = protocol.passes // 2
     provenance = (
         ('machine', f'simulated, profile {protocol.profile}, seed {protocol.seed}'),
@@ -76,26 +75,26 @@ def evaluate_bags(arguments: argparse.Namespace) -> Result:
         arguments.estimator,
         tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,),
     )
-    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter)
+    n_jobs = arguments.jobs or ALL_CORES
+    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
     provenance = [('test', line) for line in source]
     trained: list[KnownPass] = []
     if arguments.train:
-        trained, source = read_passes(arguments.train, arguments.lane, base.segmenter)
+        trained, source = read_passes(arguments.train, arguments.lane, base.segmenter, n_jobs)
         provenance += [('train', line) for line in source]
     batches = _batches(trained, passes)
-    with ProgressBars() as bars:
-        if arguments.train:
-            tuned = tune(
-                group_by_speed(trained), estimators, base, budget=arguments.budget or BUDGET,
-                workers=arguments.jobs, on_progress=bars.of('tuning'),
-            )  # fmt: skip
-            lines = [tuned[name].parameters for name in estimators]
-        else:
-            tuned = {}
-            lines = [base.with_estimator(name) for name in estimators]
-            if arguments.params:
-                provenance.append(('parameters', str(arguments.params)))
-        conditions = evaluate_batches(batches, lines, arguments.jobs, bars.of('weighing'))
+    if arguments.train:
+        tuned = tune(
+            group_by_speed(trained), estimators, base, budget=arguments.budget or BUDGET,
+            n_jobs=n_jobs,
+        )  # fmt: skip
+        lines = [tuned[name].parameters for name in estimators]
+    else:
+        tuned = {}
+        lines = [base.with_estimator(name) for name in estimators]
+        if arguments.params:
+            provenance.append(('parameters', str(arguments.params)))
+    conditions = evaluate_batches(batches, lines, n_jobs)
     return Evaluation('Bags', conditions, (*provenance, *_versions()), _shown(passes, base)), tuned
 
 

@@ -1,30 +1,33 @@
-"""Training on passes of known mass in bags, and progress bars for work of minutes."""
+"""Training on passes of known mass in bags."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+import sys
 
-from tqdm import tqdm
+from joblib import delayed
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.output import warn_unfinished
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
+from checkweigher_validation.jobs import ALL_CORES, run_jobs
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import tune
 
 
 def read_passes(
-    bags: Sequence[Path], lane: str | None, segmenter: SegmenterParameters
+    bags: Sequence[Path],
+    lane: str | None,
+    segmenter: SegmenterParameters,
+    n_jobs: int | None = None,
 ) -> tuple[list[KnownPass], list[str]]:
-    """Return the passes of known mass in bags, and a line on each bag.
+    """Return the passes of known mass in bags, and a line on each bag; `n_jobs` as in `run_jobs`.
 
     Raises
     ------
@@ -33,21 +36,21 @@ def read_passes(
     BagError
         If a bag cannot be read.
     """
+    calls = [delayed(_read_bag)(bag, lane, segmenter, len(bags) == 1) for bag in bags]
     passes: list[KnownPass] = []
     lines = []
     rate = None
-    for bag in bags:
-        recording = read_bag(bag, lane, progress=True)
-        warn_unfinished(recording)
-        cell = recording.load_cell
+    for bag, (cell, found, unfinished) in zip(
+        bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True
+    ):
+        if unfinished:
+            print(unfinished, file=sys.stderr, flush=True)
         if rate not in (None, cell.sample_rate):
             raise UserError(
                 f'{bag}: sampled at {cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '
                 'bags of one machine belong together'
             )
         rate = cell.sample_rate
-        events = chain(recording.references, join_recording(recording))
-        found = known_passes(cell, events, segmenter)
         if not found:
             raise UserError(
                 f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
@@ -59,6 +62,16 @@ def read_passes(
         )
         passes += found
     return passes, lines
+
+
+def _read_bag(
+    bag: Path, lane: str | None, segmenter: SegmenterParameters, progress: bool
+) -> tuple[LoadCell, list[KnownPass], str]:
+    """Return load cell and passes of a bag, and a line if it is only the beginning of one."""
+    recording = read_bag(bag, lane, progress=progress)
+    events = chain(recording.references, join_recording(recording))
+    passes = known_passes(recording.load_cell, events, segmenter)
+    return recording.load_cell, passes, recording.unfinished
 
 
 def train(
@@ -94,49 +107,10 @@ def train(
     BagError, UserError, TuningError, OutputError
         If a bag cannot be read or has too few passes, or the file cannot be written.
     """
-    passes, source = read_passes(bags, lane, base.segmenter)
-    with ProgressBars() as bars:
-        tuned = tune(
-            group_by_speed(passes), estimators, base, budget=budget, workers=jobs,
-            on_progress=bars.of('tuning'),
-        )  # fmt: skip
+    n_jobs = jobs or ALL_CORES
+    passes, source = read_passes(bags, lane, base.segmenter, n_jobs)
+    tuned = tune(group_by_speed(passes), estimators, base, budget=budget, n_jobs=n_jobs)
     text = parameter_file(tuned, source)
     write_whole(output, text)
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     print('\n'.join(line for line in comments if line.split()[0] in ('estimator', *estimators)))
-
-
-class ProgressBars:
-    """One progress bar after the other on a terminal; none where stderr is not a terminal."""
-
-    def __init__(self) -> None:
-        self._bar: tqdm[object] | None = None
-        self._doing = ''
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._close()
-
-    def of(self, doing: str) -> Callable[[int, int], None]:
-        """Return a callback that shows the progress of one piece of work."""
-        return lambda done, total: self.show(doing, done, total)
-
-    def show(self, doing: str, done: int, total: int) -> None:
-        """Show how many steps of a piece of work are done."""
-        if self._bar is None or doing != self._doing:
-            self._close()
-            self._doing = doing
-            self._bar = tqdm(desc=doing, total=total, unit=' steps', leave=False, disable=None)
-        self._bar.update(done - self._bar.n)
-
-    def _close(self) -> None:
-        if self._bar is not None:
-            self._bar.close()
-            self._bar = None

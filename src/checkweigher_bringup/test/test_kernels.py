@@ -1,8 +1,6 @@
 """Whole windows against the plain path, and windows at once against windows one by one."""
 
-from concurrent.futures import BrokenExecutor
 from dataclasses import astuple, replace
-import os
 from pathlib import Path
 
 from lines import simulated
@@ -15,12 +13,10 @@ from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.pipeline.side_processes import ALONE, SideProcesses
 from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 from checkweigher_dsp.signal.window_identification import WindowNoise
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.block_cutting import join_recording
 
 BAGS = Path(__file__).parents[3] / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
@@ -59,8 +55,10 @@ def test_a_window_weighs_what_pywavelets_and_filterpy_make_of_it(speed, table):
     assert len(windows) == 3
 
 
+@pytest.mark.parametrize('steps', [12, 1500])
 @pytest.mark.parametrize('bag', sorted(path.name for path in BAGS.glob('paper_*')))
-def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
+def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag, steps, monkeypatch):
+    monkeypatch.setattr(line, '_STEPS_AT_ONCE', steps)
     recording = read_bag(BAGS / bag)
     events = [event for event in recording if not isinstance(event, Reference)]
     one_by_one = WeighingLine(recording.load_cell, LineParameters())
@@ -71,35 +69,6 @@ def test_a_bag_weighed_at_once_has_the_same_bits_as_event_by_event(bag):
 
     assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
     assert len(found) == 25
-
-
-def _weighed(recording, processes=ALONE):
-    line = WeighingLine(recording.load_cell, LineParameters())
-    return line.weigh_all(join_recording(recording), processes)
-
-
-def test_processes_beside_this_one_make_the_same_bits(monkeypatch):
-    # Batches of a few items: some for the other process, some for this one.
-    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
-    recording = simulated(speed=1.0, count=30, seed=6)
-    expected = _weighed(recording)
-    with SideProcesses(1) as processes:
-        found = _weighed(recording, processes)
-
-    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
-    assert len(found) == 30
-
-
-def test_what_a_process_that_dies_does_not_weigh_is_weighed_here(monkeypatch):
-    monkeypatch.setattr(line, '_STEPS_AT_ONCE', 12)
-    recording = simulated(speed=1.0, count=30, seed=6)
-    expected = _weighed(recording)
-    with SideProcesses(1) as processes:
-        lost = processes.submit(os._exit, 9)
-        found = _weighed(recording, processes)
-
-    assert isinstance(lost.exception(), BrokenExecutor)
-    assert [repr(astuple(each)) for each in found] == [repr(astuple(each)) for each in expected]
 
 
 @pytest.mark.parametrize(('table', 'uncertain'), [*((t, 0.0) for t in TABLES), ('default', 1.3e-3)])

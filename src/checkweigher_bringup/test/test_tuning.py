@@ -244,7 +244,7 @@ class TestEvaluation:
         # Each speed draws numbers of its own, so that one alone has the same passes again; between
         # two speeds, though, gain and offset are interpolated.
         again, _ = evaluate_protocol(
-            Protocol(passes=12, speeds=(1.5,)), ['mean', 'hann'], LineParameters(), workers=1
+            Protocol(passes=12, speeds=(1.5,)), ['mean', 'hann'], LineParameters(), n_jobs=1
         )
         for one in again:
             (row,) = (

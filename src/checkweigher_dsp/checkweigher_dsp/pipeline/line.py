@@ -1,17 +1,13 @@
 """The stages in one loop: what the graph does, without the graph."""
 
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters
-from checkweigher_dsp.estimation.identifier import IdentifierParameters
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, read_parameter_file
-from checkweigher_dsp.pipeline.mass_stages import MassStages, estimate_all
-from checkweigher_dsp.pipeline.side_processes import ALONE, SideProcesses
 from checkweigher_dsp.records import (
     EyeEdge,
     LoadCell,
@@ -133,105 +129,61 @@ class WeighingLine:
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
         self._segmenter = Segmenter(load_cell, parameters.segmenter)
-        self._stages = MassStages(parameters.denoise, parameters.identifier)
+        self._denoiser = Denoiser(parameters.denoise)
+        self._identifier = Identifier(parameters.identifier)
         self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
         """Take a block or an edge and return the items that it completes."""
-        if isinstance(event, SampleBlock):
-            return self._weigh(self._segmenter.add_samples(event))
-        self._reject_stage.add_edge(event)  # gives no verdict: no time runs here
-        return self._weigh(self._segmenter.add_edge(event))
+        return self._judge(self._cut(event))
 
     def finish(self) -> list[Weighing]:
         """Return what is still on the belt, as faults: the stream has ended."""
-        return self._weigh(self._segmenter.finish())
+        return self._judge(self._segmenter.finish())
 
-    def weigh_all(
-        self, events: Iterable[SampleBlock | EyeEdge], processes: SideProcesses = ALONE
-    ) -> list[Weighing]:
+    def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> list[Weighing]:
         """Return what `add` makes of events one after the other and `finish` of their end.
 
-        To the last bit, but in less time: the windows are denoised and identified many at once,
-        and by the processes beside this one, if there are any, while it goes on to cut windows.
-        For a line on which nothing has been added yet.
+        To the last bit, but in less time: the masses of many windows are estimated at once, which
+        no verdict depends on.
         """
-        batches: deque[_Batch] = deque()
-        # What the reject stage is to meet, in this order: edges, and windows as they are complete.
-        steps: list[EyeEdge | WeighWindow] = []
         weighings: list[Weighing] = []
+        steps: list[EyeEdge | WeighWindow] = []
         for event in events:
-            if isinstance(event, SampleBlock):
-                steps += self._segmenter.add_samples(event)
-            else:
-                steps.append(event)
-                steps += self._segmenter.add_edge(event)
+            steps += self._cut(event)
             if len(steps) >= _STEPS_AT_ONCE:
-                free = sum(not batch.done for batch in batches) < _AHEAD * processes.count
-                batches.append(self._begin(steps, processes if free else ALONE))
+                weighings += self._judge(steps)
                 steps = []
-                # Judging waits: the others are to have their windows first, and at the end there
-                # is something to do until they are ready.
-                if len(batches) > _KEPT:
-                    weighings += self._judge_batch(batches.popleft())
-        steps += self._segmenter.finish()
-        for batch in (*batches, self._begin(steps, ALONE)):
-            weighings += self._judge_batch(batch)
-        return weighings
+        return weighings + self._judge(steps) + self.finish()
 
-    def _begin(self, steps: list[EyeEdge | WeighWindow], processes: SideProcesses) -> '_Batch':
-        """Have the windows among some steps weighed: at once, or beside this process."""
+    def _cut(self, event: SampleBlock | EyeEdge) -> Sequence[EyeEdge | WeighWindow]:
+        """Return what the stages after the segmenter take of an event, in their order."""
+        if isinstance(event, SampleBlock):
+            return self._segmenter.add_samples(event)
+        return [event, *self._segmenter.add_edge(event)]
+
+    def _judge(self, steps: Sequence[EyeEdge | WeighWindow]) -> list[Weighing]:
         windows = [step for step in steps if isinstance(step, WeighWindow)]
-        if not processes.count:
-            return _Batch(steps, self._stages.estimate_all(windows))
-        return _Batch(steps, [], processes.submit(estimate_all, *self._stages.parameters, windows))
-
-    def _judge_batch(self, batch: '_Batch') -> list[Weighing]:
-        found = batch.estimates
-        if batch.call is not None:
-            try:
-                found = batch.call.result()
-            # A window that is the reason fails here as well, a process that was killed does not.
-            except Exception:
-                windows = [step for step in batch.steps if isinstance(step, WeighWindow)]
-                found = self._stages.estimate_all(windows)
-        estimates = iter(found)
+        estimates = iter(estimate_masses(windows, self._denoiser, self._identifier))
         weighings = []
-        for step in batch.steps:
+        for step in steps:
             if isinstance(step, EyeEdge):
                 self._reject_stage.add_edge(step)  # gives no verdict: no time runs here
             else:
-                weighings += self._judge(next(estimates))
+                estimate = next(estimates)
+                verdicts = self._reject_stage.add_estimate(estimate)
+                weighings += [Weighing(estimate, verdict) for verdict in verdicts]
         return weighings
 
-    def _weigh(self, windows: list[WeighWindow]) -> list[Weighing]:
-        return [
-            weighing
-            for window in windows
-            for weighing in self._judge(self._stages.estimate(window))
-        ]
 
-    def _judge(self, estimate: MassEstimate) -> list[Weighing]:
-        verdicts = self._reject_stage.add_estimate(estimate)
-        return [Weighing(estimate, verdict) for verdict in verdicts]
+def estimate_masses(
+    windows: Sequence[WeighWindow], denoiser: Denoiser, identifier: Identifier
+) -> list[MassEstimate]:
+    """Return the estimate of each window; windows of an estimator that asks for it are denoised."""
+    if identifier.needs_denoised:
+        windows = denoiser.denoise_all(windows)
+    return identifier.estimate_all(windows)
 
 
 # Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
 _STEPS_AT_ONCE = 1500
-# Batches that each process beside this one has before it; what is more is done in this one. In
-# the end it takes about as long to judge all as the others need for so many.
-_AHEAD = 4
-_KEPT = 16  # batches that are not judged yet
-
-
-@dataclass(frozen=True, slots=True)
-class _Batch:
-    """Steps of the reject stage, and the estimates of the windows among them or their call."""
-
-    steps: Sequence[EyeEdge | WeighWindow]
-    estimates: list[MassEstimate]
-    call: Future[list[MassEstimate]] | None = None
-
-    @property
-    def done(self) -> bool:
-        return self.call is None or self.call.done()

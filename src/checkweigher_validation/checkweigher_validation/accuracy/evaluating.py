@@ -1,18 +1,19 @@
 """Weighing passes of known mass by several estimators, for the accuracy tables."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
 
+from joblib import delayed
 import numpy as np
 
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier
-from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.pipeline.line import LineParameters, estimate_masses
 from checkweigher_dsp.records import MassEstimate
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.passes import KnownPass
-from checkweigher_validation.parallel import run_all
+from checkweigher_validation.jobs import run_jobs
 
 _MASS_STEP = 1e-6  # kg; references that differ by less are one mass
 
@@ -41,11 +42,8 @@ class Batch:
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
     """Return what the denoise and identifier stages make of each pass."""
-    identifier = Identifier(parameters.identifier)
     windows = [each.window for each in passes]
-    if identifier.needs_denoised:
-        windows = Denoiser(parameters.denoise).denoise_all(windows)
-    return identifier.estimate_all(windows)
+    return estimate_masses(windows, Denoiser(parameters.denoise), Identifier(parameters.identifier))
 
 
 def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionResult]:
@@ -81,23 +79,10 @@ def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionRe
     return results
 
 
-@dataclass(frozen=True, slots=True)
-class Weighing:
-    """One estimator on one batch."""
-
-    batch: Batch
-    parameters: LineParameters
-
-    def run(self) -> list[ConditionResult]:
-        """Return its results."""
-        return evaluate_batch(self.batch, self.parameters)
-
-
 def evaluate_batches(
     batches: Sequence[Batch],
     estimators: Sequence[LineParameters],
-    workers: int | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    n_jobs: int | None = None,
 ) -> tuple[ConditionResult, ...]:
     """Return the results of estimators on batches, the estimators in their order.
 
@@ -107,9 +92,11 @@ def evaluate_batches(
         The passes.
     estimators : sequence of LineParameters
         Parameters of the line, each with another estimator.
-    workers, on_progress
-        As in `checkweigher_validation.parallel.run_all`.
+    n_jobs : int, optional
+        Processes, as in `checkweigher_validation.jobs.run_jobs`.
     """
-    tasks = [Weighing(batch, parameters) for parameters in estimators for batch in batches]
-    found = run_all(tasks, workers, on_progress)
+    calls = [
+        delayed(evaluate_batch)(batch, parameters) for parameters in estimators for batch in batches
+    ]
+    found = run_jobs(calls, n_jobs, 'weighing')
     return tuple(condition for conditions in found for condition in conditions)

@@ -1,7 +1,6 @@
 """Weighing recordings without the graph."""
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.pipeline.side_processes import ALONE, SideProcesses
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
@@ -9,11 +8,7 @@ from checkweigher_validation.accuracy.results import ItemResult, join_all
 
 
 def weigh(
-    recording: Recording,
-    parameters: LineParameters,
-    *,
-    progress: bool = False,
-    processes: SideProcesses = ALONE,
+    recording: Recording, parameters: LineParameters, *, progress: bool = False
 ) -> list[ItemResult]:
     """Weigh everything in a recording.
 
@@ -25,8 +20,6 @@ def weigh(
         Of all stages.
     progress : bool
         Whether to show a bar on a terminal if it takes more than two seconds.
-    processes : SideProcesses
-        What makes a part of the masses meanwhile; they are the same to the last bit.
 
     Returns
     -------
@@ -37,4 +30,4 @@ def weigh(
     # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
-    return join_all(line.weigh_all(events, processes), recording.edges, recording.references)
+    return join_all(line.weigh_all(events), recording.edges, recording.references)

@@ -1,8 +1,10 @@
 """The protocol of the paper on a simulated machine: 5 speeds, 5 masses, 120 passes of each."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
+from joblib import delayed
 import numpy as np
 
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -11,7 +13,7 @@ from checkweigher_recording.simulation.simulator import Simulation, SimulationPa
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
-from checkweigher_validation.parallel import run_all
+from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.gauss_markov_bound import bound
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
@@ -87,38 +89,13 @@ class Protocol:
     speeds: tuple[float, ...] = SPEEDS
 
 
-@dataclass(frozen=True, slots=True)
-class _RunTask:
-    profile: str
-    speed: float
-    passes: int
-    seed: int
-    segmenter: SegmenterParameters
-
-    def run(self) -> Run:
-        return run_protocol(self.profile, self.speed, self.passes, self.seed, self.segmenter)
-
-
-@dataclass(frozen=True, slots=True)
-class _BoundTask:
-    parameters: SimulationParameters
-    mass: float
-
-    def run(self) -> float:
-        return bound(self.parameters, self.mass).std_dev
-
-
-Progress = Callable[[str, int, int], None]
-
-
 def evaluate_protocol(
     protocol: Protocol,
     estimators: Sequence[str],
     base: LineParameters,
     *,
     budget: int = BUDGET,
-    workers: int | None = None,
-    on_progress: Progress = lambda doing, done, total: None,
+    n_jobs: int | None = None,
 ) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
     """Simulate the protocol, tune on the first half of the passes, weigh both halves.
 
@@ -132,10 +109,8 @@ def evaluate_protocol(
         Everything that is not tuned.
     budget : int
         Evaluations of each estimator at each speed.
-    workers : int, optional
-        Processes; by default one for each core.
-    on_progress : callable
-        Called with what is being done, how many steps of it are done, and that of all.
+    n_jobs : int, optional
+        Processes, as in `checkweigher_validation.jobs.run_jobs`.
 
     Returns
     -------
@@ -144,37 +119,33 @@ def evaluate_protocol(
     tuned : dict of str to Tuned
         By estimator.
     """
-
-    def progress(doing: str) -> Callable[[int, int], None]:
-        return lambda done, total: on_progress(doing, done, total)
-
-    runs = run_all(
+    runs = run_jobs(
         [
-            _RunTask(protocol.profile, speed, protocol.passes, protocol.seed, base.segmenter)
+            delayed(run_protocol)(
+                protocol.profile, speed, protocol.passes, protocol.seed, base.segmenter
+            )
             for speed in protocol.speeds
         ],
-        workers, progress('simulating'),
-    )  # fmt: skip
-    found = run_all(
-        [_BoundTask(run.simulation, mass) for run in runs for mass in MASSES],
-        workers, progress('computing the bound'),
-    )  # fmt: skip
-    bounds = [
-        dict(zip(MASSES, found[first : first + len(MASSES)], strict=True))
-        for first in range(0, len(found), len(MASSES))
-    ]
+        n_jobs,
+        'simulating',
+    )
+    bounds = run_jobs(
+        [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES],
+        n_jobs,
+        'computing the bound',
+    )
+    bound_of = {
+        (run.speed, mass): found.std_dev
+        for (run, mass), found in zip(product(runs, MASSES), bounds, strict=True)
+    }
     groups = [
         SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
     ]
-    tuned = tune(
-        groups, estimators, base, budget=budget, workers=workers, on_progress=progress('tuning')
-    )
+    tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
     batches = [
-        Batch(run.speed, part, passes, bound_by_mass)
-        for run, bound_by_mass in zip(runs, bounds, strict=True)
+        Batch(run.speed, part, passes, {mass: bound_of[run.speed, mass] for mass in MASSES})
+        for run in runs
         for part, passes in (('train', run.train), ('test', run.test))
     ]
-    conditions = evaluate_batches(
-        batches, [tuned[name].parameters for name in estimators], workers, progress('weighing')
-    )
-    return conditions, tuned
+    lines = [tuned[name].parameters for name in estimators]
+    return evaluate_batches(batches, lines, n_jobs), tuned

@@ -1,9 +1,11 @@
 """Tuning: from passes of known mass to parameters, for each estimator by the same procedure."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 import math
 
+from joblib import delayed
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +13,7 @@ from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
-from checkweigher_validation.parallel import run_all
+from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.calibration import (
     Calibration,
     Uncertainty,
@@ -81,10 +83,9 @@ def tune(
     base: LineParameters,
     *,
     budget: int = BUDGET,
-    workers: int | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    n_jobs: int | None = None,
 ) -> dict[str, Tuned]:
-    """Tune estimators, each belt speed for itself, the speeds side by side on all cores.
+    """Tune estimators, each belt speed for itself and the speeds side by side.
 
     Parameters
     ----------
@@ -96,10 +97,8 @@ def tune(
         Everything that is not tuned.
     budget : int
         Evaluations of each estimator at each speed, at most.
-    workers : int, optional
-        Processes; by default one for each core.
-    on_progress : callable
-        Called with the number of steps that are done and that of all.
+    n_jobs : int, optional
+        Processes, as in `checkweigher_validation.jobs.run_jobs`.
 
     Returns
     -------
@@ -120,67 +119,44 @@ def tune(
     if not groups:
         raise TuningError('no whole pass of known mass')
     prepared = {name: TUNABLES[name].prepare(groups, base) for name in estimators}
-    tasks = [
-        _Task(name, group, prepared[name], budget, fold)
-        for name in estimators
-        for group in groups
-        for fold in (None, *range(_checks(group)))
-    ]
-    tuned: dict[tuple[str, float], TunedSpeed] = {}
-    checked: dict[tuple[str, float], list[NDArray[np.float64]]] = {}
-    for task, result in zip(tasks, run_all(tasks, workers, on_progress), strict=True):
-        key = task.estimator, task.group.speed
-        if isinstance(result, TunedSpeed):
-            tuned[key] = result
-        else:
-            checked.setdefault(key, []).append(result)
-    for key, parts in checked.items():
-        errors, masses = np.concatenate(parts, axis=1)
-        tuned[key] = replace(tuned[key], held_out_index=index(errors, masses))
+    tasks = [(name, group, prepared[name], budget) for name in estimators for group in groups]
+    calls = [delayed(_tune_speed)(*task) for task in tasks]
+    calls += [delayed(_check_fold)(*task, fold) for task in tasks for fold in _folds(task[1])]
+    found = run_jobs(calls, n_jobs, 'tuning')
+    learned_speeds, held_out = found[: len(tasks)], iter(found[len(tasks) :])
+    tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators}
+    for (name, group, *_), learned in zip(tasks, learned_speeds, strict=True):
+        errors, masses = np.concatenate([next(held_out) for _ in _folds(group)], axis=1)
+        learned = replace(learned, held_out_index=index(errors, masses))
         if len(masses) < _FEWEST_FOR_HALVES:
             # A search fits a handful of passes far better than those to come.
-            tuned[key] = replace(tuned[key], uncertainty=uncertainty(errors, masses))
-    return {
-        name: _assemble(name, [tuned[name, group.speed] for group in groups], prepared[name])
-        for name in estimators
-    }
+            learned = replace(learned, uncertainty=uncertainty(errors, masses))
+        tuned[name].append(learned)
+    return {name: _assemble(name, tuned[name], prepared[name]) for name in estimators}
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """Tune on all passes of a speed, or on all but a fold of them, to weigh that by it."""
-
-    estimator: str
-    group: SpeedGroup
-    base: LineParameters
-    budget: int
-    fold: int | None
-
-    def run(self) -> 'TunedSpeed | NDArray[np.float64]':
-        """Return what was learned, or the errors and masses (2, n) of the fold, kg."""
-        if self.fold is None:
-            return _tune_speed(self.estimator, self.group, self.base, self.budget)
-        count = _checks(self.group)
-        # In turn, so that a drift and every mass are in both halves.
-        numbered = list(zip(folds(self.group.masses, count), self.group.passes, strict=True))
-        learn, check = (
-            replace(
-                self.group,
-                passes=tuple(each for fold, each in numbered if (fold == self.fold) == held_out),
-            )
-            for held_out in (False, True)
-        )
-        # Half the passes, half the evaluations: the check costs as much as what it checks.
-        budget = max(self.budget // 2, 1) if count == 2 else self.budget
-        learned = _tune_speed(self.estimator, learn, self.base, budget)
-        parameters = _assemble(self.estimator, [learned], self.base).parameters
-        estimates = estimates_of(check, parameters)
-        return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
+def _folds(group: SpeedGroup) -> range:
+    """Return the numbers of the folds: halves, or every single pass where there are few."""
+    return range(2 if len(group.passes) >= _FEWEST_FOR_HALVES else len(group.passes))
 
 
-def _checks(group: SpeedGroup) -> int:
-    """Return the number of folds of a group: halves, or every single pass where there are few."""
-    return 2 if len(group.passes) >= _FEWEST_FOR_HALVES else len(group.passes)
+def _check_fold(
+    estimator: str, group: SpeedGroup, base: LineParameters, budget: int, fold: int
+) -> NDArray[np.float64]:
+    """Tune on all passes of a speed but a fold, and return its errors and masses, (2, n), kg."""
+    count = len(_folds(group))
+    # In turn, so that a drift and every mass are in both halves.
+    held_out = folds(group.masses, count) == fold
+    learn, check = (
+        replace(group, passes=tuple(compress(group.passes, chosen)))
+        for chosen in (~held_out, held_out)
+    )
+    # Half the passes, half the evaluations: the check costs as much as what it checks.
+    budget = max(budget // 2, 1) if count == 2 else budget
+    learned = _tune_speed(estimator, learn, base, budget)
+    parameters = _assemble(estimator, [learned], base).parameters
+    estimates = estimates_of(check, parameters)
+    return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
 
 
 def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget: int) -> TunedSpeed:

@@ -66,11 +66,11 @@ def test_references_that_differ_by_less_than_they_are_written_with_are_one_mass(
     assert condition.count == 2
 
 
-@pytest.mark.parametrize('workers', [1, 2])
-def test_estimators_come_in_their_order_each_with_all_batches(workers):
+@pytest.mark.parametrize('n_jobs', [1, 2])
+def test_estimators_come_in_their_order_each_with_all_batches(n_jobs):
     batches = [Batch(1.0, 'train', PASSES[:2], {}), Batch(1.0, 'test', PASSES[:1], {})]
     lines = [CALIBRATED, LineParameters().with_estimator('hann')]
-    found = evaluate_batches(batches, lines, workers)
+    found = evaluate_batches(batches, lines, n_jobs)
     assert [(one.estimator, one.part, one.mass) for one in found] == [
         ('mean', 'train', 0.1), ('mean', 'train', 0.204), ('mean', 'test', 0.204),
         ('hann', 'train', 0.1), ('hann', 'train', 0.204), ('hann', 'test', 0.204),

@@ -62,12 +62,7 @@ ESTIMATORS = ('hann', 'iswd_eksi', 'gauss_markov')
 
 @pytest.fixture(scope='module')
 def evaluation():
-    told = []
-    conditions, tuned = evaluate_protocol(
-        PROTOCOL, ESTIMATORS, LineParameters(), budget=2, workers=1,
-        on_progress=lambda *progress: told.append(progress),
-    )  # fmt: skip
-    return conditions, tuned, told
+    return evaluate_protocol(PROTOCOL, ESTIMATORS, LineParameters(), budget=2, n_jobs=1)
 
 
 def select(conditions, estimator, part='test'):
@@ -76,7 +71,7 @@ def select(conditions, estimator, part='test'):
 
 class TestEvaluation:
     def test_every_estimator_weighs_all_passes_of_both_parts(self, evaluation):
-        conditions, tuned, _ = evaluation
+        conditions, tuned = evaluation
         assert tuple(tuned) == ESTIMATORS
         for estimator in ESTIMATORS:
             for part in ('train', 'test'):
@@ -84,12 +79,6 @@ class TestEvaluation:
                 expected = [(speed, mass) for speed in PROTOCOL.speeds for mass in MASSES]
                 assert [(one.speed, one.mass) for one in found] == expected
                 assert {(one.count, one.faults) for one in found} == {(12, 0)}
-
-    def test_progress_of_each_step_is_told_to_its_end(self, evaluation):
-        ends = {doing: done == total for doing, done, total in evaluation[2]}
-        assert ends == {
-            'simulating': True, 'computing the bound': True, 'tuning': True, 'weighing': True
-        }  # fmt: skip
 
     @pytest.mark.parametrize('estimator', ['iswd_eksi', 'gauss_markov'])
     def test_none_is_better_than_the_bound_and_the_tuned_ones_are_better_than_hann(

@@ -37,7 +37,7 @@ def read(tmp_path):
 
 @pytest.mark.parametrize('name', TUNABLES)
 def test_what_was_tuned_comes_back(groups, read, name):
-    tuned = tune(groups, [name], LineParameters(), budget=2, workers=1)
+    tuned = tune(groups, [name], LineParameters(), budget=2, n_jobs=1)
     assert read(parameter_file(tuned, ['a bag'])) == tuned[name].parameters
 
 
@@ -50,7 +50,7 @@ def test_so_does_everything_that_it_was_tuned_with(groups, read):
             'identifier.fir_model.weights': (1.0, 1.0),
         }
     )  # fmt: skip
-    tuned = tune(groups, ['fir_model', 'tvlpf'], base, budget=2, workers=1)
+    tuned = tune(groups, ['fir_model', 'tvlpf'], base, budget=2, n_jobs=1)
     found = read(parameter_file(tuned, []))
     expected = tuned['fir_model'].parameters.with_values(
         {
@@ -63,7 +63,7 @@ def test_so_does_everything_that_it_was_tuned_with(groups, read):
 
 
 def test_of_several_estimators_the_first_is_chosen_and_denoise_is_that_of_iswd_eksi(groups, read):
-    tuned = tune(groups, ['hann', 'iswd_eksi'], LineParameters(), budget=2, workers=1)
+    tuned = tune(groups, ['hann', 'iswd_eksi'], LineParameters(), budget=2, n_jobs=1)
     found = read(parameter_file(tuned, []))
     assert found.identifier.estimator == 'hann'
     assert found.identifier.hann == tuned['hann'].parameters.identifier.hann
@@ -72,7 +72,7 @@ def test_of_several_estimators_the_first_is_chosen_and_denoise_is_that_of_iswd_e
 
 
 def test_the_same_passes_give_the_same_file_but_for_the_date(groups):
-    one, other = (tune(groups, ['aid'], LineParameters(), budget=20, workers=1) for _ in range(2))
+    one, other = (tune(groups, ['aid'], LineParameters(), budget=20, n_jobs=1) for _ in range(2))
     assert parameter_file(one, ['a'], NEW_YEAR) == parameter_file(other, ['a'], NEW_YEAR)
     lines = zip(
         parameter_file(one, ['a'], NEW_YEAR).splitlines(),
@@ -84,7 +84,7 @@ def test_the_same_passes_give_the_same_file_but_for_the_date(groups):
 
 
 def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
-    tuned = tune(groups, ['mean'], LineParameters(), budget=2, workers=1)
+    tuned = tune(groups, ['mean'], LineParameters(), budget=2, n_jobs=1)
     slow, fast = tuned['mean'].speeds
     text = parameter_file(tuned, ['bags/one: 8 passes', 'bags/two: 8 passes'])
     assert '# from bags/one: 8 passes\n# from bags/two: 8 passes\n' in text
@@ -96,6 +96,6 @@ def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
 
 
 def test_whatever_a_bag_says_of_its_load_cell_stays_a_comment(groups, read):
-    tuned = tune(groups, ['mean'], LineParameters(), budget=2, workers=1)
+    tuned = tune(groups, ['mean'], LineParameters(), budget=2, n_jobs=1)
     hostile = 'bag\n/**/reject:\n  ros__parameters: {lower_limit: 1.0}\r\x00\u2028x'
     assert read(parameter_file(tuned, [hostile])) == tuned['mean'].parameters

@@ -36,7 +36,7 @@ def group(request):
 
 def tuned_on(group, name, budget=6):
     """Tune, and return what was searched with the parameters, and the tunable."""
-    tuned = tune([group], [name], LineParameters(), budget=budget, workers=1)[name]
+    tuned = tune([group], [name], LineParameters(), budget=budget, n_jobs=1)[name]
     tunable = TUNABLES[name](group, TUNABLES[name].prepare([group], LineParameters()))
     values = {key.rpartition('.')[2]: value[0] for key, value in tuned.speeds[0].lists.items()}
     return tuned, tunable, values
@@ -154,7 +154,7 @@ def test_thresholds_are_searched_where_the_table_has_them_and_stay_off_where_not
     table_1 |= {f'denoise.lambda{level}': TABLE_1.thresholds[level - 5] for level in (5, 6, 7)}
     base = LineParameters().with_values(table_1)
     with_them, without = (
-        tune([group], ['iswd_eksi'], known, budget=budget, workers=1)['iswd_eksi'].parameters
+        tune([group], ['iswd_eksi'], known, budget=budget, n_jobs=1)['iswd_eksi'].parameters
         for known in (base, LineParameters())
     )
     searched = ('gamma5', 'lambda5', 'lambda6', 'lambda7')

@@ -44,12 +44,12 @@ def changed(group, **values):
 class TestRefusals:
     def test_no_passes(self):
         with pytest.raises(TuningError, match='no whole pass of known mass'):
-            tune([], ['mean'], BASE, workers=1)
+            tune([], ['mean'], BASE, n_jobs=1)
 
     def test_fewer_passes_than_tell_of_their_scatter(self, slow, fast):
         few = SpeedGroup(fast.speed, fast.passes[: FEWEST_PASSES - 1])
         with pytest.raises(TuningError, match=r'2 passes of known mass at 90\.\d m/min'):
-            tune([slow, few], ['mean'], BASE, workers=1)
+            tune([slow, few], ['mean'], BASE, n_jobs=1)
 
     @pytest.mark.parametrize('name', ['mean', 'iswd_eksi', 'gauss_markov'])
     @pytest.mark.filterwarnings('error')
@@ -57,18 +57,18 @@ class TestRefusals:
         # A load cell that is mounted the other way round.
         upside_down = changed(fast, counts_per_kg=-fast.passes[0].window.counts_per_kg)
         with pytest.raises(TuningError, match=f'{name} finds no mass in some of the 24 passes'):
-            tune([upside_down], [name], BASE, budget=2, workers=1)
+            tune([upside_down], [name], BASE, budget=2, n_jobs=1)
 
-    @pytest.mark.parametrize('workers', [1, 2])
-    def test_the_refusal_of_another_process_arrives(self, slow, fast, workers):
+    @pytest.mark.parametrize('n_jobs', [1, 2])
+    def test_the_refusal_of_another_process_arrives(self, slow, fast, n_jobs):
         upside_down = changed(fast, counts_per_kg=-fast.passes[0].window.counts_per_kg)
         with pytest.raises(TuningError, match=r'mean finds no mass .* at 90\.'):
-            tune([slow, upside_down], ['mean'], BASE, workers=workers)
+            tune([slow, upside_down], ['mean'], BASE, n_jobs=n_jobs)
 
     @pytest.mark.parametrize('name', ['hann', 'tvlpf', 'aid', 'iswd_eksi', 'fir_model'])
     def test_a_few_passes_will_do(self, fast, name):
         few = SpeedGroup(fast.speed, fast.passes[:FEWEST_PASSES])
-        tuned = tune([few], [name], BASE, budget=6, workers=1)[name]
+        tuned = tune([few], [name], BASE, budget=6, n_jobs=1)[name]
         assert tuned.parameters.identifier.chosen.calibrated
         assert all(each.weighed for each in weigh_passes(few.passes, tuned.parameters))
 
@@ -76,7 +76,7 @@ class TestRefusals:
 class TestWhatIsLearned:
     def test_of_the_mean_it_is_the_line_through_masses_and_means(self, fast):
         # Nothing is searched, so that all of it can be had from the windows.
-        tuned = tune([fast], ['mean'], BASE, workers=1)['mean']
+        tuned = tune([fast], ['mean'], BASE, n_jobs=1)['mean']
         windows = [each.window for each in fast.passes]
         means = np.array([w.force[w.window_begin : w.window_end].mean() for w in windows])
         masses = fast.masses
@@ -99,13 +99,13 @@ class TestWhatIsLearned:
 
     def test_halves_weigh_each_other(self, fast):
         # Passes of two masses in turn, of which each half has both.
-        tuned = tune([simulated(count=40, masses=(0.1, 0.2))], ['mean'], BASE, workers=1)['mean']
+        tuned = tune([simulated(count=40, masses=(0.1, 0.2))], ['mean'], BASE, n_jobs=1)['mean']
         (speed,) = tuned.speeds
         assert 0.8 * speed.index < speed.held_out_index < 1.5 * speed.index
 
     def test_few_passes_are_weighed_one_by_one_by_what_the_others_taught(self):
         few = simulated(count=19)
-        (speed,) = tune([few], ['mean'], BASE, workers=1)['mean'].speeds
+        (speed,) = tune([few], ['mean'], BASE, n_jobs=1)['mean'].speeds
         windows = [each.window for each in few.passes]
         means = np.array([w.force[w.window_begin : w.window_end].mean() for w in windows])
         masses = few.masses
@@ -123,15 +123,15 @@ class TestWhatIsLearned:
     def test_a_larger_budget_is_no_worse_and_a_fair_one_is_better(self, name):
         soft = simulated(count=15, profile='soft')
         found = [
-            tune([soft], [name], BASE, budget=budget, workers=1)[name].speeds[0].index
+            tune([soft], [name], BASE, budget=budget, n_jobs=1)[name].speeds[0].index
             for budget in (1, 25)
         ]
         assert found[1] < 0.95 * found[0]
 
     def test_each_speed_has_its_own_values_slowest_first(self, slow, fast):
-        tuned = tune([slow, fast], ['tvlpf'], BASE, budget=8, workers=1)['tvlpf']
+        tuned = tune([slow, fast], ['tvlpf'], BASE, budget=8, n_jobs=1)['tvlpf']
         alone = [
-            tune([group], ['tvlpf'], BASE, budget=8, workers=1)['tvlpf'].parameters.identifier.tvlpf
+            tune([group], ['tvlpf'], BASE, budget=8, n_jobs=1)['tvlpf'].parameters.identifier.tvlpf
             for group in (slow, fast)
         ]
         known = tuned.parameters.identifier.tvlpf
@@ -144,25 +144,21 @@ class TestWhatIsLearned:
 
     def test_what_is_not_tuned_stays(self, fast):
         base = BASE.with_values({'segmenter.settle_time': 0.3, 'denoise.lambda7': (1.0,) * 5})
-        tuned = tune([fast], ['iswd_eksi'], base, budget=2, workers=1)['iswd_eksi']
+        tuned = tune([fast], ['iswd_eksi'], base, budget=2, n_jobs=1)['iswd_eksi']
         assert tuned.parameters.segmenter == base.segmenter
         assert tuned.parameters.denoise.lambda7 == (1.0,)
         assert tuned.parameters.identifier.hann == base.identifier.hann
 
     def test_it_can_be_tuned_again_from_where_it_ended(self, slow, fast):
-        first = tune([slow, fast], ['iswd_eksi'], BASE, budget=2, workers=1)['iswd_eksi']
-        again = tune([fast], ['iswd_eksi'], first.parameters, budget=2, workers=1)['iswd_eksi']
+        first = tune([slow, fast], ['iswd_eksi'], BASE, budget=2, n_jobs=1)['iswd_eksi']
+        again = tune([fast], ['iswd_eksi'], first.parameters, budget=2, n_jobs=1)['iswd_eksi']
         assert again.parameters.denoise.speeds == again.parameters.identifier.iswd_eksi.speeds
         assert len(again.parameters.denoise.speeds) == 1
 
 
 def test_one_and_two_processes_learn_the_same(slow, fast):
-    told = []
     one, two = (
-        tune([slow, fast], ['tvlpf', 'fir_model'], BASE, budget=12, workers=workers,
-             on_progress=lambda done, total: told.append((done, total)))
-        for workers in (1, 2)
-    )  # fmt: skip
+        tune([slow, fast], ['tvlpf', 'fir_model'], BASE, budget=12, n_jobs=n_jobs)
+        for n_jobs in (1, 2)
+    )
     assert one == two
-    # Two estimators at two speeds, each on all passes and on two halves.
-    assert told == 2 * [(done, 12) for done in range(1, 13)]

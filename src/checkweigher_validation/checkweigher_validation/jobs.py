@@ -1,0 +1,145 @@
+"""Independent jobs side by side, by joblib.
+
+In a ``joblib.parallel_config`` block the same jobs run on the backend that it names.
+"""
+
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
+import os
+import signal
+import threading
+from typing import Any
+import warnings
+
+from joblib import Parallel, effective_n_jobs
+from tqdm import tqdm
+
+ALL_CORES = -1  # as joblib takes it
+
+_DELAY = 1.0  # s before a bar appears
+# All cores have a worker: more threads of a matrix library only stand in each other's way. The
+# parameter of joblib for it, inner_max_num_threads, would tie the jobs to one backend.
+_ENVIRONMENT = {
+    'OMP_NUM_THREADS': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+    'MKL_NUM_THREADS': '1',
+    # What killed workers leave is cleaned up without a word.
+    'PYTHONWARNINGS': 'ignore::UserWarning:joblib.externals.loky.backend.resource_tracker',
+}
+
+
+class WorkerLostError(ValueError):
+    """A process that died at its work."""
+
+
+def run_jobs(
+    calls: Sequence[Any], n_jobs: int | None = None, doing: str = '', unit: str = 'steps'
+) -> list[Any]:
+    """Make independent calls, with a bar on a terminal if they take more than a second.
+
+    Parameters
+    ----------
+    calls : sequence
+        Of ``joblib.delayed(function)(...)``; what goes there and back is pickled.
+    n_jobs : int, optional
+        Processes, as joblib takes it: `ALL_CORES` for one each; by default as many as the active
+        ``joblib.parallel_config`` says, without one this process alone.
+    doing, unit : str
+        What the bar says, and what it counts.
+
+    Returns
+    -------
+    list
+        What the calls return, in their order.
+
+    Raises
+    ------
+    WorkerLostError
+        If a process was killed.
+    """
+    n_jobs = min(effective_n_jobs(n_jobs), max(len(calls), 1))
+    with (
+        _worker_environment(),
+        _no_word_of_what_is_given_up(),
+        Parallel(n_jobs=n_jobs, return_as='generator') as parallel,
+        ExitStack() as at_the_end,
+    ):
+        with _interrupts_held_back():
+            results = parallel(calls)
+            at_the_end.callback(_end, results)
+        try:
+            bar = tqdm(
+                results, doing, len(calls), unit=f' {unit}', leave=False, disable=None, delay=_DELAY
+            )
+            return list(bar)
+        except BrokenExecutor:
+            raise WorkerLostError(
+                'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
+            ) from None
+
+
+def _end(results: Generator[Any]) -> None:
+    """End the workers if there are results to come."""
+    with _interrupts_held_back():
+        results.close()
+
+
+@contextmanager
+def _worker_environment() -> Iterator[None]:
+    """Set what the processes that start within are to find in their environment."""
+    kept = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    os.environ.update(_ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in kept.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Have Ctrl-C wait until the end of the block, and processes that start within take none.
+
+    This process ends them. One that is interrupted itself, at its imports for example, would say
+    so with a traceback, and one that is interrupted as it starts another leaves it half started.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    resource_tracker.ensure_running()  # else the first worker starts it, which unblocks SIGINT
+    came: list[int] = []
+    # A thread of a matrix library may take the signal though it is blocked here, hence a handler.
+    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+    if came and callable(handler):
+        handler(signal.SIGINT, None)
+
+
+@contextmanager
+def _no_word_of_what_is_given_up() -> Iterator[None]:
+    """Leave unsaid what joblib says if calls are given up.
+
+    It warns of their number, and its thread that hands them out misses those it has not come to.
+    """
+
+    def say(arguments: threading.ExceptHookArgs) -> None:
+        if arguments.exc_type is not KeyError:
+            hook(arguments)
+
+    hook, threading.excepthook = threading.excepthook, say
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings('ignore', r'\d+ tasks which', UserWarning)
+            yield
+    finally:
+        threading.excepthook = hook

@@ -1,0 +1,119 @@
+"""Jobs on several processes: their order, their errors, their bar, and what Ctrl-C does to them."""
+
+import io
+import math
+import operator
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from joblib import delayed, parallel_config
+import pytest
+
+from checkweigher_validation import jobs
+from checkweigher_validation.jobs import WorkerLostError, run_jobs
+
+PATIENCE = 60.0  # s, for processes to come up on a busy machine
+
+
+@pytest.mark.parametrize('n_jobs', [1, 2])
+def test_results_come_in_the_order_of_the_calls(n_jobs):
+    calls = [delayed(operator.mul)(number, 2) for number in range(5)]
+    assert run_jobs(calls, n_jobs) == [0, 2, 4, 6, 8]
+
+
+def test_nothing_to_do_is_done():
+    assert run_jobs([], 2) == []
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize('n_jobs', [1, 2])
+def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, n_jobs):
+    terminal = Terminal()
+    monkeypatch.setattr(sys, 'stderr', terminal)
+    monkeypatch.setattr(jobs, '_DELAY', 0.0)
+    run_jobs([delayed(time.sleep)(0.15)] * 5, n_jobs, 'tuning')
+    assert 'tuning:   0%' in terminal.getvalue()
+    assert 'tuning: 100%' in terminal.getvalue()
+
+
+def test_where_no_terminal_is_there_is_no_bar(capfd):
+    run_jobs([delayed(operator.neg)(1)] * 2, 2, 'tuning')
+    assert capfd.readouterr().err == ''
+
+
+def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypatch):
+    monkeypatch.delenv('OMP_NUM_THREADS', raising=False)
+    monkeypatch.setenv('OPENBLAS_NUM_THREADS', '7')
+    names = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
+    process, *threads = run_jobs([delayed(os.getpid)(), *(delayed(os.getenv)(n) for n in names)], 2)
+    assert process != os.getpid()
+    assert threads == ['1', '1']
+    assert 'OMP_NUM_THREADS' not in os.environ
+    assert os.environ['OPENBLAS_NUM_THREADS'] == '7'
+
+
+def test_backend_and_number_of_jobs_are_those_of_the_context():
+    calls = [delayed(os.getpid)(), delayed(os.getpid)()]
+    with parallel_config(backend='threading', n_jobs=2):
+        assert run_jobs(calls) == [os.getpid()] * 2
+    with parallel_config(backend='loky', n_jobs=2):
+        assert os.getpid() not in run_jobs(calls)
+
+
+@pytest.mark.parametrize('n_jobs', [1, 2])
+def test_the_error_of_a_call_arrives_as_it_was_raised(n_jobs):
+    with pytest.raises(ValueError, match=r'math domain error|nonnegative'):
+        run_jobs([delayed(math.sqrt)(4), delayed(math.sqrt)(-1)], n_jobs)
+
+
+INTERRUPTED = """
+from pathlib import Path
+import os, signal, sys, time
+from joblib import delayed
+from checkweigher_validation.jobs import run_jobs
+
+def work(folder, duration):
+    Path(folder, str(os.getpid())).touch()
+    while len(os.listdir(folder)) < 2:
+        time.sleep(0.01)
+    time.sleep(duration)
+    Path(folder, 'one is idle').touch()
+
+if __name__ == '__main__':
+    # A shell that runs the tests in the background has them ignore it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        run_jobs([delayed(work)(sys.argv[1], duration) for duration in (0.0, 600.0)], 2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(('when', 'files'), [('one begins', 1), ('one is idle', 3)])
+def test_an_interrupt_ends_all_processes_at_once_and_without_a_word(tmp_path: Path, when, files):
+    script, folder = tmp_path / 'script.py', tmp_path / 'workers'
+    script.write_text(INTERRUPTED)
+    folder.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, script, folder], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + PATIENCE
+    while len(list(folder.iterdir())) < files and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (130, '')
+
+
+def test_a_worker_that_is_killed_is_told_on_one_line():
+    with pytest.raises(WorkerLostError, match='a worker process was killed'):
+        run_jobs([delayed(os._exit)(9), delayed(os.getpid)()], 2)
+    assert run_jobs([delayed(operator.neg)(1), delayed(operator.neg)(2)], 2) == [-1, -2]
