@@ -30,8 +30,8 @@ from processes import HERE, Listener, Process, Usage, line_commands, listener, s
 
 from checkweigher_dsp.records import Decision, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import verdict_from
-from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_dsp.ros.ports import Port
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
@@ -121,13 +121,13 @@ class Arrivals:
 
     def listen(self, here: Listener, namespace: str = '') -> None:
         """Subscribe to the verdicts of a lane."""
-        topic: Topic = ports.VERDICT
+        topic: Port = ports.VERDICT
         name = f'/{namespace}/{topic.name}' if namespace else topic.name
         # Those from before this process was found as well.
         here.node.create_subscription(topic.type, name, self._take, topic.qos)
 
     def _take(self, message: Any) -> None:
-        self.verdicts.append((time.monotonic_ns(), verdict_from(message)))
+        self.verdicts.append((time.monotonic_ns(), to_record(ports.VERDICT, message)))
 
     def delays(self, stamps: Path) -> list[float]:
         """Return how long each verdict took from the edge t3 at the driver, ms."""

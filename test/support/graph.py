@@ -15,7 +15,7 @@ from checkweigher_bringup.spinning import Spinner
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.ports import Port
 
 
 def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
@@ -34,7 +34,7 @@ def call(node: Node, kind: Any, name: str, **values: object) -> Any:
     return answer.result()
 
 
-def publish(node: Node, topic: Topic, message: Any) -> None:
+def publish(node: Node, topic: Port, message: Any) -> None:
     publisher = node.create_publisher(topic.type, topic.name, topic.qos)
     wait_for(lambda: publisher.get_subscription_count() > 0)
     publisher.publish(message)
@@ -42,7 +42,7 @@ def publish(node: Node, topic: Topic, message: Any) -> None:
     node.destroy_publisher(publisher)
 
 
-def heard(node: Node, topic: Topic, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
+def heard(node: Node, topic: Port, *, latched: bool = False) -> 'queue.SimpleQueue[Any]':
     """Return where a topic's messages come, each with its time of arrival in ns."""
     messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
     node.create_subscription(

@@ -22,12 +22,7 @@ from checkweigher_dsp.records import (
     MassEstimate,
 )
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import (
-    edge_to,
-    estimate_to,
-    load_cell_to,
-    stamp_from,
-)
+from checkweigher_dsp.ros.conversion import stamp_from, to_message
 
 RECIPES = """
 products:
@@ -93,7 +88,7 @@ class Line:
         self.spinner.add(self.stages[name])
         self.publishers.clear()
 
-    def listen(self, topic: ports.Topic, callback: Callable[[Any], None]) -> None:
+    def listen(self, topic: ports.Port, callback: Callable[[Any], None]) -> None:
         self.operator.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def call(self, kind: Any, name: str, **request: object) -> Any:
@@ -107,12 +102,13 @@ class Line:
         self.judged += 1
         begin = (1_700_000_000 + 5 * self.judged) * NANOSECONDS
         t1, t2, t3, t4 = (begin + tenths * NANOSECONDS // 10 for tenths in range(4))
-        self.publish(ports.LOAD_CELL_INFO, load_cell_to(BELT, begin))
+        self.publish(ports.LOAD_CELL_INFO, to_message(ports.LOAD_CELL_INFO, BELT, stamp=begin))
         for stamp, eye, blocked in (
             (t1, Eye.INFEED, True), (t2, Eye.INFEED, False),
             (t3, Eye.OUTFEED, True), (t4, Eye.OUTFEED, False),
         ):  # fmt: skip
-            self.publish(ports.PHOTO_EYES, edge_to(EyeEdge(stamp, eye, blocked)))
+            edge = EyeEdge(stamp, eye, blocked)
+            self.publish(ports.PHOTO_EYES, to_message(ports.PHOTO_EYES, edge))
         estimate = MassEstimate(
             self.judged,
             t1,
@@ -125,14 +121,14 @@ class Line:
             product_length=length,
             reasons=reasons,
         )
-        self.publish(ports.MASS_ESTIMATE, estimate_to(estimate))
+        self.publish(ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate))
         while True:
             verdict = self.verdicts.get(timeout=20.0)
             # The segmenter, which gets no samples, has its say of old items to a new reject node.
             if stamp_from(verdict.t1) == t1:
                 return verdict
 
-    def publish(self, topic: ports.Topic, message: Any) -> None:
+    def publish(self, topic: ports.Port, message: Any) -> None:
         if topic.name not in self.publishers:
             publisher = self.operator.create_publisher(topic.type, topic.name, topic.qos)
             wait_for(lambda: publisher.get_subscription_count() >= 2)

@@ -9,7 +9,7 @@ from checkweigher_bringup.spinning import Spinner
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_to, load_cell_to
+from checkweigher_dsp.ros.conversion import to_message
 
 CELL = LoadCell(
     sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
@@ -46,14 +46,15 @@ class RejectLine:
         self.reject = RejectNode(parameters)
         spinner.add(self.reject)
         wait_for(lambda: self.edges.get_subscription_count() > 0)
-        publish(self.node, ports.LOAD_CELL_INFO, load_cell_to(CELL, START))
+        info = to_message(ports.LOAD_CELL_INFO, CELL, stamp=START)
+        publish(self.node, ports.LOAD_CELL_INFO, info)
         # Edges come on another topic: they must not overtake it.
         wait_for(lambda: self.reject._stage.weigh_length is not None)
 
     def pass_item(self, number: int) -> None:
         """Have an item pass the eyes."""
         for edge in edges(number):
-            self.edges.publish(edge_to(edge))
+            self.edges.publish(to_message(ports.PHOTO_EYES, edge))
 
     def verdict(self) -> Verdict:
         """Return the next verdict."""

@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_from, verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 
 
 class Witness(Node):
@@ -22,10 +22,10 @@ class Witness(Node):
 
     def __init__(self, lane: str) -> None:
         super().__init__('witness', namespace=lane)
-        self._listen(ports.VERDICT, lambda message: asdict(verdict_from(message)))
-        self._listen(ports.PHOTO_EYES, lambda message: asdict(edge_from(message)))
+        self._listen(ports.VERDICT, lambda message: asdict(to_record(ports.VERDICT, message)))
+        self._listen(ports.PHOTO_EYES, lambda message: asdict(to_record(ports.PHOTO_EYES, message)))
 
-    def _listen(self, topic: ports.Topic, content: Callable[[Any], dict[str, Any]]) -> None:
+    def _listen(self, topic: ports.Port, content: Callable[[Any], dict[str, Any]]) -> None:
         lane = self.get_namespace().strip('/')
 
         def tell(message: Any) -> None:

@@ -15,9 +15,9 @@ from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import estimate_from, reference_from, verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_dsp.ros.delivery import current
-from checkweigher_dsp.ros.ports import Topic
+from checkweigher_dsp.ros.ports import Port
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _PATIENCE = 5.0  # s without a verdict before the reason is looked for
@@ -57,7 +57,7 @@ class ResultListener(Node):
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
 
-    def listen(self, topic: Topic, callback: Any) -> None:
+    def listen(self, topic: Port, callback: Any) -> None:
         """Subscribe to a topic of the lane."""
         qos = topic.qos if self._from_start else topic.stage_qos
         if self._delivery is not None:
@@ -66,7 +66,7 @@ class ResultListener(Node):
             self.create_subscription(topic.type, topic.name, callback, qos)
 
     def _on_estimate(self, message: Any) -> None:
-        estimate = estimate_from(message)
+        estimate = to_record(ports.MASS_ESTIMATE, message)
         if estimate.item_id in self._verdicts:
             _, verdict = self._verdicts.pop(estimate.item_id)
             self._pair(estimate, verdict)
@@ -75,7 +75,7 @@ class ResultListener(Node):
             _forget_oldest(self._estimates)
 
     def _on_verdict(self, message: Any) -> None:
-        verdict = verdict_from(message)
+        verdict = to_record(ports.VERDICT, message)
         if not verdict.estimate_id:
             self._pair(_estimate_of(verdict), verdict)
         elif verdict.estimate_id in self._estimates:
@@ -129,7 +129,10 @@ class EchoNode(ResultListener):
         super().__init__('echo', from_start=False)
         self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
-        self.listen(ports.REFERENCE_MASS, lambda m: self._references.append(reference_from(m)))
+        self.listen(ports.REFERENCE_MASS, self._on_reference)
+
+    def _on_reference(self, message: Any) -> None:
+        self._references.append(to_record(ports.REFERENCE_MASS, message))
 
     def result(self, weighing: Weighing) -> ItemResult:
         """Return a weighing with its known mass, if there is one."""

@@ -24,7 +24,7 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 from checkweigher_dsp.records import LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import load_cell_to, samples_to
+from checkweigher_dsp.ros.conversion import to_message
 
 RATE, BLOCK = 960.0, 48
 # What the scale is, and what it is taken for before it has been calibrated.
@@ -51,14 +51,14 @@ class Scale:
 
     def _run(self) -> None:
         info, samples = self._publishers
-        info.publish(load_cell_to(TAKEN_FOR, time.time_ns()))
+        info.publish(to_message(ports.LOAD_CELL_INFO, TAKEN_FOR, stamp=time.time_ns()))
         random, index, due = np.random.default_rng(1), 0, time.monotonic()
         while not self._ending.wait(max(due - time.monotonic(), 0.0)):
             due += BLOCK / RATE
             self.mass += self.moves * BLOCK / RATE
             counts = ZERO + SENSITIVITY * self.mass + 40 * random.normal(size=BLOCK)
             block = SampleBlock(time.time_ns(), index, np.round(counts).astype(np.int32))
-            samples.publish(samples_to(block))
+            samples.publish(to_message(ports.LOAD_CELL_SAMPLES, block))
             index += BLOCK
 
     def close(self) -> None:

@@ -24,7 +24,7 @@ from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_to, load_cell_to, samples_to
+from checkweigher_dsp.ros.conversion import to_message
 
 LANE = 'diagnosed'
 # Whether these are well depends on what else the machine does meanwhile.
@@ -135,12 +135,12 @@ def test_what_is_wrong_with_the_signal_is_told_with_what_to_check(spinner: Spinn
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES)
     )
     wait_for(lambda: samples.get_subscription_count() > 0 and eyes.get_subscription_count() > 0)
-    publish(told.node, ports.LOAD_CELL_INFO, load_cell_to(shifted, START))
+    publish(told.node, ports.LOAD_CELL_INFO, to_message(ports.LOAD_CELL_INFO, shifted, stamp=START))
     for event in sorted([*line.blocks, *line.edges], key=lambda event: event.stamp):
         if isinstance(event, EyeEdge):
-            eyes.publish(edge_to(event))
+            eyes.publish(to_message(ports.PHOTO_EYES, event))
         elif isinstance(event, SampleBlock) and event is not lost:
-            samples.publish(samples_to(event))
+            samples.publish(to_message(ports.LOAD_CELL_SAMPLES, event))
 
     hint = told.wait('segmenter: Samples', Level.WARN, '10 samples lost in 1 gaps')
     assert 'QoS depth' in hint
@@ -183,7 +183,7 @@ def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner:
     told = Told(spinner)
     # The rejector has to be told before the product is at the outfeed eye.
     spinner.add(RejectNode({'rejector_distance': 0.0, 'actuator_delay': 0.1}))
-    publish(told.node, ports.LOAD_CELL_INFO, load_cell_to(cell, START))
+    publish(told.node, ports.LOAD_CELL_INFO, to_message(ports.LOAD_CELL_INFO, cell, stamp=START))
     eyes = told.node.create_publisher(
         ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
     )
@@ -193,7 +193,7 @@ def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner:
             (0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True),
         ):  # fmt: skip
             stamp = START + number * NANOSECONDS + step * NANOSECONDS // 10
-            eyes.publish(edge_to(EyeEdge(stamp, eye, blocked)))
+            eyes.publish(to_message(ports.PHOTO_EYES, EyeEdge(stamp, eye, blocked)))
 
     hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after their reject time')
     assert 'actuator_delay' in hint

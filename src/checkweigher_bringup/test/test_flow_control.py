@@ -18,7 +18,7 @@ from verdicts import offline_verdicts
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.records import Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.bags.reading import read_bag
 
 NAMESPACE = 'held_up'
@@ -31,10 +31,10 @@ class Witness(Node):
 
     def __init__(self) -> None:
         super().__init__('witness')
-        topic = ports.VERDICT
+        port = ports.VERDICT
         self.verdicts: list[Verdict] = []
         self.create_subscription(
-            topic.type, topic.name, lambda m: self.verdicts.append(verdict_from(m)), topic.qos
+            port.type, port.name, lambda m: self.verdicts.append(to_record(port, m)), port.qos
         )
 
 

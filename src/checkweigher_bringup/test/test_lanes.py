@@ -20,7 +20,7 @@ from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.production.audit_log import read_log
 from checkweigher_dsp.records import Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # Of each lane, with its bags: one has no namespace, and one begins with the name of another.
@@ -76,11 +76,11 @@ class Lane:
         self.verdicts: list[Verdict] = []
         self.statistics: list[tuple[str, str]] = []
         self.stops: list[int] = []
-        self._listen(ports.VERDICT, lambda m: self.verdicts.append(verdict_from(m)))
+        self._listen(ports.VERDICT, lambda m: self.verdicts.append(to_record(ports.VERDICT, m)))
         self._listen(ports.STATISTICS, lambda m: self.statistics.append((m.product, m.batch)))
         self._listen(ports.STOP_REQUEST, lambda m: self.stops.append(m.state))
 
-    def _listen(self, topic: ports.Topic, callback: Callable[[Any], None]) -> None:
+    def _listen(self, topic: ports.Port, callback: Callable[[Any], None]) -> None:
         self.node.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def call(self, kind: Any, name: str, **request: object) -> Any:

@@ -9,7 +9,7 @@ from reject_line import RejectLine, estimate
 
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import estimate_to
+from checkweigher_dsp.ros.conversion import to_message
 
 
 @pytest.fixture
@@ -25,6 +25,6 @@ def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner
     assert not line.verdict().late
     time.sleep(2.5)  # item 2 passes 1 s after item 1; its edges do not
     line.pass_item(2)
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
     verdict = line.verdict()
     assert (verdict.item_id, verdict.late) == (2, True)

@@ -28,7 +28,7 @@ from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, SampleBlock, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_from, samples_from, verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.recording import Recording
 
@@ -60,7 +60,7 @@ class Line:
     edges: list[EyeEdge]
 
     def take(self, count: int) -> list[Verdict]:
-        return [verdict_from(self.verdicts.get(timeout=30)) for _ in range(count)]
+        return [to_record(ports.VERDICT, self.verdicts.get(timeout=30)) for _ in range(count)]
 
     def reset(self) -> bool:
         client = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
@@ -80,12 +80,12 @@ def machine(folder: Path, bag: Path, recording: Recording, eyes: str) -> Iterato
     try:
         with spinning('machine') as spinner:
             node, heard, stops = Node('listener'), queue.SimpleQueue(), []
-            blocks, edges = [], []
+            blocks, edges, samples = [], [], ports.LOAD_CELL_SAMPLES
             for topic, take in (
                 (ports.VERDICT, heard.put),
                 (ports.STOP_REQUEST, stops.append),
-                (ports.LOAD_CELL_SAMPLES, lambda each: blocks.append(samples_from(each))),
-                (ports.PHOTO_EYES, lambda each: edges.append(edge_from(each))),
+                (samples, lambda each: blocks.append(to_record(samples, each))),
+                (ports.PHOTO_EYES, lambda each: edges.append(to_record(ports.PHOTO_EYES, each))),
             ):
                 node.create_subscription(topic.type, topic.name, take, topic.stage_qos)
             spinner.add(node)

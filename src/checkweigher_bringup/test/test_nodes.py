@@ -26,7 +26,6 @@ from checkweigher_bringup.listening import EchoNode, ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import Topic
 
 LARGEST = {'uint64': 2**64 - 1, 'uint32': 2**32 - 1, 'int32': 2**31 - 1}
 
@@ -42,7 +41,7 @@ def good_info() -> LoadCellInfo:
     )  # fmt: skip
 
 
-GARBAGE: list[tuple[Topic, Any]] = [
+GARBAGE: list[tuple[ports.Port, Any]] = [
     (ports.LOAD_CELL_INFO, LoadCellInfo()),
     (ports.LOAD_CELL_INFO, LoadCellInfo(sample_rate=math.nan, counts_per_kg=math.inf)),
     (ports.LOAD_CELL_SAMPLES, LoadCellSamples()),

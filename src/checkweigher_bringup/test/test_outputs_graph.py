@@ -20,7 +20,7 @@ from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.records import Decision, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 
 ITEMS = 8
 
@@ -62,7 +62,7 @@ class Line:
         spinner.add(self.driver)
 
     def verdict(self) -> Verdict:
-        return verdict_from(self._heard.get(timeout=30))
+        return to_record(ports.VERDICT, self._heard.get(timeout=30))
 
     def verdict_after(self, time: int) -> Verdict:
         """Return the next verdict on a product that left the belt after a time, ns."""

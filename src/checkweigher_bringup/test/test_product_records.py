@@ -29,9 +29,7 @@ from checkweigher_dsp.records import (
     ZeroChange,
 )
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import (
-    zero_change_to,
-)
+from checkweigher_dsp.ros.conversion import to_message
 
 
 @pytest.fixture
@@ -47,7 +45,7 @@ def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path
         ports.ZERO_SETTING.type, ports.ZERO_SETTING.name, ports.ZERO_SETTING.qos
     )
     for _ in range(2):  # what is latched comes again
-        publisher.publish(zero_change_to(change))
+        publisher.publish(to_message(ports.ZERO_SETTING, change))
     out = ('ZeroOutOfRange',)
     for reasons in ((), out, out, ('MissingEdge',), ()):
         line.judge(math.nan if reasons else 0.1, reasons=reasons)

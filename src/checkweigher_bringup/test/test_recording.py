@@ -19,9 +19,9 @@ from running import run_command
 import yaml
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_dsp.records import Eye, EyeEdge, LoadCell
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_to, load_cell_to, reference_to, samples_to
+from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
@@ -127,15 +127,11 @@ class Feeder(Node):
 
     def __init__(self, load_cell: LoadCell) -> None:
         super().__init__('feeder')
-        self._info = load_cell_to(load_cell, 0)
+        self._info = to_message(ports.LOAD_CELL_INFO, load_cell, stamp=0)
         self._begin = self._publisher_of(ports.LOAD_CELL_INFO)
-        self._of = {
-            SampleBlock: (self._publisher_of(ports.LOAD_CELL_SAMPLES), samples_to),
-            EyeEdge: (self._publisher_of(ports.PHOTO_EYES), edge_to),
-            Reference: (self._publisher_of(ports.REFERENCE_MASS), reference_to),
-        }
+        self._of = {port.record: (self._publisher_of(port), port) for port in ports.PLAYED[1:]}
 
-    def _publisher_of(self, topic: ports.Topic) -> Publisher:
+    def _publisher_of(self, topic: ports.Port) -> Publisher:
         return self.create_publisher(topic.type, topic.name, topic.qos)
 
     def listeners(self) -> int:
@@ -148,8 +144,8 @@ class Feeder(Node):
 
     def send(self, events: Sequence[Event]) -> None:
         for event in events:
-            publisher, message_of = self._of[type(event)]
-            publisher.publish(message_of(event))
+            publisher, port = self._of[type(event)]
+            publisher.publish(to_message(port, event))
 
 
 def written(folder: Path) -> int:

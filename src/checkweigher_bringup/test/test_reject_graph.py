@@ -19,7 +19,7 @@ from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import edge_to, estimate_to, stamp_from
+from checkweigher_dsp.ros.conversion import stamp_from, to_message
 
 # An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector. Both are for
 # a machine that is busy with something else.
@@ -140,7 +140,7 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
     diagnostics = heard(line.node, ports.DIAGNOSTICS)
     line.pass_item(1)
     assert list(line.verdict().reasons) == ['NoEstimate']
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(1, 0.15)))
 
     counted: dict[str, str] = {}
     while 'late estimates' not in counted:
@@ -149,21 +149,21 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
 
     assert counted['late estimates'] == '1'
     assert line.verdicts.empty()
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
     assert line.verdict().decision == Verdict.ACCEPT
 
 
 def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner: Spinner):
     line = RejectLine(spinner, min_belt_speed=0.4, edge_lateness=0.2, rejector_distance=10.0)
     for edge in edges(1)[:2]:
-        line.edges.publish(edge_to(edge))
+        line.edges.publish(to_message(ports.PHOTO_EYES, edge))
 
     verdict = line.verdict()
 
     assert list(verdict.reasons) == ['MissingEdge', 'NoEstimate']
     assert stamp_from(verdict.t1) == edges(1)[0].stamp
     line.pass_item(2)  # the first one has not stopped the line
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
     assert line.verdict().decision == Verdict.ACCEPT
 
 
@@ -171,8 +171,8 @@ def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
     line = RejectLine(spinner, deadlines=False, rejector_distance=0.0)
     line.pass_item(1)
     line.pass_item(2)
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(2, 0.15)))
-    publish(line.node, ports.MASS_ESTIMATE, estimate_to(estimate(1, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
+    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(1, 0.15)))
 
     assert [line.verdict().item_id, line.verdict().item_id] == [2, 1]
 
@@ -202,7 +202,8 @@ def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
     # The eye is told of at once: a busy machine must not make it too late. Whichever comes first,
     # edges or eye, it waits longer for the verdict than that takes.
     reject_at = edges(1)[-1].stamp + NANOSECONDS
-    publish(line.node, ports.REJECT_EYE, edge_to(EyeEdge(reject_at, Eye.INFEED, True)))
+    edge = EyeEdge(reject_at, Eye.INFEED, True)
+    publish(line.node, ports.REJECT_EYE, to_message(ports.REJECT_EYE, edge))
     assert stamp_from(line.verdict().reject_at) == reject_at
     line.pass_item(4)  # whose reject time is not near that of the first one
 

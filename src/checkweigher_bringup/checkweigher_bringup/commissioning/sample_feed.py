@@ -5,7 +5,6 @@ from contextlib import contextmanager
 import queue
 import threading
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.records import LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import load_cell_from, samples_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.pacing import Pacer
 
 _PATIENCE = 5.0  # s without a sample
@@ -86,13 +85,13 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
         node = Node('calibrate')
         feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
 
-        def listen(topic: ports.Topic, read: Any) -> None:
+        def listen(port: ports.Port) -> None:
             node.create_subscription(
-                topic.type, topic.name, lambda message: feed.put(read(message)), topic.qos
+                port.type, port.name, lambda message: feed.put(to_record(port, message)), port.qos
             )
 
-        listen(ports.LOAD_CELL_INFO, load_cell_from)
-        listen(ports.LOAD_CELL_SAMPLES, samples_from)
+        listen(ports.LOAD_CELL_INFO)
+        listen(ports.LOAD_CELL_SAMPLES)
         spinner.add(node)
         yield feed
 

@@ -22,7 +22,7 @@ from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import verdict_from
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # 90 m/min, and each product enters soon after the one before it has left the belt.
@@ -44,10 +44,10 @@ class Witness(Node):
         super().__init__('witness')
         self.verdicts: list[Verdict] = []
         self.expected: int | None = None
-        self._listen(ports.VERDICT, lambda m: self.verdicts.append(verdict_from(m)))
+        self._listen(ports.VERDICT, lambda m: self.verdicts.append(to_record(ports.VERDICT, m)))
         self._listen(ports.SEGMENTER_STATUS, self._on_status)
 
-    def _listen(self, topic: ports.Topic, callback: Any) -> None:
+    def _listen(self, topic: ports.Port, callback: Any) -> None:
         self.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def _on_status(self, message: Any) -> None:

@@ -184,7 +184,7 @@ def _unchanged(value: Any) -> Any:
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     """Return what makes a value of this type of the field of a message."""
     if hint == Stamp:
-        return _stamp
+        return stamp_from
     if hint == Stamp | None:
         return _known_stamp
     if get_origin(hint) is np.ndarray:
@@ -208,13 +208,14 @@ def _time(stamp: int | None) -> tuple[int, int]:
     return (sec, nanosec) if -(2**31) <= sec < 2**31 else (0, 0)
 
 
-def _stamp(time: Any) -> int:
+def stamp_from(time: Any) -> int:
+    """Return a time message in ns."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
 
 
 def _known_stamp(time: Any) -> int | None:
     """Return a time message in ns, None for the 0 that means that it is not known."""
-    return _stamp(time) or None
+    return stamp_from(time) or None
 
 
 def _dtype(hint: Any) -> np.dtype[Any]:
