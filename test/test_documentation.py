@@ -15,6 +15,7 @@ from checkweigher_dsp.production.audit_log import TORN
 from checkweigher_dsp.production.recipes import Product, read_recipes
 
 INTERFACES = ROOT / 'docs/interfaces.md'
+PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')]
 
 
 @pytest.mark.parametrize('path', make_docs.generated(), ids=lambda path: path.name)
@@ -83,3 +84,14 @@ def test_files_that_the_docs_name_are_there(path: str):
     base = (ROOT / path).parent
     for target in re.findall(r'\]\(([^)#:]+)\)', (ROOT / path).read_text()):
         assert (base / target).exists(), f'{path} links to {target}'
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_modules_that_the_docs_name_are_there(page: Path):
+    modules = [
+        path.relative_to(ROOT)
+        for folder in ('src', 'test', 'bench', 'docs')
+        for path in (ROOT / folder).rglob('*.py')
+    ]
+    for name in re.findall(r'`(?:python3 )?([\w/]+\.py)`', page.read_text(encoding='utf-8')):
+        assert any(f'/{path}'.endswith(f'/{name}') for path in modules), name
