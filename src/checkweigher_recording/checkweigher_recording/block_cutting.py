@@ -1,4 +1,4 @@
-"""Cutting the blocks of a recording or a simulation anew, as its pace wants them.
+"""Joining and cutting the blocks of a recording or a simulation to lengths that suit its pace.
 
 How a stream is cut into blocks, and where between them its edges come, does not change what is
 weighed. The stamp of a sample stays what it was, but for rounding to a nanosecond.
@@ -37,7 +37,7 @@ def join(
     longest : float
         s of signal, of a joined block; one that is longer is cut at each edge.
     ends_block : callable
-        Tells of an edge whether a block is to end there, and to come before it.
+        Takes an edge; returns whether a block is to end there, and to come before it.
 
     Yields
     ------

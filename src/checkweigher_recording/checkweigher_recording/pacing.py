@@ -1,4 +1,4 @@
-"""When the next event of a recording or a simulation is due."""
+"""Due times of the events of a recording or a simulation, and flow control between nodes."""
 
 from collections import deque
 import threading
@@ -39,11 +39,11 @@ class Pacer:
 
 
 class FlowControl:
-    """How far the line may lag behind the driver before the driver waits.
+    """Limits of how far the line may lag behind the driver before the driver waits.
 
-    Counted in what the subscribers have said they have taken, so that it holds however deep or
-    shallow the queues in between are. Samples and edges are counted apart: they are topics of their
-    own, and one may be held up while the other is not. For any thread.
+    The counts are those that the subscribers report, so that it holds for queues of any depth.
+    Samples and edges are counted apart: they are topics of their own, and one may be held up while
+    the other is not. For any thread.
 
     Parameters
     ----------

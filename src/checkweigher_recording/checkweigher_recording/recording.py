@@ -1,4 +1,4 @@
-"""What a machine sends, as one stream in the order of the stamps."""
+"""A recording: the samples, edges and known masses of a line, ordered by their stamps."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ def canonical_order(event: Event) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A finished stretch of line.
+    """What a line sent from a begin to an end.
 
-    Iterating gives every event in canonical order.
+    Iterating yields every event in canonical order.
 
     Attributes
     ----------
@@ -57,21 +57,12 @@ class Recording:
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
         """Collect events that come in any order."""
-        blocks: list[SampleBlock] = []
-        edges: list[EyeEdge] = []
-        references: list[Reference] = []
-        for event in events:
-            if isinstance(event, SampleBlock):
-                blocks.append(event)
-            elif isinstance(event, EyeEdge):
-                edges.append(event)
-            else:
-                references.append(event)
+        ordered = sorted(events, key=canonical_order)
         return cls(
             load_cell,
-            tuple(sorted(blocks, key=canonical_order)),
-            tuple(sorted(edges, key=canonical_order)),
-            tuple(sorted(references, key=canonical_order)),
+            tuple(event for event in ordered if isinstance(event, SampleBlock)),
+            tuple(event for event in ordered if isinstance(event, EyeEdge)),
+            tuple(event for event in ordered if isinstance(event, Reference)),
         )
 
     def __iter__(self) -> Iterator[Event]:
@@ -82,7 +73,10 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockColumns(Sequence[SampleBlock]):
-    """A sequence of blocks, each of which is made when it is asked for.
+    """A sequence of sample blocks that are kept as columns.
+
+    A bag has more than a hundred thousand blocks an hour, and each costs more than its samples; so
+    they are made when they are asked for.
 
     Attributes
     ----------

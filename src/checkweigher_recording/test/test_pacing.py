@@ -119,7 +119,7 @@ def test_samples_wait_for_an_edge_that_they_would_leave_behind():
     assert flow.may_send(block, RATE)
     later = _block(8 * SECOND, 55)
     assert not flow.may_send(later, RATE)
-    # Somebody else may send edges, too.
+    # Others may send edges, too.
     flow.taken(0, 5, 0)
     assert flow.may_send(later, RATE)
 
@@ -164,7 +164,7 @@ def test_a_new_segmenter_begins_with_what_comes_then():
     flow.judged(4)
     assert not _may_send(flow)
 
-    # The 500 samples and 2 edges went to the old one, and nobody will judge its items 5 to 7.
+    # The 500 samples and 2 edges went to the old one, and its items 5 to 7 will not be judged.
     flow.taken(0, 0, 0)
     assert flow.items_judged == 0
     assert _may_send(flow)

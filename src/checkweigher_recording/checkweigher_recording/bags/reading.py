@@ -46,7 +46,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Returns
     -------
     Recording
-        The events in canonical order, whatever their order in the bag; `unfinished` if the
+        The events in canonical order; their order in the bag does not matter. `unfinished` if the
         recording broke off.
 
     Raises
@@ -70,7 +70,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 
 @contextmanager
 def _one_line(path: Path) -> Iterator[None]:
-    """Turn whatever a parser raises on strange bytes into one line."""
+    """Turn any exception of a parser on strange bytes into one line."""
     try:
         yield
     except BagError:

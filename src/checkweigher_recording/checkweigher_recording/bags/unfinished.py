@@ -1,27 +1,16 @@
 """A recording without an end, because its recorder was killed: the messages that are there."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from itertools import zip_longest
 from pathlib import Path
 import re
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    DataEnd,
-    Header,
-    McapRecord,
-    Message,
-    MessageIndex,
-    Metadata,
-    Schema,
-)
-from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
+from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import MAGIC_SIZE, StreamReader
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -40,17 +29,10 @@ _FORMATS = {
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-# What stands in the data section of a file.
-_PARSERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.HEADER: Header.read,
-    Opcode.SCHEMA: Schema.read,
-    Opcode.CHANNEL: Channel.read,
-    Opcode.CHUNK: Chunk.read,
-    Opcode.MESSAGE_INDEX: MessageIndex.read,
-    Opcode.ATTACHMENT: Attachment.read,
-    Opcode.METADATA: Metadata.read,
-    Opcode.DATA_END: DataEnd.read,
-}
+_DATA_OPCODES = {
+    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END,
+}  # fmt: skip
 
 
 class UnfinishedBag:
@@ -254,6 +236,8 @@ def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
 
     opcode, position = data[begin], begin + _HEAD_SIZE
     there = size - position
+    if opcode not in _DATA_OPCODES:
+        return False
     if opcode == Opcode.CHUNK:
         # Two log times, size and check sum; length of the name of a compression, name; length, data
         name = number(28, 4) if there >= 32 else 0
@@ -264,8 +248,8 @@ def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
     if opcode == Opcode.MESSAGE_INDEX:
         # Channel; length, entries
         return length >= 6 if there < 6 else length == 6 + number(2, 4)
-    if opcode != Opcode.MESSAGE and opcode not in _PARSERS:
-        return False
+    if opcode == Opcode.DATA_END:
+        return length == 4
     return length <= there or there < _LONGEST
 
 
@@ -277,11 +261,9 @@ def _records(record: bytes) -> list[McapRecord]:
     Exception
         If its check sum is wrong or it cannot be parsed.
     """
-    opcode, length = record[0], len(record) - _HEAD_SIZE
-    stream = ReadDataStream(BytesIO(record[_HEAD_SIZE:]))
-    if opcode == Opcode.MESSAGE:
-        return [Message.read(stream, length)]
-    parsed = _PARSERS[opcode](stream)
-    if stream.count != length:
-        raise _DamageError('a record that is longer than its content')
-    return breakup_chunk(parsed, validate_crc=True) if isinstance(parsed, Chunk) else [parsed]
+    # A reader wants an end.
+    builder = RecordBuilder()
+    Footer(0, 0, 0).write(builder)
+    stream = BytesIO(record + builder.end() + MAGIC)
+    *records, _ = StreamReader(stream, skip_magic=True, validate_crcs=True).records
+    return records

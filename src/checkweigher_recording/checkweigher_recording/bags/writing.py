@@ -243,7 +243,7 @@ class BagWriter:
         self._mcap.finish()
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
-        # That this file is there tells that the bag is whole.
+        # Readers take a bag with this file for whole.
         partial = self._folder / '.metadata.yaml.partial'
         try:
             partial.write_text(text, encoding='utf-8')

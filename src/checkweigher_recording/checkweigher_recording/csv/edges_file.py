@@ -1,4 +1,4 @@
-"""The switching of the photo-eyes of a CSV log, from a JSON file beside it."""
+"""Edges of the photo-eyes of a CSV log, from a JSON file beside it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ GRAMS = 1000.0  # in a kilogram
 
 @dataclass(frozen=True, slots=True)
 class EdgesFile:
-    """What an edges file says.
+    """Edges of the photo-eyes of a log, and what else its edges file says.
 
     Attributes
     ----------

@@ -1,11 +1,11 @@
-"""Importing a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
+"""Import of a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 import math
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,16 @@ from checkweigher_dsp.records import (
     Reference,
     SampleBlock,
 )
-from checkweigher_recording.csv.edges_file import EdgesFile, read_edges_file
+from checkweigher_recording.csv.edges_file import GRAMS, EdgesFile, read_edges_file
 from checkweigher_recording.csv.table import CsvError, Table, read_table
 from checkweigher_recording.recording import Event, Recording
 
-GRAMS = 1000.0  # in a kilogram
 _INT32 = np.iinfo(np.int32)
 
 
 @dataclass(frozen=True)
 class ImportParameters(Parameters):
-    """What the columns of a log mean and how its signal becomes a mass.
+    """Columns of a log, and the calibration of its signal.
 
     A column is named as in the header row, or by its number from 0. The calibration is given
     either in counts or, as laboratories have it, as mass = slope * signal + offset in g.
@@ -94,22 +93,14 @@ class ImportParameters(Parameters):
 
     def load_cell(self, sample_rate: float) -> LoadCell:
         """Return the load cell that these parameters and a sample rate in Hz describe."""
-        counts_per_kg, zero_counts = self.counts_per_kg, self.zero_counts
+        described: dict[str, Any] = {'sample_rate': sample_rate}
+        for entry in fields(LoadCell):
+            described.setdefault(entry.name, getattr(self, entry.name))
         if self.slope:
-            counts_per_kg = self.scale * GRAMS / self.slope
-            zero_counts = -self.scale * self.offset / self.slope
+            described['counts_per_kg'] = self.scale * GRAMS / self.slope
+            described['zero_counts'] = -self.scale * self.offset / self.slope
         try:
-            return LoadCell(
-                sample_rate=sample_rate,
-                counts_per_kg=counts_per_kg,
-                zero_counts=zero_counts,
-                min_counts=self.min_counts,
-                max_counts=self.max_counts,
-                capacity=self.capacity,
-                weigh_length=self.weigh_length,
-                model=self.model,
-                serial_number=self.serial_number,
-            )
+            return LoadCell(**described)
         except ValueError as error:
             raise ParameterError(f'import: {error}') from None
 

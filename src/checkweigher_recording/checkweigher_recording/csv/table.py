@@ -1,4 +1,4 @@
-"""Columns of numbers from a CSV file, with the line of whatever is wrong in it."""
+"""Columns of numbers from a CSV file, and the lines of errors in it."""
 
 from collections.abc import Mapping
 import csv
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 class CsvError(ValueError):
-    """A file that cannot be imported; one line that says which, where and what is wrong."""
+    """A file that cannot be imported; one line that names the file, the place and the error."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Where the products of a simulated line are: entries and exits of the weigh belt by geometry."""
+"""Positions of the products of a simulated line: entries and exits of the weigh belt."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -131,7 +131,7 @@ class BeltTravel:
             load[touched] += entry.mass * self._share(travel[touched] - entry.travel)
         return load
 
-    def stretches(
+    def load_steps(
         self, time: NDArray[np.float64], travel: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
         """Return where the mass that moves with the platform changes, in stairs.
@@ -139,9 +139,9 @@ class BeltTravel:
         Returns
         -------
         ndarray, (m + 1,) int
-            Bounds of the stretches, from 0 to n.
+            Steps at which it changes, from 0 to n.
         ndarray, (m,) float64
-            Mass on the platform in each stretch, kg.
+            Mass on the platform from each bound to the next, kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:

@@ -10,12 +10,12 @@ class Platform:
     """A second-order platform whose mass changes with the products on it.
 
     Readings and forces are in kg, that is, divided by the stiffness over g and by g. For a
-    stretch of constant mass and forces that are constant over each step the solution
+    constant mass and forces that are constant over each step the solution
 
         y(k+1) = a11 y(k) + a12 v(k) + (1 - a11) f(k)
         v(k+1) = a21 y(k) + a22 v(k) - a21 f(k)
 
-    is exact; y and its derivative v pass over to the next stretch unchanged. As a filter
+    is exact; y and its derivative v pass over unchanged when the mass changes. As a filter
 
         y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2),
 
@@ -57,9 +57,9 @@ class Platform:
         force : ndarray, (n,) float64
             kg, constant over each step.
         bounds : ndarray, (m + 1,) int
-            Bounds of the stretches of constant mass, from 0 to n.
+            Steps between which the mass is constant, from 0 to n.
         loads : ndarray, (m,) float64
-            Mass that rests on the platform in each stretch, kg.
+            Mass that rests on the platform from each bound to the next, kg.
 
         Returns
         -------
@@ -68,10 +68,10 @@ class Platform:
         """
         reading = np.empty(len(force))
         for begin, end, load in zip(bounds[:-1], bounds[1:], loads, strict=True):
-            reading[begin:end] = self._stretch(force[begin:end], float(load))
+            reading[begin:end] = self._run_at(force[begin:end], float(load))
         return reading
 
-    def _stretch(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
+    def _run_at(self, force: NDArray[np.float64], load: float) -> NDArray[np.float64]:
         from scipy.signal import lfilter  # half a second, that no node should take to start
 
         a11, a12, a21, a22 = self.transition(load)

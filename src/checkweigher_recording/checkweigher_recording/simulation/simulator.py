@@ -5,7 +5,7 @@ The platform is a mass on a spring and a damper. In kilograms of static reading,
     y'' = w^2 (f - y) - c / (m0 + m) y',    w^2 = beta / (m0 + m),
 
 where m0 is the moving mass of the empty platform, m the load that rests on it and f the sum of
-all forces divided by g: the load and whatever shakes it. A product that rests on the belt
+all forces divided by g: the load and disturbances. A product that rests on the belt
 therefore reads its mass exactly, and it lowers the natural frequency while it is on.
 
 The equation is integrated exactly for forces that are constant over 1/8 of a sample and taken at
@@ -56,7 +56,7 @@ _CHUNK_DURATION = 1.0  # s
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """How a machine is built and what shakes it. Forces are in kg, that is divided by g.
+    """Platform and disturbances of a machine. Forces are in kg, that is divided by g.
 
     Attributes
     ----------
@@ -107,14 +107,14 @@ PROFILES = {
     'floor': Profile(
         roller=(0.08e-3, 0.06e-3, 0.05e-3, 0.04e-3), motor=0.1e-3, broadband=0.01e-3, floor=0.2e-3
     ),
-    # Nothing but the platform, the products and the electronics.
+    # Only the platform, the products and the electronics.
     'quiet': Profile(speed_jitter=0.0, impact=0.0, roller=(), motor=0.0, broadband=0.0, floor=0.0),
 }
 
 
 @dataclass(frozen=True)
 class SimulationParameters(Parameters):
-    """What runs over the simulated belt, and how.
+    """Machine, belt and products of a simulated line.
 
     Raises
     ------
@@ -237,7 +237,7 @@ class Simulation:
             del waiting[:ready]
 
     def _switches(self, entry: Pass) -> Iterator[Event]:
-        """Yield what a product does to the photo-eyes, and its true mass."""
+        """Yield the edges of the photo-eyes that a product causes, and its true mass."""
         yield EyeEdge(self._stamp(entry.t1), Eye.INFEED, True)
         yield EyeEdge(self._stamp(entry.t2), Eye.INFEED, False)
         yield EyeEdge(self._stamp(entry.t3), Eye.OUTFEED, True)
@@ -327,7 +327,7 @@ class _Machine:
         self._add_noise(force)
         for entry in self._belt.passes:
             self._add_impact(force, time, entry)
-        reading = self._platform.run(force, *self._belt.stretches(time, travel))
+        reading = self._platform.run(force, *self._belt.load_steps(time, travel))
         return self._convert(reading.reshape(-1, OVERSAMPLING).mean(axis=1), first), new
 
     def _middle(self, index: int) -> float:
@@ -339,7 +339,7 @@ class _Machine:
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 
     def _add_lines(self, force: NDArray[np.float64], travel: NDArray[np.float64]) -> None:
-        """Add what turns with the belt: rollers and motor."""
+        """Add the vibration of the parts that turn with the belt: rollers and motor."""
         *roller, motor = self._phases
         for order, (amplitude, phase) in enumerate(
             zip(self._profile.roller, roller, strict=True), start=1

@@ -3,11 +3,12 @@
 from dataclasses import replace
 import random
 
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ruamel.yaml import YAML
 
 from checkweigher_dsp.records import Eye
 from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
@@ -123,6 +124,73 @@ def test_big_endian_messages_are_read(messages, recording, tmp_path, write_mcap,
 
     assert same(read_bag(path), recording)
     assert read_bag(path).edges[0].eye is Eye.INFEED
+
+
+CHUNK_SIZE = 2000  # bytes, some twenty messages
+
+
+@pytest.mark.parametrize('compression', list(CompressionType))
+def test_chunks_of_which_the_log_times_overlap_are_read(
+    messages, recording, tmp_path, write_mcap, same, compression
+):
+    chance = random.Random(1)
+    late = [(message, message.stamp + chance.randrange(10**9)) for message in messages]
+    path = tmp_path / 'line.mcap'
+    write_mcap(path, late, chunk_size=CHUNK_SIZE, compression=compression)
+
+    assert same(read_bag(path), recording)
+
+
+def test_a_file_without_an_index_of_its_chunks_is_read(
+    messages, recording, tmp_path, write_mcap, same
+):
+    path = tmp_path / 'line.mcap'
+    timed = [(message, message.stamp) for message in messages]
+    write_mcap(path, timed, chunk_size=CHUNK_SIZE, index_types=IndexType.NONE)
+
+    assert same(read_bag(path), recording)
+
+
+@pytest.mark.parametrize('seed', [1, 2, 3])
+def test_different_blocks_of_one_stamp_stay_in_the_order_of_their_log_times(
+    messages, tmp_path, write_mcap, seed
+):
+    chance = random.Random(seed)
+    blocks = [message for message in messages if message.message_type == SAMPLES.message_type]
+    timed = []
+    for block in chance.choices(blocks, k=60):
+        counts = block.content['counts'] + chance.randrange(5)
+        again = replace(block, content=block.content | {'counts': counts})
+        timed.append((again, block.stamp + chance.randrange(1, 10**9)))
+    in_order = [(block, block.stamp) for block in blocks] + sorted(timed, key=lambda pair: pair[1])
+    chance.shuffle(timed)
+    path = tmp_path / 'line.mcap'
+    write_mcap(path, [(messages[0], messages[0].stamp), *timed, *in_order[: len(blocks)]])
+
+    read = read_bag(path).blocks
+
+    # The sort is stable.
+    expected = sorted((block for block, _ in in_order), key=lambda block: block.stamp)
+    assert [block.counts.tolist() for block in read] == [
+        block.content['counts'].tolist() for block in expected
+    ]
+
+
+def test_a_bag_of_several_files_is_read(messages, recording, write_foreign, write_mcap, same):
+    folder = write_foreign(messages)
+    (whole,) = folder.glob('*.mcap')
+    whole.unlink()
+    names = [f'part_{number}.mcap' for number in range(3)]
+    for number, name in enumerate(names):
+        part = messages[number::3]
+        write_mcap(folder / name, [(message, message.stamp) for message in part])
+    yaml = YAML(typ='safe')
+    content = yaml.load((folder / 'metadata.yaml').read_text())
+    content['rosbag2_bagfile_information']['relative_file_paths'] = names
+    with (folder / 'metadata.yaml').open('w') as file:
+        yaml.dump(content, file)
+
+    assert same(read_bag(folder), recording)
 
 
 # --- What is refused ---------------------------------------------------------------------------
@@ -252,6 +320,25 @@ def test_a_damaged_chunk_of_another_recorder(tmp_path, messages, write_mcap):
     whole[position] ^= 1
     path.write_bytes(whole)
     _refused(path, 'hecksum')
+
+
+def test_a_message_outside_the_log_times_of_its_chunk_is_missed(tmp_path, messages, write_mcap):
+    path = tmp_path / 'line.mcap'
+    write_mcap(
+        path,
+        [(message, message.stamp) for message in messages],
+        chunk_size=CHUNK_SIZE,
+        compression=CompressionType.NONE,
+        enable_crcs=False,
+    )
+    number = len(messages) // 3
+    old, new = ((messages[number].stamp + later).to_bytes(8, 'little') for later in (0, 5 * 10**8))
+    data = path.read_bytes()
+    # A message has two times, of logging and of publishing.
+    assert data.count(2 * old) == 1
+    path.write_bytes(data.replace(2 * old, 2 * new))
+
+    _refused(path, 'messages on', 'can be read')
 
 
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])

@@ -34,7 +34,7 @@ def test_what_is_written_is_read(tmp_path, recording, same):
     assert same(read_bag(tmp_path / 'bag' / 'line_0.mcap'), recording)
 
 
-def test_equal_events_give_equal_bytes_whatever_the_name(tmp_path):
+def test_equal_events_give_equal_bytes_under_any_name(tmp_path):
     parameters = SimulationParameters(count=3)
     for name in ('one', 'another'):
         simulation = Simulation(parameters)

@@ -39,7 +39,7 @@ def test_ring_down_has_the_frequency_and_damping_of_theory(load):
     np.testing.assert_allclose(_run(np.ones(7680), load), theory, atol=1e-9)
 
 
-def test_stretches_join_without_a_trace():
+def test_a_change_of_the_load_leaves_no_trace():
     force = np.random.default_rng(1).standard_normal(1000)
     platform = Platform(FREQUENCY, DAMPING, MASS, STEP)
     parts = [
@@ -61,7 +61,7 @@ def test_a_product_that_rolls_on_moves_the_platform_as_the_equation_says():
     middle = time + STEP / 2
     travel = belt.travel(middle)
     platform = Platform(FREQUENCY, DAMPING, MASS, STEP)
-    reading = platform.run(belt.load(middle, travel), *belt.stretches(middle, travel))
+    reading = platform.run(belt.load(middle, travel), *belt.load_steps(middle, travel))
 
     def share(t):
         way = (t - 0.01) * 1.5

@@ -172,7 +172,7 @@ class _SimulatedPass:
         belt.plan(float(self._time[0]), float(self._time[-1]))
         self._travel = belt.travel(self._time)
         self.load = belt.load(self._time, self._travel)
-        self._bounds, self._loads = belt.stretches(self._time, self._travel)
+        self._bounds, self._loads = belt.load_steps(self._time, self._travel)
 
     def sample_time(self) -> NDArray[np.float64]:
         """Return the time of the samples that are used, in s from t1."""
