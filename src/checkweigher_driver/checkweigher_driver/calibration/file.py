@@ -79,22 +79,7 @@ def calibration_text(
     sections: dict[str, Any],
     made: datetime | None = None,
 ) -> str:
-    """Return the text of a calibration file.
-
-    Parameters
-    ----------
-    version : int
-        From 1.
-    source : str
-        Source that gets ``counts_per_kg`` and ``zero_counts``.
-    calibration : StaticCalibration
-    points : sequence of CalibrationPoint
-        Points of the calibration.
-    sections : dict
-        Content of a parameter file to which the values are added.
-    made : datetime, optional
-        Date in the file; by default now.
-    """
+    """Return the text of a calibration file: the values of a source, added to other `sections`."""
     made = made or datetime.now(UTC)
     lines = [
         f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
@@ -157,17 +142,9 @@ def write_version(
 
 
 def replace_version(path: Path, new: Path) -> int:
-    """Put a new file in place of one that is kept as ``NAME.vN.yaml``, if there is one.
+    """Put a new file in place of one that is kept as ``NAME.vN.yaml``; return its version.
 
-    Returns
-    -------
-    int
-        Number of the new version.
-
-    Raises
-    ------
-    OutputError
-        If the old one cannot be kept; it stays then.
+    Raises OutputError if the old one cannot be kept; it stays then.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():

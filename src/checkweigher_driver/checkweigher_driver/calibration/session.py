@@ -117,19 +117,9 @@ class CalibrationSession:
         return self._reading is not None
 
     def begin(self, mass: float, uncertainty: float, edges: Sequence[EyeEdge]) -> None:
-        """Begin to read a load.
+        """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
 
-        Parameters
-        ----------
-        mass, uncertainty : float
-            kg, of the load on the belt; both 0 if the belt is empty.
-        edges : sequence of EyeEdge
-            The latest of the line.
-
-        Raises
-        ------
-        CalibrationError
-            If it cannot be read now.
+        `edges` are the latest of the line. Raises CalibrationError if the load cannot be read now.
         """
         if self._reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -146,16 +136,8 @@ class CalibrationSession:
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
         """Take an event of the stream, and return the reading of the point that it completes.
 
-        Parameters
-        ----------
-        event : SampleBlock or EyeEdge
-        now : float
-            s, on a clock that never steps back.
-
-        Raises
-        ------
-        CalibrationError
-            If the load cannot be read; there is no point then.
+        `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
+        be read; there is no point then.
         """
         load = self._reading
         if load is None:

@@ -58,19 +58,12 @@ class StaticReading:
 
 
 def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
-    """Return the reading of a load at rest.
-
-    Parameters
-    ----------
-    counts : ndarray, (n,) int32
-        Successive samples.
-    min_counts, max_counts : int
-        Limits of the converter.
+    """Return the reading of a load at rest from successive samples, (n,) int32.
 
     Raises
     ------
     CalibrationError
-        If the samples are too few or at a limit.
+        If the samples are too few or at a limit of the converter.
     """
     if len(counts) < _LEAST_SAMPLES:
         raise CalibrationError(f'{len(counts)} samples are too few, {_LEAST_SAMPLES} are needed')

@@ -52,12 +52,7 @@ class EdgePolling:
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
         """Take a poll and return the edges or the loss that it shows.
 
-        Parameters
-        ----------
-        poll : Poll
-            Begun after the last one had ended.
-        to_stamp : int
-            ns, stamp less time of a poll.
+        `to_stamp` is stamp less time of the polls, ns.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay

@@ -19,16 +19,8 @@ class ModbusLink:
     """A connection to one device. Only one thread uses it.
 
     After an error the connection is closed: a late answer must not pass for that to the next
-    question.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-    device_id : int
-        Unit of the device behind a gateway.
-    timeout : float
-        s, for connecting and for each answer.
+    question. `device_id` is the unit of the device behind a gateway; `timeout`, in s, is for
+    connecting and for each answer. All requests raise ModbusLinkError.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -38,13 +30,7 @@ class ModbusLink:
         self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0)
 
     def connect(self) -> None:
-        """Connect, if there is no connection.
-
-        Raises
-        ------
-        ModbusLinkError
-            If that fails.
-        """
+        """Connect, if there is no connection."""
         if not self._client.connect():
             raise ModbusLinkError(
                 f'{self._name}: no connection within {self._timeout:g} s; check cable, address and '

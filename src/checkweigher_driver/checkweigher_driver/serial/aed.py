@@ -102,15 +102,7 @@ class AedSource(SerialSource):
 
 
 class AedDialogue:
-    """Commands and replies, one at a time.
-
-    Parameters
-    ----------
-    port : serial.Serial
-        Open.
-    patience : float
-        s, for a reply.
-    """
+    """Commands and replies on an open port, one at a time; `patience` for a reply in s."""
 
     def __init__(self, port: serial.Serial, patience: float = 0.5) -> None:
         self._port = port
@@ -144,13 +136,7 @@ class AedDialogue:
         self._drain()
 
     def reset(self) -> None:
-        """Restart the device and wait until it replies again.
-
-        Raises
-        ------
-        SerialError
-            If it does not come back.
-        """
+        """Restart the device and wait until it replies again; `SerialError` if it does not."""
         self.send('RES')
         begin = time.monotonic()
         while time.monotonic() - begin < 2 * _RESET_TIME:
@@ -162,13 +148,7 @@ class AedDialogue:
         raise SerialError(f'{self._port.name}: the device did not come back after RES')
 
     def ask(self, query: str) -> str:
-        """Send a query and return the reply.
-
-        Raises
-        ------
-        SerialError
-            If there is none, or the device refuses.
-        """
+        """Return the reply to a query; `SerialError` if there is none, or the device refuses."""
         self.send(f'{query}?')
         reply = self._line()
         if reply == '?':
@@ -181,20 +161,7 @@ class AedDialogue:
         return reply
 
     def order(self, command: str, parameter: str) -> None:
-        """Send a command and check the reply.
-
-        Parameters
-        ----------
-        command : str
-            With its argument.
-        parameter : str
-            The driver's parameter that it comes from, for the message.
-
-        Raises
-        ------
-        SerialError
-            If the device refuses or does not reply.
-        """
+        """Send a command; `SerialError`, which names the driver's parameter, if it is refused."""
         self.send(command)
         reply = self._line()
         if reply != '0':
@@ -202,13 +169,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number.
-
-        Raises
-        ------
-        SerialError
-            If nothing replies, or a device of another kind.
-        """
+        """Return model and serial number; `SerialError` if another device replies, or none."""
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:

@@ -15,13 +15,7 @@ class SerialError(ValueError):
 
 
 def open_port(name: str, baud_rate: int) -> serial.Serial:
-    """Open a serial port for this process alone.
-
-    Raises
-    ------
-    SerialError
-        If that is not possible; the message says why and what to do.
-    """
+    """Open a serial port for this process alone; `SerialError` says why that is not possible."""
     try:
         return serial.Serial(
             name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True

@@ -121,14 +121,9 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Take a read.
+        """Take a read of some samples that returned at `host_ns`, on the clock of the stamps.
 
-        Parameters
-        ----------
-        first_index, count : int
-            Its samples. An index that goes back starts the clock again.
-        host_ns : int
-            When the read returned, ns on the clock of the stamps.
+        An index that goes back starts the clock again.
         """
         if count < 1:
             return
@@ -230,13 +225,7 @@ class SampleClock:
         self._out = _Line(index, now, self._fit.slope + min(max(pull, -limit), limit))
 
     def stamp(self, index: int) -> int:
-        """Return when a sample was taken, ns.
-
-        Raises
-        ------
-        ValueError
-            If nothing was read yet.
-        """
+        """Return when a sample was taken, ns; `ValueError` before the first read."""
         if self._origin is None or self._out is None:
             raise ValueError('no sample was read yet: there is no clock')
         x = index - self._origin[0]

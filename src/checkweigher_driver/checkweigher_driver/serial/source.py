@@ -74,18 +74,7 @@ class SerialParameters(Parameters):
     )  # fmt: skip
 
     def check_complete(self, bytes_per_value: int) -> None:
-        """Refuse parameters that cannot work before anything is opened.
-
-        Parameters
-        ----------
-        bytes_per_value : int
-            That the device sends.
-
-        Raises
-        ------
-        ParameterError
-            If a parameter without a default is not given, or the line is too slow for the values.
-        """
+        """Raise ParameterError if a parameter is missing or the line too slow for the values."""
         if not self.port:
             raise ParameterError(f'{self.node}.port: empty, must name a port such as /dev/ttyUSB0')
         for name in ('counts_per_kg', 'capacity', 'weigh_length'):

@@ -62,7 +62,7 @@ class Entry:
     hash: str = ''
 
     def line(self) -> bytes:
-        """Return the entry as it stands in the file, with its end of line."""
+        """Return the line of the entry in the file."""
         return _canonical(asdict(self)) + b'\n'
 
     def digest(self) -> str:
@@ -108,20 +108,7 @@ def head_path(path: Path) -> Path:
 
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
-    """Read a log and the file beside it and verify both.
-
-    Parameters
-    ----------
-    path : Path
-        The log.
-    known_hash : str
-        Hash of an entry that was noted elsewhere and has to be in the log.
-
-    Raises
-    ------
-    AuditError
-        If the log cannot be read.
-    """
+    """Verify a log and the file beside it; `AuditError` if the log cannot be read."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -145,52 +132,56 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     known_hash : str
         Hash of an entry that has to be there.
     """
-    found = _follow_chain(data)
-    if found.whole:
-        found = _hold_to_head(found, head)
-    if found.whole and known_hash and known_hash not in {e.hash for e in found.entries}:
-        reason = f'no entry has the hash {known_hash}: the log is not the one it was taken from'
-        return Verification(found.entries, len(found.entries) + 1, 'cut', reason)
-    return found
-
-
-def _follow_chain(data: bytes) -> Verification:
-    """Verify all but the end; `Verification.torn` is the rest after the last entry."""
-    lines = data.split(b'\n')
-    parsed = [_parse(line) for line in lines]
     entries: list[Entry] = []
+    try:
+        torn = _follow_chain(data, entries)
+        _check_head(entries, torn, head)
+        if known_hash and known_hash not in {entry.hash for entry in entries}:
+            reason = f'no entry has the hash {known_hash}: the log is not the one it was taken from'
+            raise _FaultError(len(entries) + 1, 'cut', reason)
+    except _FaultError as fault:
+        return Verification(tuple(entries), *fault.args)
+    return Verification(tuple(entries), torn=torn)
+
+
+class _FaultError(Exception):
+    """Line, problem and reason, as in `Verification`."""
+
+
+def _follow_chain(data: bytes, entries: list[Entry]) -> bytes:
+    """Append the entries of a log; return the bytes of an entry that was not finished."""
+    lines = data.split(b'\n')
+    parsed = [*map(_parse, lines[:-1]), None]  # behind the last end of line there is no entry
     previous, torn = FIRST_PREVIOUS, b''
-    begin = 0
-    while begin < len(lines):
-        entry = None if begin == len(lines) - 1 else parsed[begin]
-        if entry is None:
-            end = next((n for n in range(begin, len(lines) - 1) if parsed[n]), len(lines))
-            torn = b'\n'.join(lines[begin:end])
-            if end == len(lines) and _may_be_torn(torn, len(entries) + 1):
-                return Verification(tuple(entries), torn=torn)
-            if end == len(lines) or not _records(parsed[end], torn):
-                reason = 'it is no entry, or not as it was written'
-                return Verification(tuple(entries), begin + 1, 'changed', reason)
-            begin = end
+    at = 0
+    while at < len(lines):
+        entry = parsed[at]
+        if entry is not None:
+            _check_place(at + 1, entry, len(entries) + 1, previous, torn)
+            entries.append(entry)
+            previous, torn = entry.hash, b''
+            at += 1
             continue
-        problem, reason = _misplaced(entry, len(entries) + 1, previous, torn)
-        if problem:
-            return Verification(tuple(entries), begin + 1, problem, reason)
-        entries.append(entry)
-        previous, torn = entry.hash, b''
-        begin += 1
-    return Verification(tuple(entries))
+        end = next((n for n in range(at, len(lines)) if parsed[n]), len(lines))
+        torn = b'\n'.join(lines[at:end])
+        if end == len(lines) and _may_be_torn(torn, len(entries) + 1):
+            return torn
+        if end == len(lines) or not _records(parsed[end], torn):
+            raise _FaultError(at + 1, 'changed', 'it is no entry, or not as it was written')
+        at = end
+    return b''
 
 
-def _misplaced(entry: Entry, expected: int, previous: str, torn: bytes) -> tuple[str, str]:
-    """Return problem and reason of an entry at its place; two empty strings if it is right."""
+def _check_place(line: int, entry: Entry, expected: int, previous: str, torn: bytes) -> None:
+    number = entry.sequence
     if entry.kind == TORN and not (torn and _records(entry, torn)):
-        return 'removed', 'the torn entry that it records is not there before it'
-    if entry.sequence > expected:
-        return 'removed', f'entry {entry.sequence} stands where entry {expected} should be'
-    if entry.sequence < expected or entry.previous != previous:
-        return 'inserted', f'entry {entry.sequence} does not follow the entry before it'
-    return '', ''
+        reason = 'the torn entry that it records is not there before it'
+        raise _FaultError(line, 'removed', reason)
+    if number > expected:
+        reason = f'entry {number} stands where entry {expected} should be'
+        raise _FaultError(line, 'removed', reason)
+    if number < expected or entry.previous != previous:
+        raise _FaultError(line, 'inserted', f'entry {number} does not follow the entry before it')
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
@@ -203,16 +194,14 @@ def _may_be_torn(end: bytes, expected: int) -> bool:
     return begun or not end.strip(b'\0') or (expected > 1 and not end.endswith(b'\n'))
 
 
-def _hold_to_head(found: Verification, head: bytes) -> Verification:
-    """Find what was cut off at the end; an entry or two more than the head knows are no harm."""
-    count = len(found.entries)
-    after = count + 1
+def _check_head(entries: list[Entry], torn: bytes, head: bytes) -> None:
+    """Find entries that were cut off at the end; one more than the head knows is no harm."""
+    count = len(entries)
     if not head:
-        # Power may be lost between the first entry and its head.
-        if count <= 1:
-            return found
-        reason = 'the file LOG.head is missing, so the number of entries is not known'
-        return Verification(found.entries, after, 'cut', reason)
+        if count > 1:  # a power loss between the first entry and its head leaves one
+            reason = 'the file LOG.head is missing, so the number of entries is not known'
+            raise _FaultError(count + 1, 'cut', reason)
+        return
     try:
         known = json.loads(head)
         sequence, digest = int(known['sequence']), str(known['hash'])
@@ -220,18 +209,17 @@ def _hold_to_head(found: Verification, head: bytes) -> Verification:
             raise ValueError
     except (ValueError, TypeError, KeyError):
         reason = 'the file LOG.head is not as it was written'
-        return Verification(found.entries, after, 'changed', reason)
+        raise _FaultError(count + 1, 'changed', reason) from None
     if sequence > count:
-        problem = 'changed' if found.torn.endswith(b'\n') else 'cut'
+        problem = 'changed' if torn.endswith(b'\n') else 'cut'
         reason = f'the log ends with entry {count}, but went on to entry {sequence}'
-        return Verification(found.entries, after, problem, reason)
-    if sequence < 1 or found.entries[sequence - 1].hash != digest:
+        raise _FaultError(count + 1, problem, reason)
+    if sequence < 1 or entries[sequence - 1].hash != digest:
         reason = f'entry {sequence} is not the one that LOG.head knows'
-        return Verification(found.entries, max(sequence, 1), 'changed', reason)
+        raise _FaultError(max(sequence, 1), 'changed', reason)
     if count - sequence > 1:
         reason = f'LOG.head knows {sequence} entries, the log has {count}'
-        return Verification(found.entries, sequence + 1, 'inserted', reason)
-    return found
+        raise _FaultError(sequence + 1, 'inserted', reason)
 
 
 class AuditLog:
