@@ -14,18 +14,19 @@ from measure import Case, main
 import numpy as np
 import plain_path
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser, denoised_pass
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
-from checkweigher_dsp.denoising.wavelet_shrinkage import ShrinkageFilter, denoise_periodic
-from checkweigher_dsp.estimation.estimators.base import raw_plateau
+from checkweigher_dsp.denoising.wavelet_shrinkage import denoise_periodic
+from checkweigher_dsp.denoising.window_batch import denoised_pass
+from checkweigher_dsp.estimation.estimators.base import raw_samples
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters, identify_passes
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.records import Reference, WeighWindow
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
-from checkweigher_dsp.signal.window_identification import WindowNoise, identify_window
 from checkweigher_recording.bags.reading import read_bag
 
 BAGS = Path(__file__).parent.parent / 'bags'
-NOISE = WindowNoise()
+KNOWN = IswdEksiParameters()
 _BATCH = 256
 _TARGETS = {30: 20.0, 90: 30.0}
 # Table 1 in a unit that leaves something of each band: with thresholds, unlike the default table.
@@ -50,38 +51,33 @@ def kernel_cases(speed: int) -> list[Case]:
     """Return shrinkage and identification of one window, with and without thresholds."""
     window = Denoiser(DenoiseParameters()).denoise(windows_of(speed)[0])
     denoised, share = denoised_pass(window)
-    plateau = window.denoised[window.window_begin : window.window_end]
-    removed = float(np.var(raw_plateau(window) - plateau))
+    removed = np.var(raw_samples(window) - denoised[-len(raw_samples(window)) :])
+    rise = KNOWN.rise_noise[0]
+    identify = partial(identify_passes, [(denoised, share)], np.array([removed]), KNOWN.noise, rise)
+    identify_plainly = partial(
+        plain_path.identify_window, denoised, removed, share, KNOWN.noise, rise
+    )
     length = DenoiseParameters().stretch
     stretch = np.resize(window.force_between(0, window.window_end), length)
     cases = []
     for name, parameters in (('', DenoiseParameters()), (', thresholds', THRESHOLDS)):
         details = parameters.table.at(window.belt_speed, parameters.threshold_unit)
-        shrink = ShrinkageFilter(length, details).apply
-        of_window = (denoised, removed, share, NOISE)
+        shrink = partial(denoise_periodic, stretch, details)
+        shrink_plainly = partial(plain_path.denoise_periodic, stretch, details)
 
-        def kernels(shrink=shrink, of_window=of_window) -> None:
-            shrink(stretch)
-            identify_window(*of_window)
+        def kernels(shrink=shrink) -> None:
+            shrink()
+            identify()
 
-        def plainly(details=details, of_window=of_window) -> None:
-            plain_path.denoise_periodic(stretch, details)
-            plain_path.identify_window(*of_window)
+        def plainly(shrink_plainly=shrink_plainly) -> None:
+            shrink_plainly()
+            identify_plainly()
 
         cases += [
             Case(f'kernels {speed} m/min{name}', kernels, plainly, target=_TARGETS[speed]),
-            Case(
-                f'shrinkage {speed} m/min{name}', partial(denoise_periodic, stretch, details),
-                partial(plain_path.denoise_periodic, stretch, details),
-            ),
-        ]  # fmt: skip
-    cases.append(
-        Case(
-            f'identification {speed} m/min', partial(identify_window, *of_window),
-            partial(plain_path.identify_window, *of_window),
-        )
-    )  # fmt: skip
-    return cases
+            Case(f'shrinkage {speed} m/min{name}', shrink, shrink_plainly),
+        ]
+    return [*cases, Case(f'identification {speed} m/min', identify, identify_plainly)]
 
 
 def varied(windows: list[WeighWindow], count: int, seed: int = 1) -> list[WeighWindow]:
@@ -107,7 +103,7 @@ def window_cases(speed: int) -> list[Case]:
         def batch(denoiser=denoiser, identifier=identifier) -> None:
             identifier.estimate_all(denoiser.denoise_all(many))
 
-        plainly = partial(plain_path.weigh_window, windows[0], parameters, NOISE)
+        plainly = partial(plain_path.weigh_window, windows[0], parameters, KNOWN)
         cases += [
             Case(f'window {speed} m/min{name}', one, plainly),
             Case(f'window of a batch {speed} m/min{name}', batch, one, count=_BATCH),

@@ -13,11 +13,10 @@ import pywt
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.denoising.wavelet_shrinkage import Shrinkage
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
-from checkweigher_dsp.signal.extended_kalman import Noise, Start
-from checkweigher_dsp.signal.window_identification import WindowNoise
+from checkweigher_dsp.signal.extended_kalman import Noise
 
-_AT_REST = Start()
 _PREDICTION_RATE = 240.0  # Hz
 
 
@@ -42,14 +41,11 @@ def denoise_periodic(
 class MatrixFilter(ExtendedKalmanFilter):
     """The EKF of the method on X = [x(k), x(k-1), a1, a2, b1]."""
 
-    def __init__(self, noise: Noise, start: Start = _AT_REST) -> None:
+    def __init__(self, measurement: float, noise: Noise) -> None:
         super().__init__(dim_x=5, dim_z=1)
-        self.x = np.array([[start.x, start.x_before, start.a1, start.a2, start.b1]]).T
-        of_coefficients = noise.initial if noise.coefficients is None else noise.coefficients
-        self.P = noise.initial * np.eye(5)
-        self.P[2, 2] = self.P[3, 3] = of_coefficients
-        self.Q = np.diag([noise.process, 0.0, 0.0, 0.0, 0.0])
-        self.R = np.array([[noise.measurement]])
+        self.P = np.diag([noise.initial] * 2 + [noise.coefficients] * 2 + [noise.initial])
+        self.Q = np.diag([noise.process * measurement, 0.0, 0.0, 0.0, 0.0])
+        self.R = np.array([[measurement]])
         self.H = np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
         self.F = np.eye(5)
         self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
@@ -72,14 +68,14 @@ class MatrixFilter(ExtendedKalmanFilter):
 
 
 def identify_window(
-    denoised: np.ndarray, removed_variance: float, inputs: np.ndarray, noise: WindowNoise
+    denoised: np.ndarray, removed_variance: float, inputs: np.ndarray, noise: Noise, rise: float
 ) -> tuple[float, float]:
     """Return steady state and its variance that the filter finds in a window (n,) float64."""
     scale = denoised[inputs >= 1].mean()
-    r = max(noise.measurement * removed_variance / scale**2, 1e-12)
-    matrix_filter = MatrixFilter(Noise(noise.process * r, r, noise.initial, noise.coefficients))
+    r = max(noise.measurement * removed_variance / scale**2, 1e-14)
+    matrix_filter = MatrixFilter(r, noise)
     for sample, load in zip(denoised / scale, inputs, strict=True):
-        matrix_filter.step(sample, load, noise.rise * r if load < 1 else r)
+        matrix_filter.step(sample, load, rise * r if load < 1 else r)
     a1, a2, b1 = matrix_filter.x[2:, 0]
     total = 1 + a1 + a2
     slope = np.array([-b1 / total**2, -b1 / total**2, 1 / total])
@@ -87,9 +83,9 @@ def identify_window(
 
 
 def weigh_window(
-    window: WeighWindow, parameters: DenoiseParameters, noise: WindowNoise
+    window: WeighWindow, parameters: DenoiseParameters, known: IswdEksiParameters
 ) -> tuple[float, float]:
-    """Return load (kg) and variance (kg^2) of a window, with `surround` continuation.
+    """Return load (kg) and variance (kg^2) of a window, padded by `surround` continuation.
 
     Parameters
     ----------
@@ -97,8 +93,8 @@ def weigh_window(
         A whole one.
     parameters : DenoiseParameters
         With one natural frequency and one damping ratio.
-    noise : WindowNoise
-        Of the filter.
+    known : IswdEksiParameters
+        Variances of the filter, with one `rise_noise`.
     """
     begin, end, rate = window.window_begin, window.window_end, window.sample_rate
     count = end - begin
@@ -141,7 +137,7 @@ def weigh_window(
     inputs = share[entry:]
     inputs[lead - entry :] = 1.0
     removed = np.var(force[lead:] - denoised[lead:])
-    return identify_window(denoised[entry:], removed, inputs, noise)
+    return identify_window(denoised[entry:], removed, inputs, known.noise, known.rise_noise[0])
 
 
 def load_response(time: np.ndarray, rise: float, frequency: float, damping: float) -> np.ndarray:

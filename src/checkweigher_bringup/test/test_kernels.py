@@ -15,7 +15,6 @@ from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, SampleBlock
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
-from checkweigher_dsp.signal.window_identification import WindowNoise
 from checkweigher_recording.bags.reading import read_bag
 
 BAGS = Path(__file__).parents[3] / 'bags'
@@ -44,13 +43,13 @@ def _windows(recording):
 @pytest.mark.parametrize('speed', [0.5, 0.8, 1.5])
 def test_a_window_weighs_what_pywavelets_and_filterpy_make_of_it(speed, table):
     windows = _windows(simulated(speed=speed, count=3, seed=3))
-    parameters = TABLES[table]
-    estimator = ESTIMATORS['iswd_eksi'](IdentifierParameters().iswd_eksi)
+    parameters, known = TABLES[table], IdentifierParameters().iswd_eksi
+    estimator = ESTIMATORS['iswd_eksi'](known)
 
     for window in windows:
         found = estimator.estimate(Denoiser(parameters).denoise(window))
 
-        expected = plain_path.weigh_window(window, parameters, WindowNoise())
+        expected = plain_path.weigh_window(window, parameters, known)
         assert (found.mass, found.variance) == pytest.approx(expected, rel=1e-10)
     assert len(windows) == 3
 

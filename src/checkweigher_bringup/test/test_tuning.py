@@ -186,7 +186,7 @@ class TestRefusedTuning:
         line = refused('tune', slow, '--estimator', 'hann', 'gauss_markov', '--jobs', jobs,
             '--output', tmp_path / 'machine.yaml',
         )  # fmt: skip
-        assert 'no stretch of noise is longer than 40 samples' in line
+        assert 'no segment of noise is longer than 40 samples' in line
 
 
 class TestEvaluation:

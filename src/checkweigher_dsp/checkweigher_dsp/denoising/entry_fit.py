@@ -1,15 +1,15 @@
-r"""The times at which products enter, put right by the signal itself.
+r"""The times at which products enter, corrected from the signal itself.
 
 Photo-eyes that are polled know t1 and t2 to a millisecond or so. A load that is taken out of the
 signal a millisecond early or late leaves a hump as long as the rise, and a low-pass takes that for
-load. The form of the hump is known, so its size can be fitted, as far as the disturbance n lets it
-be seen:
+load. The form of the hump is known, so its size can be fitted where the disturbance n does not
+hide it: [own derivation]
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
-y is the signal, M r what a load of about M makes of the platform's response r, and m what M is off,
-of which nothing is known. An edge that may lie anywhere within +-u has the variance u^2 / 3. All
+y is the signal, M r the response r of the platform to a load of about M, and m the error of M, of
+which nothing is known. An edge that may lie anywhere within +-u has the variance u^2 / 3. All
 are means of blocks, and a prediction-error filter makes n white.
 """
 
@@ -20,96 +20,91 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import block_responses
-from checkweigher_dsp.denoising.window_batch import PassStack
+from checkweigher_dsp.denoising.window_batch import WindowBatch
 
 # White samples that three unknowns are fitted to, at least.
 _LEAST_SAMPLES = 8
-# The variance of n is at first that of the whole signal, then that of what the fit leaves of it.
+# The variance of n is at first that of the whole signal, then that of the residual of the fit.
 _ROUNDS = 2
 # No edge is taken to be further off than this multiple of the uncertainty.
 _FURTHEST = 2.0
 
 
 class EntryFit:
-    """Fit the times at which the passes of a stack enter.
+    """Fit the times at which the products of a batch enter.
 
     Parameters
     ----------
-    stack : PassStack
-        The passes.
+    batch : WindowBatch
+        Windows with the signal before them.
     uncertainty : float
-        u in s, half of the stretch that each of t1 and t2 may lie in, above 0.
-    level : ndarray, (passes, 1) float64
+        u in s, above 0: each of t1 and t2 may be off by as much.
+    level : ndarray, (windows, 1) float64
         M, kg.
-    natural_frequency, damping_ratio : ndarray, (passes, 1) float64
+    natural_frequency, damping_ratio : ndarray, (windows, 1) float64
         Of the platform with that load, Hz and 1.
     """
 
     def __init__(
         self,
-        stack: PassStack,
+        batch: WindowBatch,
         uncertainty: float,
         level: NDArray[np.float64],
         natural_frequency: NDArray[np.float64],
         damping_ratio: NDArray[np.float64],
     ) -> None:
-        self._stack = stack
+        self._batch = batch
         self._uncertainty = uncertainty
-        # Columns before this one are before any t1.
-        self._first = int(np.count_nonzero((stack.time < -_FURTHEST * uncertainty).all(axis=0)))
-        blocks = block_means(stack.force, stack.block)
+        blocks = block_means(batch.force, batch.block)
         count = blocks.shape[-1]
         self._rows = np.zeros((len(blocks), 4, count))
-        self._of_platforms = np.empty((0, 3))
+        self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
         # The blocks end with the signal; those before the entry hold nothing of the load.
-        empty = max((stack.entry - stack.force.shape[-1]) // stack.block + count, 0)
-        interval = stack.time[:, 1:2] - stack.time[:, :1]
-        width = stack.block * interval
-        bounds = stack.time[:, -1:] + interval / 2 - width * np.arange(count - empty, -1, -1)
-        responses = block_responses(bounds, stack.rise_time, natural_frequency, damping_ratio)
+        empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
+        interval = batch.time[:, 1:2] - batch.time[:, :1]
+        width = batch.block * interval
+        bounds = batch.time[:, -1:] + interval / 2 - width * np.arange(count - empty, -1, -1)
+        responses = block_responses(bounds, batch.rise_time, natural_frequency, damping_ratio)
         self._rows[:, 0, empty:] = responses[0]
         responses *= level
         self._rows[:, 1] = blocks
         self._rows[:, 1, empty:] -= responses[0]
         self._rows[:, 2:, empty:] = responses[1:].swapaxes(0, 1)
-        self._of_platforms = platform_taps(width, natural_frequency, damping_ratio)
+        self._platform_taps = platform_taps(width, natural_frequency, damping_ratio)
 
     def times(
         self, taps: NDArray[np.float64] | None
-    ) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-        """Return how the passes enter by what `shift` finds.
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the entry of each product as `shift` corrects it.
 
         Returns
         -------
-        first : int
-            Column of the stack before which no load can be.
-        time : ndarray, (passes, n) float64
-            Since t1, of the columns from there on, s.
-        rise_time : ndarray, (passes, 1) float64
+        time : ndarray, (windows, n) float64
+            Time since t1 of the columns of the batch, s.
+        rise_time : ndarray, (windows, 1) float64
             t2 - t1, s.
         """
-        shift = self.shift(taps)
+        shift, batch = self.shift(taps), self._batch
         t1, t2 = shift[:, :1], shift[:, 1:]
-        stack = self._stack
-        return self._first, stack.time[:, self._first :] - t1, stack.rise_time + t2 - t1
+        return batch.time - t1, batch.rise_time + t2 - t1
 
     def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        """Return by how much t1 and t2 are later than the photo-eyes say: (passes, 2), s.
+        """Return by how much t1 and t2 are later than the photo-eyes say: (windows, 2), s.
 
         Parameters
         ----------
-        taps : ndarray, (passes, p + 1) float64, or None
+        taps : ndarray, (windows, p + 1) float64, or None
             Prediction-error filter of the disturbance, on means of the same blocks. While nothing
-            is known of it, None or a filter of order 0, it is what white forces make of the
-            platform.
+            is known of it, None or a filter of order 0, it is that of a platform which white
+            forces shake.
         """
         shift = np.zeros((len(self._rows), 2))
-        filters = self._of_platforms if taps is None or taps.shape[-1] == 1 else taps
+        filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
         for number, (rows, own) in enumerate(zip(self._rows, filters, strict=False)):
             if rows.shape[-1] - len(own) + 1 >= _LEAST_SAMPLES:
-                # All rows in one go, but for what runs over from each into the next one.
+                # All rows at once, without the samples that mix the end of one with the next.
                 white = np.convolve(rows.ravel(), own)[: rows.size].reshape(rows.shape)
                 shift[number] = _fit(white[:, len(own) - 1 :], self._uncertainty)
         return shift
@@ -120,18 +115,24 @@ def platform_taps(
     natural_frequency: NDArray[np.float64],
     damping_ratio: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the filters that leave white what white forces make of platforms.
+    """Return the filters that make the motion of platforms white which white forces shake.
 
     Parameters
     ----------
-    interval : ndarray, (passes, 1) float64
-        From sample to sample, s.
-    natural_frequency, damping_ratio : ndarray, (passes, 1) float64
+    interval : ndarray, (windows, 1) float64
+        Interval of the samples, s.
+    natural_frequency, damping_ratio : ndarray, (windows, 1) float64
         Hz and 1.
 
     Returns
     -------
-    ndarray, (passes, 3) float64
+    ndarray, (windows, 3) float64
+
+    Examples
+    --------
+    >>> column = np.ones((1, 1))
+    >>> platform_taps(column / 240, 38.0 * column, 0.06 * column).round(3).tolist()
+    [[1.0, -1.029, 0.887]]
     """
     taps = np.ones((len(interval), 3))
     angle = 2 * np.pi * natural_frequency * interval
@@ -142,12 +143,12 @@ def platform_taps(
 
 
 def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
-    """Return the two times that a signal in white noise shows, s; 0 if it shows none.
+    """Return the shifts of the two times that a signal in white noise shows, s; 0 if none.
 
     Parameters
     ----------
     white : ndarray, (4, n) float64
-        Response, signal, and the slopes of the signal by the two times.
+        Response, signal, and the slopes of the signal with the two times.
     uncertainty : float
         s.
     """
@@ -156,7 +157,7 @@ def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = products
     if not size > 0:
         return 0.0, 0.0
-    # The size of the response is free: only what is at right angles to it tells of the times.
+    # The size of the response is free: only the part at right angles to it tells of the times.
     signal, one, two = (share / size for share in shares)
     power -= signal * shares[0]
     b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]

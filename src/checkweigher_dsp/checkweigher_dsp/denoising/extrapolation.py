@@ -1,85 +1,95 @@
-"""Continuation of a disturbed signal beyond its ends, by linear prediction.
+"""Extrapolation of a disturbance beyond the ends of the signal, by linear prediction.
 
-What shakes a belt is to a good part lines: the rollers, the motor, the platform's own oscillation.
+Most of the disturbance of a belt is lines: the rollers, the motor, the platform's own oscillation.
 They go on before and after the samples at hand, and an autoregressive model of these samples tells
 how. Only the lowest bands of the signal are of interest, so the model is made of block means at
-`PREDICTION_RATE`: so an order of few tens spans the period of a slow line.
+`PREDICTION_RATE`, and an order of few tens spans the period of a slow line.
 """
-
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.signal.autoregression import burg_model
+from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # Hz
 # Samples that a model of a given order is made from, at least, as a multiple of the order.
 _LEAST_RATIO = 3
-_MOST_AT_ONCE = 4  # samples, see `predict`
+_PREDICTED_AT_ONCE = 4  # samples, see `predict`
 
 
-def extend(
+def extrapolate(
     disturbance: NDArray[np.float64], before: int, after: int, order: int, block: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Continue a disturbance to both sides.
 
-    The model is fitted by Burg's method, so it is stable and the continuation dies out or goes on,
-    but does not grow. Backward in time it is the same model.
+    The model is fitted by Burg's method, so it is stable: the continuation dies out or goes on,
+    but does not grow. Backward in time it is the same model. [own derivation]
 
     Parameters
     ----------
-    disturbance : ndarray, (..., n) float64
-        Without the load, time on the last axis.
+    disturbance : ndarray, (n,) float64
+        Signal without the load, kg.
     before, after : int
         Number of samples to put before the first and after the last one.
     order : int
-        Of the model, lowered where n is too small for it; below 1 the continuation is 0.
+        Order of the model, lowered where n is too small for it; below 1 the continuation is 0.
     block : int
-        Samples in one block of the model.
+        Number of samples in one block of the model.
 
     Returns
     -------
-    extended : ndarray, (..., before + n + after) float64
-    taps : ndarray, (..., p + 1) float64
+    extrapolated : ndarray, (before + n + after,) float64
+        kg.
+    taps : ndarray, (p + 1,) float64
         Prediction-error filter of the block means, from the leading 1 on; that alone if the
         continuation is 0.
+
+    Examples
+    --------
+    >>> line = np.sin(np.arange(0.0, 26.0, 0.065))  # 10 Hz at 960 Hz
+    >>> extrapolated, _ = extrapolate(line, before=0, after=100, order=8, block=4)
+    >>> print(abs(extrapolated[400:] - np.sin(np.arange(26.0, 32.5, 0.065))).max() < 0.05)
+    True
     """
-    shape, count = disturbance.shape[:-1], disturbance.shape[-1]
-    result = np.zeros((*shape, before + count + after))
-    result[..., before : before + count] = disturbance
+    count = len(disturbance)
+    result = np.zeros(before + count + after)
+    result[before : before + count] = disturbance
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
-        return result, np.ones((*shape, 1))
-    # The blocks are aligned to the end; backward they are those of the reversed signal.
-    means = block_means(disturbance, block)[..., None, :]
-    taps, _ = burg_model(means[..., 0, :], order)
-    if before:
-        backward = block_means(disturbance[..., ::-1], block)[..., None, :]
-        means = np.concatenate([means, backward], axis=-2)
-    steps = max(before, after) // block + 2
-    means = np.concatenate([means[..., -1:], predict(means, taps, steps)], axis=-1)
-    result[..., before + count :] = _interpolate(means[..., 0, :], block, after)
-    if before:
-        result[..., :before] = _interpolate(means[..., 1, :], block, before)[..., ::-1]
+        return result, np.ones(1)
+    # The blocks are aligned to the end from which the signal goes on.
+    means = np.stack([block_means(disturbance, block), block_means(disturbance[::-1], block)])
+    taps, _ = burg(means[0], order)
+    predicted = predict(means, taps, max(before, after) // block + 2)
+    forward, backward = np.concatenate([means[:, -1:], predicted], axis=-1)
+    result[before + count :] = _between_blocks(forward, block, after)
+    result[:before] = _between_blocks(backward, block, before)[::-1]
     return result, taps
 
 
 def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Return the means of successive blocks; what is left over at the beginning is not used."""
+    """Return the means of successive blocks; what is left over at the beginning is not used.
+
+    Parameters
+    ----------
+    signal : ndarray, (..., n) float64
+        Time on the last axis.
+    block : int
+        Number of samples in a block.
+
+    Returns
+    -------
+    ndarray, (..., n // block) float64
+
+    Examples
+    --------
+    >>> block_means(np.arange(11.0), 4).tolist()
+    [4.5, 8.5]
+    """
     count = signal.shape[-1] // block
     used = signal[..., signal.shape[-1] - count * block :]
-    blocks = used.reshape(*signal.shape[:-1], count, block)
-    means: NDArray[np.float64] = blocks @ _share(block)
+    means: NDArray[np.float64] = used.reshape(*signal.shape[:-1], count, block).mean(axis=-1)
     return means
-
-
-@lru_cache(maxsize=256)
-def _share(block: int) -> NDArray[np.float64]:
-    """Return the share of each sample of a block in its mean; the product is the fastest sum."""
-    share = np.full(block, 1 / block)
-    share.flags.writeable = False
-    return share
 
 
 def predict(
@@ -89,80 +99,51 @@ def predict(
 
     Parameters
     ----------
-    signals : ndarray, (..., m, n) float64
+    signals : ndarray, (m, n) float64
         m signals of the same model; n at least the order p.
-    taps : ndarray, (..., p + 1) float64
+    taps : ndarray, (p + 1,) float64
         Prediction-error filter, from the leading 1 on.
     count : int
         Number of samples to predict.
 
     Returns
     -------
-    ndarray, (..., m, count) float64
+    ndarray, (m, count) float64
 
     Notes
     -----
     Some samples at a time, each of them written as a sum of the last p known ones. Not all at
     once: for a model of lines, whose response to an impulse grows far beyond the signal before it
     dies out, rounding would leave nothing of it.
+
+    Examples
+    --------
+    >>> predict(np.array([[8.0, 4.0]]), np.array([1.0, -0.5]), 3).tolist()  # halved each time
+    [[2.0, 1.0, 0.5]]
     """
-    order, number = taps.shape[-1] - 1, signals.shape[-2]
-    # Time on the axis before the last one, so that what is read and written lies in one piece.
-    weights = -taps[..., None, :0:-1].reshape(-1, 1, order)
-    while 2 * weights.shape[-2] <= min(order, _MOST_AT_ONCE):
+    order = len(taps) - 1
+    weights = -taps[np.newaxis, :0:-1]
+    while 2 * len(weights) <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
-    width = weights.shape[-2]
-    known = signals.reshape(-1, number, signals.shape[-1])[..., signals.shape[-1] - order :]
-    result = np.empty((len(known), order + -(-count // width) * width, number))
-    result[:, :order] = known.swapaxes(-1, -2)
-    if len(result) == 1:
-        _predict_lone(weights[0], result[0, :, 0] if number == 1 else result[0])
-    else:
-        for k in range(order, result.shape[1], width):
-            np.matmul(weights, result[:, k - order : k], out=result[:, k : k + width])
-    predicted = result[:, order : order + count].swapaxes(-1, -2)
-    return predicted.reshape(*signals.shape[:-1], count)
-
-
-def _predict_lone(weights: NDArray[np.float64], signal: NDArray[np.float64]) -> None:
-    """Fill in what follows the first samples: the same products by calls that take less time."""
-    width, order = weights.shape
-    for k in range(order, len(signal), width):
-        weights.dot(signal[k - order : k], signal[k : k + width])
+    width = len(weights)
+    # One row a time, so that the samples which a step reads and writes lie in one piece.
+    result = np.empty((order + -(-count // width) * width, len(signals)))
+    result[:order] = signals[:, signals.shape[-1] - order :].T
+    for k in range(order, len(result), width):
+        weights.dot(result[k - order : k], result[k : k + width])
+    return result[order : order + count].T
 
 
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights (..., 2 n, p) of the last p samples in the next 2 n, from those of n."""
-    width, order = weights.shape[-2:]
-    result = np.empty((len(weights), 2 * width, order))
-    result[:, :width] = weights
+    """Return the weights (2 n, p) of the last p samples in the next 2 n, from those of n."""
+    width, order = weights.shape
     # The last n of the samples that the second half is made of are those of the first one.
-    np.matmul(weights[..., order - width :], weights, out=result[:, width:])
-    result[:, width:, width:] += weights[..., : order - width]
-    return result
+    further = weights[:, order - width :] @ weights
+    further[:, width:] += weights[:, : order - width]
+    return np.concatenate([weights, further])
 
 
-def _interpolate(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
-    """Return the samples after the end of the first block, linear between block centres."""
-    skipped, left, right = _shares(block)
-    samples = means[..., :-1, None] * left
-    samples += means[..., 1:, None] * right
-    return samples.reshape(*means.shape[:-1], -1)[..., skipped : skipped + count]
-
-
-@lru_cache(maxsize=256)
-def _shares(block: int) -> tuple[int, NDArray[np.float64], NDArray[np.float64]]:
-    """Return how samples lie between block centres.
-
-    Returns
-    -------
-    skipped : int
-        Number of samples from the centre of a block up to its end.
-    left, right : ndarray, (block,) float64
-        Share of the block on either side in each sample from a centre up to the next one.
-    """
-    right = (np.arange(block) + (block - 1) / 2 % 1) / block
-    left = 1 - right
-    for values in (left, right):
-        values.flags.writeable = False
-    return 1 + (block - 1) // 2, left, right
+def _between_blocks(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
+    """Return the samples after the first block, on straight lines between block centres."""
+    centres = (np.arange(len(means)) - 0.5) * block + 0.5
+    return np.interp(np.arange(1, count + 1), centres, means)

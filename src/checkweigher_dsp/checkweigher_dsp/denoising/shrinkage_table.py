@@ -1,6 +1,5 @@
 """Gains and thresholds of the wavelet shrinkage for each belt speed, Table 1 of the paper first."""
 
-from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -42,11 +41,6 @@ class ShrinkageTable:
             if len(row) != len(self.speeds):
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
 
-    @property
-    def is_linear(self) -> bool:
-        """Whether there is no threshold at any speed: then what denoises is a linear filter."""
-        return not any(any(row) for row in self.thresholds)
-
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
         """Return the shrinkage of levels 1 to 7 at a belt speed.
 
@@ -55,37 +49,32 @@ class ShrinkageTable:
 
         Parameters
         ----------
-        speed : float or ndarray, (passes,)
-            m/s; an array makes gains and thresholds arrays (passes, 1).
+        speed : float or ndarray, (windows, 1)
+            m/s.
         unit : float
-            What one unit of the thresholds is in the signal's unit.
+            Unit of the thresholds in the unit of the signal.
+
+        Returns
+        -------
+        tuple of (Shrinkage or None)
+            Gains and thresholds in the shape of `speed`; None for a level that is removed.
+
+        Examples
+        --------
+        >>> band = TABLE_1.at(1.125, unit=1.0)[6]  # level 7 halfway between 60 and 75 m/min
+        >>> print(f'{band.gain:.4f} {band.threshold:.1f}')
+        0.8225 4.0
         """
         found: list[Shrinkage | None] = [None] * (LEVELS - len(SHRUNK_LEVELS))
         for gains, thresholds in zip(self.gains, self.thresholds, strict=True):
-            if any(gains):
-                rest = unit * column(self.speeds, thresholds, speed) if any(thresholds) else 0.0
-                found.append(Shrinkage(column(self.speeds, gains, speed), rest))
-            else:
+            if not any(gains):
                 found.append(None)
+                continue
+            threshold: Any = 0.0
+            if any(thresholds):
+                threshold = unit * np.interp(speed, self.speeds, thresholds)
+            found.append(Shrinkage(np.interp(speed, self.speeds, gains), threshold))
         return tuple(found)
-
-
-def interpolate(positions: tuple[float, ...], values: tuple[float, ...], at: float) -> float:
-    """Interpolate linearly; before the first and after the last position the value is constant."""
-    right = bisect_left(positions, at)
-    if right == 0:
-        return values[0]
-    if right == len(positions):
-        return values[-1]
-    share = (at - positions[right - 1]) / (positions[right] - positions[right - 1])
-    return values[right - 1] + share * (values[right] - values[right - 1])
-
-
-def column(positions: tuple[float, ...], values: tuple[float, ...], at: Any) -> Any:
-    """Interpolate at one position, or at several (passes,) with the same bits: (passes, 1)."""
-    if isinstance(at, np.ndarray):
-        return np.array([[interpolate(positions, values, each)] for each in at.tolist()])
-    return interpolate(positions, values, at)
 
 
 # Long et al., Table 1, at 30, 45, 60, 75 and 90 m/min.
@@ -103,8 +92,8 @@ TABLE_1 = ShrinkageTable(
     ),
 )
 
-# Found on simulated passes of a machine like the paper's, with the disturbance continued around
-# the window: there the faster belt leaves the shorter window, and with it the more in band 7.
+# Found on simulated passes of a machine like the paper's, with the disturbance extrapolated around
+# the window: a faster belt leaves a shorter window, and with it more of the disturbance in band 7.
 # No threshold did better than the gain alone; docs/method.md has the figures.
 UNTRAINED = ShrinkageTable(
     speeds=TABLE_1.speeds,

@@ -1,9 +1,12 @@
-"""Stacks of passes: windows of equal shape as arrays, so that many can be computed at once."""
+"""Batches of windows: those of equal shape as arrays, so that all are denoised at once.
+
+One window is a batch of one. All operations are along the last axis or element by element, so a
+window has the same bits in any batch.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,130 +17,102 @@ from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
 from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, WeighWindow
 
 _PERIOD = 2**LEVELS
-# The signal before t2 is taken in steps of this, so that few shapes come about.
+# The signal before t2 is taken in steps of this, so that there are few shapes.
 _LEAD_STEP = 16
 
 
 @dataclass(frozen=True, slots=True)
-class PassStack:
-    """Passes of equal shape, to be denoised at once.
-
-    One pass alone needs no axis for the passes: its arrays are (n,), the rest are floats. It is
-    computed with the same bits, and faster than a stack of one.
+class WindowBatch:
+    """Windows of equal shape, with the signal before them.
 
     Attributes
     ----------
     positions : tuple of int
-        Which of the windows these are.
-    force : ndarray, (passes, n) or (n,) float64
+        Positions of the windows among those that were sorted into batches.
+    force : ndarray, (windows, n) float64
         kg, from some empty belt before t1 up to t3.
-    time : ndarray, (passes, n) or (n,) float64
+    time : ndarray, (windows, n) float64
         s since t1.
-    rise_time : ndarray, (passes, 1) float64, or float
-        s, t2 - t1.
-    belt_speed : ndarray, (passes,) float64, or float
+    rise_time : ndarray, (windows, 1) float64
+        t2 - t1, s.
+    belt_speed : ndarray, (windows, 1) float64
         m/s.
     entry, begin : int
         Columns of the first sample at or after t1, and at or after t2.
     block : int
-        Samples in one block of the prediction.
+        Number of samples in one block of the prediction.
     """
 
     positions: tuple[int, ...]
     force: NDArray[np.float64]
     time: NDArray[np.float64]
-    rise_time: Any
-    belt_speed: Any
+    rise_time: NDArray[np.float64]
+    belt_speed: NDArray[np.float64]
     entry: int
     begin: int
     block: int
 
     @property
     def share(self) -> NDArray[np.float64]:
-        """Share of the product on the belt at each sample, of the shape of `time`."""
+        """Share of the product on the belt at each sample, (windows, n) float64."""
         return load_share(self.time, self.rise_time)
 
 
-def lone_pass(window: WeighWindow, min_length: int) -> PassStack:
-    """Return the pass of one consistent window, see `stack_passes`."""
-    lead, count = _extent(window, min_length)
-    begin, end = window.window_begin - lead, window.window_end
-    time = time_since_entry(window, begin, end)
-    # Before t1 there is nothing to see.
-    entry = min(int(time.searchsorted(0.0)), lead)
-    return PassStack(
-        (0,), window.force_between(begin, end), time, rise_time(window), window.belt_speed,
-        entry, lead, min(_block(window), lead + count + 1),
-    )  # fmt: skip
-
-
-def stack_passes(
-    windows: Sequence[WeighWindow],
-    min_length: int,
-    *,
-    same_entry: bool = False,
-    most: int | None = None,
-) -> list[PassStack]:
-    """Sort windows by shape into stacks.
+def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
+    """Sort windows by shape into batches.
 
     Parameters
     ----------
     windows : sequence of WeighWindow
         Consistent ones.
     min_length : int
-        Of the stretch: half of it, at most, is taken from before t2.
-    same_entry : bool
-        Whether only passes come into one stack that enter at the same sample; otherwise they may
-        be a few apart, and less of each is seen before t1 alone than among others.
-    most : int, optional
-        Passes in one stack.
+        Least length of the padded window in samples: half of it, at most, is taken from before t2.
+
+    Returns
+    -------
+    list of WindowBatch
+        In the order of their first windows.
     """
+    times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
-    passes = [lone_pass(window, min_length) for window in windows]
-    for position, alone in enumerate(passes):
-        shape: tuple[int, ...] = (alone.begin, len(alone.time), alone.block)
-        if same_entry:
-            shape = (*shape, alone.entry)
+    for position, (window, (lead, time)) in enumerate(zip(windows, times, strict=True)):
+        # Before t1 there is nothing to see.
+        entry = min(int(time.searchsorted(0.0)), lead)
+        # No rate of a real load cell is above the limit.
+        block = round(min(window.sample_rate, MAX_SAMPLE_RATE) / PREDICTION_RATE)
+        shape = entry, lead, min(max(1, block), len(time) + 1), len(time)
         shapes.setdefault(shape, []).append(position)
-    stacks = []
-    for positions in shapes.values():
-        parts = math.ceil(len(positions) / (most or len(positions)))
-        for part in range(parts):
-            chosen = positions[part::parts]
-            stacks.append(_stack([passes[position] for position in chosen], chosen))
-    return stacks
+    batches = []
+    for (entry, begin, block, count), positions in shapes.items():
+        chosen = [windows[position] for position in positions]
+        forces = [each.force_between(each.window_end - count, each.window_end) for each in chosen]
+        batches.append(
+            WindowBatch(
+                tuple(positions),
+                np.array(forces),
+                np.array([times[position][1] for position in positions]),
+                np.array([[rise_time(each)] for each in chosen]),
+                np.array([[each.belt_speed] for each in chosen]),
+                entry,
+                begin,
+                block,
+            )
+        )
+    return batches
 
 
-def _stack(passes: Sequence[PassStack], positions: Sequence[int]) -> PassStack:
-    first = passes[0]
-    return PassStack(
-        tuple(positions),
-        np.array([alone.force for alone in passes]),
-        np.array([alone.time for alone in passes]),
-        np.array([[alone.rise_time] for alone in passes]),
-        np.array([alone.belt_speed for alone in passes]),
-        min(alone.entry for alone in passes),
-        first.begin,
-        first.block,
-    )
-
-
-def stretch_length(min_length: int, count: int) -> int:
-    """Return the length of the stretch for a window of `count` samples, a multiple of 128."""
+def padded_length(min_length: int, count: int) -> int:
+    """Return the length of a padded window of `count` samples, a multiple of 128."""
     return _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
 
 
-def _extent(window: WeighWindow, min_length: int) -> tuple[int, int]:
-    """Return how many samples before t2 are used, empty belt and rise, and the window's count."""
+def _used_time(window: WeighWindow, min_length: int) -> tuple[int, NDArray[np.float64]]:
+    """Return how many samples before t2 are used, and the time of these and the window's, s."""
     begin, count = window.window_begin, window.window_end - window.window_begin
-    room = (stretch_length(min_length, count) - count) // 2
+    room = (padded_length(min_length, count) - count) // 2
     known = begin - min(max(window.empty_begin, 0), begin)
-    return min(room, known) // _LEAD_STEP * _LEAD_STEP, count
-
-
-def _block(window: WeighWindow) -> int:
-    # No rate of a real load cell is above that of the limit.
-    return max(1, round(min(window.sample_rate, MAX_SAMPLE_RATE) / PREDICTION_RATE))
+    lead = min(room, known) // _LEAD_STEP * _LEAD_STEP
+    return lead, time_since_entry(window, begin - lead, window.window_end)
 
 
 def rise_time(window: WeighWindow) -> float:
@@ -159,3 +134,37 @@ def time_since_entry(
     since = rise_time(window) + min(max(after, 0.0), interval)
     end = len(window.counts) if end is None else end
     return since + np.arange(begin - first, end - first, dtype=np.float64) * interval
+
+
+def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the denoised signal of a window and the load that was on the belt.
+
+    Returns
+    -------
+    denoised : ndarray, (n,) float64
+        kg, from t1 or t2 on up to t3.
+    share : ndarray, (n,) float64
+        Share of the product on the belt at each of these samples, 1 from t2 on.
+    """
+    begin, end = window.window_begin, window.window_end
+    missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
+    share = np.ones(end - missing)
+    share[: begin - missing] = load_share(
+        time_since_entry(window, missing, begin), rise_time(window)
+    )
+    return window.denoised[missing:end], share
+
+
+def is_consistent(window: WeighWindow) -> bool:
+    """Tell whether the fields of a window that claims to be whole fit together."""
+    return (
+        0 <= window.window_begin < window.window_end <= len(window.counts)
+        and all(
+            math.isfinite(value) and value > 0 for value in (window.sample_rate, window.belt_speed)
+        )
+        and math.isfinite(window.zero)
+        and math.isfinite(window.zero_counts)
+        and math.isfinite(window.zero_std_dev)
+        and math.isfinite(window.counts_per_kg)
+        and window.counts_per_kg != 0
+    )

@@ -1,15 +1,22 @@
-"""From a denoised weigh window to a mass with its uncertainty, by the estimator that was chosen."""
+"""Identification of the mass in denoised weigh windows, by the estimator that was chosen."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-from checkweigher_dsp.denoising.denoiser import is_consistent
+import numpy as np
+
+from checkweigher_dsp.denoising.window_batch import is_consistent
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.estimation.estimators.adaptive import AeksiParameters, AidParameters
+from checkweigher_dsp.estimation.estimators.aeksi import AeksiParameters
+from checkweigher_dsp.estimation.estimators.aid import AidParameters
 from checkweigher_dsp.estimation.estimators.averages import HannParameters, MeanParameters
-from checkweigher_dsp.estimation.estimators.base import EstimatorParameters, Plateau, raw_plateau
+from checkweigher_dsp.estimation.estimators.base import (
+    EstimatorParameters,
+    LoadEstimate,
+    raw_samples,
+)
 from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
@@ -17,18 +24,17 @@ from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, WeighWindow
-from checkweigher_dsp.signal.averages import mean, variance
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
 # How far an average may be off the plain mean of a window: standard deviations of its samples, and
-# the share of the load that a platform which is not the one of the parameters costs.
+# the share of the load that is lost where the platform is not that of the parameters.
 _SPREAD = 2.0
 _BIAS = 0.02
 
 
 @dataclass(frozen=True)
 class IdentifierParameters(Parameters):
-    """Which estimator makes the mass, and what each of them has been taught."""
+    """The estimator that makes the mass, and the parameters of all."""
 
     node: ClassVar[str] = 'identifier'
 
@@ -59,7 +65,19 @@ class IdentifierParameters(Parameters):
 
 
 class Identifier:
-    """Make a mass estimate of each denoised window."""
+    """Make a mass estimate of each denoised window.
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, counts_per_kg=1e3,
+    ...     zero_counts=0.0, zero=0.0, zero_std_dev=0.0, window_begin=0, window_end=96,
+    ...     counts=np.full(96, 200, np.int32),
+    ... )
+    >>> identifier = Identifier(IdentifierParameters(estimator='mean'))
+    >>> print(round(identifier.estimate(window).mass, 9))
+    0.2
+    """
 
     def __init__(self, parameters: IdentifierParameters) -> None:
         self._parameters = parameters
@@ -73,16 +91,15 @@ class Identifier:
 
     def estimate(self, window: WeighWindow) -> MassEstimate:
         """Return the mass in a window with its uncertainty, or the reasons why there is none."""
-        refused = self._refuse(window)
-        return refused or self._estimate(window, self._estimator.estimate(window))
+        return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Return what `estimate` makes of each window, to the last bit, in less time."""
+        """Estimate many masses in less time, each to the same bits as alone."""
         refused = [self._refuse(window) for window in windows]
-        pairs = zip(windows, refused, strict=True)
-        plateaus = iter(self._estimator.estimate_all([w for w, refusal in pairs if not refusal]))
+        accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
+        loads = iter(self._estimator.estimate_all(accepted))
         return [
-            refusal or self._estimate(window, next(plateaus))
+            refusal or self._estimate(window, next(loads))
             for window, refusal in zip(windows, refused, strict=True)
         ]
 
@@ -108,56 +125,53 @@ class Identifier:
             line_speed=window.line_speed, estimator=self._parameters.estimator, **more,
         )  # fmt: skip
 
-    def _estimate(self, window: WeighWindow, plateau: Plateau) -> MassEstimate:
-        """Return the mass of a window from what the estimator made of it."""
+    def _estimate(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
+        """Return the mass of a window from the load that the estimator found in it."""
         known, speed = self._known, window.belt_speed
-        mass = known.at('gain', speed) * plateau.mass + known.at('offset', speed)
-        variance = self._variance(window, plateau, mass)
+        mass = known.at('gain', speed) * load.mass + known.at('offset', speed)
+        variance = self._variance(window, load, mass)
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
-        if not (self._has_converged(plateau, mass, variance) and _is_in_window(plateau, window)):
+        if not (self._has_converged(load, mass, variance) and _is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
         if mass <= 0:
             return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
-        natural_frequency, damping_ratio = platform_poles(
-            plateau.a1, plateau.a2, window.sample_rate
-        )
+        natural_frequency, damping_ratio = platform_poles(load.a1, load.a2, window.sample_rate)
         return self._record(
-            window, (), zero=zero, mass=mass, std_dev=math.sqrt(variance), a1=plateau.a1,
-            a2=plateau.a2, b1=plateau.b1, natural_frequency=natural_frequency,
+            window, (), zero=zero, mass=mass, std_dev=math.sqrt(variance), a1=load.a1,
+            a2=load.a2, b1=load.b1, natural_frequency=natural_frequency,
             damping_ratio=damping_ratio,
         )  # fmt: skip
 
-    def _variance(self, window: WeighWindow, plateau: Plateau, mass: float) -> float:
+    def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass, kg^2.
 
         That of the training passes if there were any; it holds the noise of the zero as it was
-        there, so that only what the zero is worse now comes on top.
+        there, so only the excess of the zero's variance over that one is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg
         zero = zero_std_dev * zero_std_dev
         if not known.calibrated:
-            return plateau.variance + zero
+            return load.variance + zero
         relative = known.at('relative_std_dev', speed) * mass
         trained, trained_zero = known.at('std_dev', speed), known.at('zero_std_dev', speed)
         worse = zero - trained_zero * trained_zero
         return trained * trained + relative * relative + max(worse, 0.0)
 
-    def _has_converged(self, plateau: Plateau, mass: float, variance: float) -> bool:
+    def _has_converged(self, load: LoadEstimate, mass: float, variance: float) -> bool:
         if not (math.isfinite(mass) and math.isfinite(variance) and variance >= 0):
             return False
-        if not math.isnan(plateau.a1) and not is_stable(plateau.a1, plateau.a2):
+        if not math.isnan(load.a1) and not is_stable(load.a1, load.a2):
             return False
         return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)
 
 
-def _is_in_window(plateau: Plateau, window: WeighWindow) -> bool:
-    """Tell whether a level is one that the samples of the window go around.
+def _is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
+    """Tell whether the samples of the window lie around a load.
 
     An estimator that knows how a load comes on is misled where it did not come on like that: where
     the belt stopped, or something else left meanwhile that no eye had seen.
     """
-    samples = raw_plateau(window)
-    level = mean(samples)
-    spread = math.sqrt(variance(samples, level))
-    return abs(plateau.mass - level) <= _SPREAD * spread + _BIAS * abs(level)
+    samples = raw_samples(window)
+    level = float(np.mean(samples))
+    return abs(load.mass - level) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(level)

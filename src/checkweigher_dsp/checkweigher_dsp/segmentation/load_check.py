@@ -9,8 +9,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.signal.averages import mean, median
-
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
 _SHARE = 0.08
 _VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
@@ -49,9 +47,9 @@ class LoadCheck:
         if size < _FEWEST:
             return True
         counts = window.astype(np.float64)
-        load = abs(mean(counts) - zero)
+        load = abs(float(np.mean(counts)) - zero)
         counts -= counts[0]
-        change = abs(mean(counts[size - size // 4 :]) - mean(counts[: size // 2]))
+        change = abs(float(np.mean(counts[size - size // 4 :]) - np.mean(counts[: size // 2])))
         return change <= _SHARE * load + _VIBRATION * self._shaking
 
     def _watch(self, empty: NDArray[np.int32], size: int) -> None:
@@ -64,7 +62,7 @@ class LoadCheck:
             time, power = _time(size)
             counts -= time * (time @ counts) / power
         changes = _changes(counts, size)
-        seen = median(np.abs(changes, out=changes))
+        seen = float(np.median(np.abs(changes, out=changes)))
         comparable = whole == self._is_of_window
         self._shaking = max(seen, _MEMORY * self._shaking) if comparable else seen
         self._is_of_window = whole

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.signal.averages import hann_mean, mean, median, variance
+from checkweigher_dsp.signal.averages import hann_mean
 
 # An average over less than this is not free of the vibration of the belt.
 _SHORTEST_AVERAGE = 0.1  # s
@@ -167,8 +167,9 @@ class ZeroTracker:
         if self._number(counts, _PART) < _FEWEST_PARTS:
             return True
         parts = self._parts(counts, _PART)
-        off = np.abs(parts - median(parts))
-        most = _OUTLYING * median(off) + _LEAST_OUTLYING * math.sqrt(self._initial_variance)
+        off = np.abs(parts - np.median(parts))
+        least = _LEAST_OUTLYING * math.sqrt(self._initial_variance)
+        most = _OUTLYING * float(np.median(off)) + least
         return bool(np.maximum.reduce(off) <= most)
 
     def _parts(self, counts: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
@@ -211,9 +212,9 @@ class ZeroTracker:
         """Return the reading of a stretch and its variance, counts and counts^2."""
         least = _LEAST_NOISE * self._initial_variance
         if not settled:
-            return float(hann_mean(counts)), variance(counts) + least
+            return float(hann_mean(counts)), float(np.var(counts)) + least
         if len(counts) < _SHORTEST_AVERAGE * self._sample_rate:
-            return mean(counts), variance(counts) + least
+            return float(np.mean(counts)), float(np.var(counts)) + least
         half = len(counts) // 2
         difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
         # The mean of two halves, each of variance difference^2 / 2.

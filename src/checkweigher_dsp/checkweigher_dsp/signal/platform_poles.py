@@ -1,10 +1,11 @@
-"""What the identified coefficients of the platform say of it."""
+"""Natural frequency, damping ratio and stability of a platform from its identified coefficients."""
 
 import math
+from typing import Any
 
 
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:
-    r"""Return natural frequency and damping ratio of the identified platform.
+    r"""Return natural frequency and damping ratio of an identified platform.
 
     From the poles :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2}) \omega_n T}` of
     :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)`,
@@ -13,7 +14,7 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
     Parameters
     ----------
     a1, a2 : float
-        Coefficients.
+        Coefficients of the difference equation.
     sample_rate : float
         Hz.
 
@@ -23,6 +24,12 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
         Hz, NaN unless the poles are a stable complex pair.
     damping_ratio : float
         1, NaN likewise.
+
+    Examples
+    --------
+    >>> frequency, damping = platform_poles(-1.90997, 0.97059, 960.0)
+    >>> print(f'{frequency:.1f} Hz, {damping:.3f}')
+    38.0 Hz, 0.060
     """
     if not (0 < a2 < 1 and a1 * a1 < 4 * a2):
         return math.nan, math.nan
@@ -32,6 +39,17 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
     return modulus * sample_rate / (2 * math.pi), decay / modulus
 
 
-def is_stable(a1: float, a2: float) -> bool:
-    """Tell whether both poles lie inside the unit circle (the stability triangle)."""
-    return abs(a2) < 1 and abs(a1) < 1 + a2
+def is_stable(a1: Any, a2: Any) -> Any:
+    """Tell whether both poles lie inside the unit circle (the stability triangle).
+
+    Parameters
+    ----------
+    a1, a2 : float or ndarray
+        Coefficients of the difference equation.
+
+    Returns
+    -------
+    bool or ndarray of bool
+        False for NaN.
+    """
+    return (abs(a2) < 1) & (abs(a1) < 1 + a2)

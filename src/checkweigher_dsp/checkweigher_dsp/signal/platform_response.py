@@ -1,14 +1,14 @@
-r"""What the weighing platform answers to a product that rides on, in closed form.
+r"""The response of the weighing platform to a product that rides on, in closed form.
 
-The platform is a second-order system whose mass changes with what rests on it. In kilograms of
+The platform is a second-order system whose mass changes with the load on it. In kilograms of
 static reading, with w the natural frequency and xi the damping ratio of the empty platform,
 
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
 where m0 is the moving mass, m(t) the load on it and f(t) the force over g. As the product enters
 the load grows linearly; its mass is taken as constant over short stairs, and within a stair the
-response to a linear force is known in closed form. So the response is had at any sample, without
-integration from one to the next.
+response to a linear force is known in closed form. So any sample of the response is found without
+integration from one to the next. [own derivation]
 """
 
 from dataclasses import dataclass
@@ -53,17 +53,25 @@ def responses(
     mass : float
         kg, of the product: it moves with the platform.
     crossing : Crossing
-        When its load comes on and goes off.
+        Times at which its load comes on and goes off.
     time : ndarray, (n,) float64
-        s, ascending; what comes first is not after ``on_end``.
+        s, ascending; the first is not after ``on_end``.
 
     Returns
     -------
     ndarray, (5, n) float64
         Rows: response to the load of the product over its mass, 1 at rest; free oscillation that
         is 1 with no slope at ``time[0]``, and one that is 0 with the slope of the natural
-        frequency, both of the platform without what is on it by then; the same two from
-        ``on_begin`` on, which together are what a short impact of any shape leaves.
+        frequency, both of the empty platform; the same two from ``on_begin`` on, which together
+        are the oscillation after a short impact of any shape.
+
+    Examples
+    --------
+    >>> time = np.array([-0.01, 0.05, 0.1, 1.0])
+    >>> platform = Platform(natural_frequency=38.0, damping_ratio=0.06, moving_mass=2.5)
+    >>> load = responses(platform, 0.2, Crossing(on_begin=0.0, on_end=0.1), time)[0]
+    >>> load.round(2).tolist()
+    [0.0, 0.51, 1.01, 1.0]
     """
     omega = 2 * math.pi * platform.natural_frequency
     decay = platform.damping_ratio * omega
@@ -112,7 +120,7 @@ def _state(
 
 
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
-    """Return the solution on each stretch of constant mass from the entry on.
+    """Return the solution on each segment of constant mass from the entry on.
 
     Returns
     -------
@@ -124,7 +132,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
     solution: list[tuple[float, ...]] = []
-    for begin, length, load, rate, share in _stretches(crossing):
+    for begin, length, load, rate, share in _segments(crossing):
         ease = platform.moving_mass / (platform.moving_mass + share * mass)
         decay = platform.damping_ratio * omega * ease
         squared = omega * omega * ease
@@ -148,9 +156,9 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
     return solution
 
 
-def _stretches(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
-    """Return begin, length, load at the begin, its rate and the mean load of each stretch."""
-    stretches = []
+def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
+    """Return begin, length, load at the begin, its rate and the mean load of each segment."""
+    segments = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):
         ends.append((crossing.off_begin, crossing.off_end, 1.0, -1.0))
@@ -158,7 +166,7 @@ def _stretches(crossing: Crossing) -> list[tuple[float, float, float, float, flo
         rate, stair = change / (end - begin), (end - begin) / _STAIRS
         for position in range(_STAIRS):
             share = (position + 0.5) / _STAIRS
-            stretches.append(
+            segments.append(
                 (
                     begin + position * stair, stair, load + change * position / _STAIRS, rate,
                     share if change > 0 else 1 - share,
@@ -166,5 +174,5 @@ def _stretches(crossing: Crossing) -> list[tuple[float, float, float, float, flo
             )  # fmt: skip
         rest = load + change
         until = ends[number + 1][0] if number + 1 < len(ends) else math.inf
-        stretches.append((end, until - end, rest, 0.0, rest))
-    return stretches
+        segments.append((end, until - end, rest, 0.0, rest))
+    return segments

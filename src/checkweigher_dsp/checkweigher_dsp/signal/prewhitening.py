@@ -1,7 +1,7 @@
-r"""Making coloured noise white, so that least squares on it has the smallest variance.
+r"""Prewhitening of coloured noise, so that least squares on it has the smallest variance.
 
 The noise is an autoregression, held by its reflection coefficients: any that lie in -1..1 are a
-stable model, so that those of two belt speeds may be interpolated. Its prediction error filter
+stable model, so that those of two belt speeds may be interpolated. Its prediction-error filter
 turns the noise into white noise. The first samples, which have fewer before them than the order
 of the model, are predicted by the models of lower order that the Levinson recursion passes
 through: that is the exact Cholesky factor of the noise's covariance, not an approximation, and no
@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.signal.autoregression import burg_model
+from checkweigher_dsp.signal.autoregression import burg
 
 
 class Prewhitener:
@@ -25,7 +25,13 @@ class Prewhitener:
     reflections : sequence of float, (p,)
         Reflection coefficients, each between -1 and 1.
     std_dev : float
-        Of the innovations, in the unit of the signal.
+        Standard deviation of the innovations, in the unit of the signal.
+
+    Examples
+    --------
+    >>> whitener = Prewhitener([-0.5], std_dev=1.0)  # each sample half of the one before, and more
+    >>> whitener.whiten(np.array([1.0, 2.0, 3.0])).round(3).tolist()
+    [0.866, 1.5, 2.0]
     """
 
     def __init__(self, reflections: Sequence[float] | NDArray[np.float64], std_dev: float) -> None:
@@ -45,7 +51,18 @@ class Prewhitener:
         self._taps = taps / std_dev
 
     def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return signals (..., n), time on the last axis, through the filter: (..., n)."""
+        """Return filtered signals.
+
+        Parameters
+        ----------
+        signals : ndarray, (..., n) float64
+            Time on the last axis.
+
+        Returns
+        -------
+        ndarray, (..., n) float64
+            In units of the standard deviation of the noise.
+        """
         count = signals.shape[-1]
         result = np.empty(signals.shape)
         begin = min(self._order, count)
@@ -56,7 +73,7 @@ class Prewhitener:
     def whiten_again(
         self, signals: NDArray[np.float64], whitened: NDArray[np.float64], begin: int
     ) -> None:
-        """Bring up to date what has been whitened of signals that changed from `begin` on."""
+        """Update `whitened` (..., n) for signals (..., n) that have changed from `begin` on."""
         if begin < min(self._order, signals.shape[-1]):
             whitened[:] = self.whiten(signals)
             return
@@ -70,10 +87,10 @@ class Prewhitener:
 def pooled_reflections(
     segments: Sequence[NDArray[np.float64]], order: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit one autoregression to several stretches of the same noise, by Burg's method.
+    """Fit one autoregression to several segments of the same noise, by Burg's method.
 
     Forward and backward prediction errors of all segments together make each reflection
-    coefficient, so that short segments serve as well as long ones and no window is needed.
+    coefficient, so that short segments serve as well as long ones and no taper is needed.
 
     Parameters
     ----------
@@ -87,7 +104,7 @@ def pooled_reflections(
     reflections : ndarray, (p,) float64
         Each between -1 and 1.
     std_dev : float
-        Of the innovations.
+        Standard deviation of the innovations.
 
     Raises
     ------
@@ -97,15 +114,22 @@ def pooled_reflections(
     References
     ----------
     J. P. Burg, Maximum entropy spectral analysis, 37th Meeting of the SEG (1967).
+
+    Examples
+    --------
+    >>> segments = [np.array([1.0, 2.0, 3.0]), np.array([4.0, -1.0])]
+    >>> reflections, std_dev = pooled_reflections(segments, 1)
+    >>> print(reflections.round(4))  # -2 (1 2 + 2 3 - 4 1) / (1 + 4 + 4 + 9 + 16 + 1)
+    [-0.2286]
     """
     kept = [np.asarray(segment, float) for segment in segments if len(segment) > order]
     if not kept:
-        raise ValueError(f'no stretch of noise is longer than {order} samples')
+        raise ValueError(f'no segment of noise is longer than {order} samples')
     power = float(sum(np.sum(segment**2) for segment in kept) / sum(map(len, kept)))
     if not power > 0:
-        raise ValueError('the stretches hold no noise')
+        raise ValueError('the segments hold no noise')
     if len(kept) == 1:
-        _, reflections = burg_model(kept[0], order)
+        _, reflections = burg(kept[0], order)
         return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
     # All in one array, the ends of the shorter ones padded by zeros that are never used.
     longest = max(map(len, kept))

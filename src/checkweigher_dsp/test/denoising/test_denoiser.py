@@ -1,4 +1,4 @@
-"""The stretch around a window, and what a window must be to be denoised."""
+"""The padding of a window, its denoising, and the windows that are refused."""
 
 from dataclasses import replace
 import math
@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.denoising.denoiser import (
-    SURROUNDS,
+    PADDINGS,
     DenoiseParameters,
     Denoiser,
-    denoise_stack,
-    denoised_pass,
-    is_consistent,
-    surround,
+    pad,
 )
 from checkweigher_dsp.denoising.load_rise import load_response
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
@@ -24,7 +21,7 @@ from checkweigher_dsp.denoising.wavelet_shrinkage import (
     denoise_periodic,
     threshold_universally,
 )
-from checkweigher_dsp.denoising.window_batch import stack_passes
+from checkweigher_dsp.denoising.window_batch import batches_of, denoised_pass, is_consistent
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 
@@ -61,16 +58,16 @@ def _noisy(count, seed=1):
     ('count', 'min_length', 'length'),
     [(3, 128, 128), (64, 128, 128), (65, 128, 256), (3, 129, 256), (100, 1000, 1024)],
 )
-def test_the_stretch_is_the_next_multiple_of_128(count, min_length, length):
+def test_the_padded_length_is_the_next_multiple_of_128(count, min_length, length):
     samples = np.arange(1.0, count + 1)
 
-    stretch, offset = surround(samples, min_length)
+    padded, offset = pad(samples, min_length)
 
-    assert len(stretch) == length
+    assert len(padded) == length
     assert offset == (length - count) // 2
-    np.testing.assert_array_equal(stretch[offset : offset + count], samples)
+    np.testing.assert_array_equal(padded[offset : offset + count], samples)
     # The Hann-weighted mean of a ramp is its middle.
-    outside = np.r_[stretch[:offset], stretch[offset + count :]]
+    outside = np.r_[padded[:offset], padded[offset + count :]]
     np.testing.assert_allclose(outside, (count + 1) / 2, rtol=ROUNDING)
 
 
@@ -81,21 +78,21 @@ def test_the_window_is_denoised_with_the_shrinkage_of_its_speed(make_window):
     details = [None] * 4 + [
         Shrinkage(0.095, 285 * unit), Shrinkage(0.5515, 33 * unit), Shrinkage(0.8225, 4 * unit)
     ]  # fmt: skip
-    stretch, offset = surround((window.counts[50:] - 5000.0) / 1e6, 512)
+    padded, offset = pad((window.counts[50:] - 5000.0) / 1e6, 512)
 
     denoised = Denoiser(_table_1(threshold_unit=unit, stretch=512)).denoise(window)
 
     assert np.isnan(denoised.denoised[:50]).all()
     np.testing.assert_allclose(
         denoised.denoised[50:],
-        denoise_periodic(stretch, details)[offset : offset + 96],
+        denoise_periodic(padded, details)[offset : offset + 96],
         rtol=ROUNDING,
     )
     assert replace(denoised, denoised=np.zeros(0)) == window
 
 
 @pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
-@pytest.mark.parametrize('way', SURROUNDS)
+@pytest.mark.parametrize('way', PADDINGS)
 @pytest.mark.parametrize('gain', [-3, 7, 1000])
 def test_the_gain_of_the_load_cell_does_not_matter(make_window, gain, way, uncertain):
     window = make_window(_noisy(96), lead=10)
@@ -203,34 +200,29 @@ def test_what_follows_t3_does_not_matter(make_window):
 
 
 @pytest.mark.parametrize('uncertain', [0.0, 1.3e-3])
-@pytest.mark.parametrize('way', SURROUNDS)
+@pytest.mark.parametrize('way', PADDINGS)
 @pytest.mark.parametrize('method', ['shrinkage', 'soft', 'hard'])
-def test_stacked_passes_are_denoised_as_each_alone(make_window, way, method, uncertain):
+def test_a_window_has_the_same_bits_in_any_batch(make_window, way, method, uncertain):
     random = np.random.default_rng(3)
     windows = [
         _make_pass(
             make_window, mass, lambda time: 1e-3 * random.standard_normal(len(time)), at, 0.1, stay
         )
-        for mass, at, stay in ((0.1, 0.3, 0.1), (0.2, 0.3003, 0.1), (0.3, 0.32, 0.12))
+        for mass, at, stay in ((0.1, 0.3, 0.1), (0.2, 0.3, 0.1), (0.3, 0.32, 0.12))
     ]
-    parameters = DenoiseParameters(surround=way, method=method, edge_uncertainty=uncertain)
+    windows[1] = replace(windows[1], belt_speed=0.6)
+    denoiser = Denoiser(
+        _table_1(surround=way, method=method, edge_uncertainty=uncertain, threshold_unit=1e-6)
+    )
 
-    stacks = stack_passes(windows, parameters.stretch)
-
-    assert sorted(p for stack in stacks for p in stack.positions) == [0, 1, 2]
-    assert len(stacks) < 3
-    for stack in stacks:
-        for row, position in zip(denoise_stack(stack, parameters), stack.positions, strict=True):
-            window = windows[position]
-            alone = Denoiser(parameters).denoise(window).denoised
-            first = window.window_end - len(row)
-            known = ~np.isnan(alone)
-            np.testing.assert_allclose(row[known[first:]], alone[known], rtol=1e-9)
+    assert len(batches_of(windows, 1024)) == 2
+    for found, window in zip(denoiser.denoise_all(windows), windows, strict=True):
+        np.testing.assert_array_equal(found.denoised, denoiser.denoise(window).denoised)
 
 
 def test_soft_and_hard_thresholds_take_their_noise_from_the_window(make_window):
     window = make_window(_noisy(96))
-    stretch, offset = surround(window.force, 1024)
+    padded, offset = pad(window.force, 1024)
     measured = slice(offset, offset + 96)
     for method in ('soft', 'hard'):
         for each_level in (False, True):
@@ -238,7 +230,7 @@ def test_soft_and_hard_thresholds_take_their_noise_from_the_window(make_window):
             np.testing.assert_allclose(
                 Denoiser(parameters).denoise(window).denoised,
                 threshold_universally(
-                    stretch, hard=method == 'hard', measured=measured, each_level=each_level
+                    padded, hard=method == 'hard', measured=measured, each_level=each_level
                 )[measured],
                 rtol=ROUNDING,
             )
@@ -340,16 +332,16 @@ def test_a_table_that_does_not_fit_together_is_refused(values, message):
 
 
 def test_a_mirrored_window_is_reflected_at_its_ends():
-    stretch, offset = surround(np.arange(100.0), 256, 'mirror')
-    assert (len(stretch), offset) == (256, 78)
-    assert stretch[offset - 3 : offset + 2].tolist() == [2, 1, 0, 0, 1]
-    assert stretch[offset + 98 : offset + 103].tolist() == [98, 99, 99, 98, 97]
+    padded, offset = pad(np.arange(100.0), 256, 'mirror')
+    assert (len(padded), offset) == (256, 78)
+    assert padded[offset - 3 : offset + 2].tolist() == [2, 1, 0, 0, 1]
+    assert padded[offset + 98 : offset + 103].tolist() == [98, 99, 99, 98, 97]
 
 
 def test_the_signal_stands_before_the_window_and_its_first_value_before_that():
     before = np.array([5.0, 6.0, 7.0])
-    stretch, offset = surround(np.full(100, 2.0), 256, 'signal', before)
-    assert stretch[offset - 5 : offset + 1].tolist() == [5, 5, 5, 6, 7, 2]
-    assert stretch[offset:] == pytest.approx(np.full(256 - offset, 2.0))
-    longer, offset = surround(np.full(100, 2.0), 256, 'signal', np.arange(500.0))
+    padded, offset = pad(np.full(100, 2.0), 256, 'signal', before)
+    assert padded[offset - 5 : offset + 1].tolist() == [5, 5, 5, 6, 7, 2]
+    assert padded[offset:] == pytest.approx(np.full(256 - offset, 2.0))
+    longer, offset = pad(np.full(100, 2.0), 256, 'signal', np.arange(500.0))
     assert longer[: offset + 1].tolist() == [*range(500 - offset, 500), 2]

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser, denoised_pass
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.entry_fit import EntryFit, platform_taps
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import load_response
-from checkweigher_dsp.denoising.window_batch import PassStack
+from checkweigher_dsp.denoising.window_batch import WindowBatch, denoised_pass
 from checkweigher_dsp.records import NANOSECONDS
 
 RATE, BLOCK, COUNT = 960.0, 4, 402  # two samples more than whole blocks
@@ -37,18 +37,18 @@ def _noise(seed):
     return 1e-3 * noise / np.std(noise)
 
 
-def _stack(*forces):
+def _batch(*forces):
     count = len(forces)
-    return PassStack(
+    return WindowBatch(
         tuple(range(count)), np.array(forces), np.tile(_time(), (count, 1)),
-        np.full((count, 1), RISE), np.ones(count), math.ceil(ENTRY),
+        np.full((count, 1), RISE), np.ones((count, 1)), math.ceil(ENTRY),
         math.ceil(ENTRY + RISE * RATE), BLOCK,
     )  # fmt: skip
 
 
-def _shift(stack, taps=None, level=LEVEL, uncertainty=UNCERTAINTY):
-    column = np.ones((len(stack.force), 1))
-    fit = EntryFit(stack, uncertainty, level * column, FREQUENCY * column, DAMPING * column)
+def _shift(batch, taps=None, level=LEVEL, uncertainty=UNCERTAINTY):
+    column = np.ones((len(batch.force), 1))
+    fit = EntryFit(batch, uncertainty, level * column, FREQUENCY * column, DAMPING * column)
     return fit.shift(None if taps is None else np.tile(taps, (len(column), 1)))
 
 
@@ -90,7 +90,7 @@ def test_the_shift_is_the_solution_of_regularised_least_squares(seed, known):
     pole = np.exp(angle * complex(-DAMPING, math.sqrt(1 - DAMPING**2)))
     of_platform = np.poly([pole, pole.conjugate()]).real
 
-    (shift,) = _shift(_stack(force), AR_TAPS if known else None)
+    (shift,) = _shift(_batch(force), AR_TAPS if known else None)
 
     expected = _independent(force, AR_TAPS if known else of_platform)
     assert 1e-4 < np.abs(expected).max() < 2 * UNCERTAINTY
@@ -112,14 +112,14 @@ def test_white_forces_on_a_platform_are_white_again_behind_its_filter():
 
 
 def test_a_model_of_order_0_is_none():
-    stack = _stack(LEVEL * _response(_time(), LATE) + _noise(3))
+    batch = _batch(LEVEL * _response(_time(), LATE) + _noise(3))
 
-    np.testing.assert_array_equal(_shift(stack, np.ones(1)), _shift(stack))
+    np.testing.assert_array_equal(_shift(batch, np.ones(1)), _shift(batch))
 
 
 def test_where_nothing_disturbs_both_times_are_found():
     # To first order: what is left goes with the square of the shift.
-    (shift,) = _shift(_stack(LEVEL * _response(_time(), LATE)))
+    (shift,) = _shift(_batch(LEVEL * _response(_time(), LATE)))
 
     np.testing.assert_allclose(shift, LATE, atol=0.1 * UNCERTAINTY)
 
@@ -127,7 +127,7 @@ def test_where_nothing_disturbs_both_times_are_found():
 def test_a_disturbance_that_hides_the_hump_leaves_the_times_of_the_eyes():
     force = LEVEL * _response(_time(), LATE) + 1e4 * _noise(1)
 
-    np.testing.assert_allclose(_shift(_stack(force)), 0.0, atol=0.01 * UNCERTAINTY)
+    np.testing.assert_allclose(_shift(_batch(force)), 0.0, atol=0.01 * UNCERTAINTY)
 
 
 def test_no_time_is_shifted_by_more_than_twice_the_uncertainty():
@@ -135,7 +135,7 @@ def test_no_time_is_shifted_by_more_than_twice_the_uncertainty():
     step = 1e-5
     hump = (_response(_time(), (step, -step)) - _response(_time(), (-step, step))) / (2 * step)
 
-    (shift,) = _shift(_stack(LEVEL * (_response(_time()) + 6e-3 * hump)))
+    (shift,) = _shift(_batch(LEVEL * (_response(_time()) + 6e-3 * hump)))
 
     np.testing.assert_array_equal(shift, [2 * UNCERTAINTY, -2 * UNCERTAINTY])
 
@@ -145,7 +145,7 @@ def test_the_unit_of_the_signal_does_not_matter(gain):
     force = LEVEL * _response(_time(), LATE) + _noise(2)
 
     np.testing.assert_allclose(
-        _shift(_stack(gain * force), level=gain * LEVEL), _shift(_stack(force)), rtol=1e-9
+        _shift(_batch(gain * force), level=gain * LEVEL), _shift(_batch(force)), rtol=1e-9
     )
 
 
@@ -153,10 +153,10 @@ def test_the_unit_of_the_signal_does_not_matter(gain):
 def test_a_pass_has_the_same_bits_alone_and_among_others(taps):
     forces = [LEVEL * _response(_time(), LATE) + _noise(seed) for seed in range(4)]
 
-    together = _shift(_stack(*forces), taps)
+    together = _shift(_batch(*forces), taps)
 
     for force, row in zip(forces, together, strict=True):
-        np.testing.assert_array_equal(_shift(_stack(force), taps)[0], row)
+        np.testing.assert_array_equal(_shift(_batch(force), taps)[0], row)
 
 
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
@@ -171,14 +171,14 @@ def test_a_pass_has_the_same_bits_alone_and_among_others(taps):
     ],
 )
 def test_where_nothing_can_be_said_the_times_stay(force, level):
-    np.testing.assert_array_equal(_shift(_stack(force), level=level), 0.0)
+    np.testing.assert_array_equal(_shift(_batch(force), level=level), 0.0)
 
 
 @pytest.mark.parametrize('count', [1, 2, 30])
 def test_too_few_samples_leave_the_times(count):
-    stack = _stack(LEVEL * _response(_time(), LATE))
+    batch = _batch(LEVEL * _response(_time(), LATE))
     short = replace(
-        stack, force=stack.force[:, -count:], time=stack.time[:, -count:], entry=0, begin=0
+        batch, force=batch.force[:, -count:], time=batch.time[:, -count:], entry=0, begin=0
     )
 
     np.testing.assert_array_equal(_shift(short), 0.0)

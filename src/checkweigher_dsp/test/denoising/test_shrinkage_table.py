@@ -1,9 +1,9 @@
-"""Table 1 as it is printed, and what stands between its columns."""
+"""Table 1 as it is printed, and the interpolation between its columns."""
 
 import numpy as np
 import pytest
 
-from checkweigher_dsp.denoising.shrinkage_table import TABLE_1, ShrinkageTable, interpolate
+from checkweigher_dsp.denoising.shrinkage_table import TABLE_1, ShrinkageTable
 
 ROUNDING = 1e-12
 
@@ -58,7 +58,10 @@ def test_the_unit_scales_thresholds_and_nothing_else():
 
 
 def test_one_speed_is_a_table():
-    assert interpolate((1.0,), (7.0,), 0.5) == interpolate((1.0,), (7.0,), 2.0) == 7.0
+    table = ShrinkageTable((1.0,), ((7.0,),) * 3, ((3.0,),) * 3)
+
+    for speed in (0.5, 1.0, 2.0):
+        assert (table.at(speed, 1.0)[4].gain, table.at(speed, 1.0)[4].threshold) == (7.0, 3.0)
 
 
 @pytest.mark.parametrize('speeds', [(), (1.0, 1.0, 2.0), (2.0, 1.0, 3.0)])
@@ -72,12 +75,12 @@ def test_columns_of_different_length_are_refused():
         ShrinkageTable((1.0, 2.0), SMALL.gains, SMALL.thresholds)
 
 
-def test_several_speeds_give_a_column_for_each_pass():
-    speeds = np.array([0.5, 1.25, 3.5, 9.0])
+def test_several_speeds_give_a_row_for_each_window():
+    speeds = np.array([[0.5], [1.25], [3.5], [9.0]])
 
     band = SMALL.at(speeds, unit=2.0)[5]
 
-    each = [SMALL.at(float(speed), unit=2.0)[5] for speed in speeds]
+    each = [SMALL.at(float(speed), unit=2.0)[5] for speed in speeds[:, 0]]
     assert band.gain.shape == (4, 1)
     np.testing.assert_allclose(band.gain[:, 0], [one.gain for one in each], rtol=ROUNDING)
     np.testing.assert_allclose(band.threshold[:, 0], [one.threshold for one in each], rtol=ROUNDING)

@@ -9,7 +9,6 @@ import pywt
 
 from checkweigher_dsp.denoising.wavelet_shrinkage import (
     Shrinkage,
-    ShrinkageFilter,
     band_responses,
     denoise_periodic,
     shrink,
@@ -178,27 +177,6 @@ def test_stretches_have_the_same_bits_alone_and_beside_others():
         np.testing.assert_array_equal(
             together[k], denoise_periodic(stretch[None], [None] * 5 + alone)[0]
         )
-
-
-@pytest.mark.parametrize('part', [slice(0, 256), slice(100, 101), slice(200, 256)])
-def test_the_mean_over_a_part_is_that_of_the_denoised_stretch(part):
-    stretches = 5 + np.random.default_rng(6).standard_normal((3, 256)).cumsum(axis=-1)
-    gains = np.array([[0.1], [0.0], [0.9]])
-    shrinkage = ShrinkageFilter(256, [None, *[Shrinkage(gains, 0.0)] * 6])
-
-    found = shrinkage.mean(stretches, part)
-
-    np.testing.assert_allclose(found, shrinkage.apply(stretches)[:, part].mean(axis=-1), rtol=1e-12)
-    for mean, stretch, gain in zip(found, stretches, gains[:, 0].tolist(), strict=True):
-        alone = ShrinkageFilter(256, [None, *[Shrinkage(gain, 0.0)] * 6])
-        assert alone.mean(stretch, part) == mean
-
-
-def test_with_a_threshold_there_is_no_mean_without_the_transform():
-    shrinkage = ShrinkageFilter(256, [None] * 6 + [Shrinkage(0.5, 0.1)])
-
-    with pytest.raises(ValueError, match='threshold'):
-        shrinkage.mean(np.zeros(256), slice(0, 256))
 
 
 def test_several_stretches_are_thresholded_each_by_its_own_noise():

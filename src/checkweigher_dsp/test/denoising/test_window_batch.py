@@ -1,4 +1,4 @@
-"""Stacks of windows against counts and times worked by hand."""
+"""Batches of windows against counts and times worked by hand."""
 
 from dataclasses import replace
 
@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.denoising.window_batch import (
-    lone_pass,
+    batches_of,
+    padded_length,
     rise_time,
-    stack_passes,
-    stretch_length,
     time_since_entry,
 )
 from checkweigher_dsp.records import NANOSECONDS
@@ -43,63 +42,46 @@ def test_a_stamp_that_cannot_be_leaves_the_window_within_a_sample_after_t2(windo
 
 
 def test_without_t1_the_load_is_there_at_once(window):
-    (stack,) = stack_passes([replace(window, t1=None)], 1024)
+    (batch,) = batches_of([replace(window, t1=None)], 1024)
 
     assert rise_time(replace(window, t1=None)) == 0.0
-    np.testing.assert_array_equal(stack.share[0, stack.begin :], 1.0)
+    np.testing.assert_array_equal(batch.share[0, batch.begin :], 1.0)
 
 
-def test_a_stack_goes_from_the_empty_belt_to_t3(window):
-    (stack,) = stack_passes([replace(window, empty_begin=90)], 1024)
+def test_a_batch_goes_from_the_empty_belt_to_t3(window):
+    (batch,) = batches_of([replace(window, empty_begin=90)], 1024)
 
     # 210 samples before t2 are known and are taken in steps of 16: 208.
-    assert stack.force.shape == (1, 308)
-    assert (stack.begin, stack.entry) == (208, 108)
-    assert stack.share[0, 108] == 0.0
-    assert stack.share[0, 158] == pytest.approx(50 / 99.5)
-    np.testing.assert_array_equal(stack.force[0, :208], 0.0)
-    np.testing.assert_allclose(stack.force[0, 208:], 0.2, rtol=ROUNDING)
+    assert batch.force.shape == (1, 308)
+    assert (batch.begin, batch.entry) == (208, 108)
+    assert batch.share[0, 108] == 0.0
+    assert batch.share[0, 158] == pytest.approx(50 / 99.5)
+    np.testing.assert_array_equal(batch.force[0, :208], 0.0)
+    np.testing.assert_allclose(batch.force[0, 208:], 0.2, rtol=ROUNDING)
     # 1000 Hz over 240 Hz.
-    assert stack.block == 4
+    assert batch.block == 4
 
 
-def test_no_more_is_taken_than_the_stretch_has_room_for(window):
-    (stack,) = stack_passes([window], 256)
+def test_no_more_is_taken_than_the_padding_has_room_for(window):
+    (batch,) = batches_of([window], 256)
 
     # (256 - 100) // 2 = 78, in steps of 16.
-    assert stack.begin == 64
-    assert stack.entry == 0
+    assert batch.begin == 64
+    assert batch.entry == 0
 
 
-def test_windows_of_unlike_shape_come_into_unlike_stacks(window):
+def test_windows_of_unlike_shape_come_into_unlike_batches(window):
     shorter = replace(window, window_end=399)
     faster = replace(window, sample_rate=2000.0)
+    later = replace(window, t1=window.t1 + 20_000_000)
 
-    stacks = stack_passes([window, shorter, window, faster], 1024)
+    batches = batches_of([window, shorter, window, faster, later], 1024)
 
-    assert [stack.positions for stack in stacks] == [(0, 2), (1,), (3,)]
-
-
-def test_a_stack_holds_no_more_passes_than_are_asked_for(window):
-    stacks = stack_passes([window] * 5, 1024, most=2)
-
-    assert [stack.positions for stack in stacks] == [(0, 3), (1, 4), (2,)]
-
-
-def test_a_lone_pass_is_the_stack_of_it_without_an_axis_for_passes(window):
-    (stack,) = stack_passes([replace(window, empty_begin=90)], 1024)
-
-    alone = lone_pass(replace(window, empty_begin=90), 1024)
-
-    np.testing.assert_array_equal(alone.force, stack.force[0])
-    np.testing.assert_array_equal(alone.time, stack.time[0])
-    np.testing.assert_array_equal(alone.share, stack.share[0])
-    assert (alone.rise_time, alone.belt_speed) == (stack.rise_time[0, 0], stack.belt_speed[0])
-    assert (alone.entry, alone.begin, alone.block) == (stack.entry, stack.begin, stack.block)
+    assert [batch.positions for batch in batches] == [(0, 2), (1,), (3,), (4,)]
 
 
 @pytest.mark.parametrize(
     ('least', 'count', 'length'), [(128, 64, 128), (128, 65, 256), (1000, 100, 1024)]
 )
-def test_the_stretch_is_the_next_multiple_of_128(least, count, length):
-    assert stretch_length(least, count) == length
+def test_the_padded_length_is_the_next_multiple_of_128(least, count, length):
+    assert padded_length(least, count) == length

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.denoising.denoiser import SURROUNDS, DenoiseParameters, Denoiser
+from checkweigher_dsp.denoising.denoiser import PADDINGS, DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.estimators.averages import MeanParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
@@ -39,7 +39,7 @@ def _oscillation(mass=0.2, count=96, seed=2):
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
 @pytest.mark.parametrize('mass', [0.0745, 0.2545, 7.0])
-def test_a_constant_plateau_gives_its_mass(make_window, mass, estimator):
+def test_a_constant_load_gives_its_mass(make_window, mass, estimator):
     estimate = _identifier(estimator).estimate(_denoised(make_window([mass] * 64)))
 
     assert estimate.reasons == ()
@@ -87,7 +87,7 @@ def test_a_platform_is_identified_where_nothing_is_denoised_away(make_window):
 
 
 @pytest.mark.parametrize('estimator', sorted(ESTIMATORS))
-@pytest.mark.parametrize('surround', SURROUNDS)
+@pytest.mark.parametrize('surround', PADDINGS)
 @pytest.mark.parametrize('gain', [-1, 3, 128])
 def test_the_gain_of_the_load_cell_does_not_matter(make_pass, estimator, surround, gain):
     random = np.random.default_rng(2)

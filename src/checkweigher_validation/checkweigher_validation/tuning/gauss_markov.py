@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkov,
     GaussMarkovParameters,
-    stretch_of,
+    pass_signal,
 )
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup, spread
@@ -55,7 +55,7 @@ class TunedGaussMarkov(Tunable):
         if not self._trained:
             values = {'order': 1.0}
             return values, badness(values)
-        longest = min(len(stretch_of(e.window, known).time) for e in self.group.passes) // 2
+        longest = min(len(pass_signal(e.window, known).time) for e in self.group.passes) // 2
         tried: list[tuple[float, Values]] = []
         for order in ORDERS[:budget]:
             if order < longest or order == ORDERS[0]:

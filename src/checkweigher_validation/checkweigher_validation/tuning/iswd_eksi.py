@@ -7,10 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, denoise_stack
-from checkweigher_dsp.denoising.window_batch import stack_passes
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, denoise_batch
+from checkweigher_dsp.denoising.window_batch import batches_of
+from checkweigher_dsp.estimation.estimators.iswd_eksi import identify_passes
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.signal.window_identification import WindowNoise, identify_window
+from checkweigher_dsp.signal.platform_poles import is_stable
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.search import Axis
 from checkweigher_validation.tuning.tunable import Tunable
@@ -39,7 +40,7 @@ class TunedIswdEksi(Tunable):
     def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
         super().__init__(group, base)
         windows = [each.window for each in group.passes]
-        self._stacks = stack_passes(windows, base.denoise.stretch)
+        self._batches = batches_of(windows, base.denoise.stretch)
 
     def searched(self) -> tuple[Axis, ...]:
         """Return the axes, those of band 5 and of thresholds that the table has among them."""
@@ -66,25 +67,21 @@ class TunedIswdEksi(Tunable):
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the steady state that is identified in every denoised pass."""
         denoise = self._denoise(values)
-        known = self.base.identifier.iswd_eksi
-        noise = WindowNoise(
-            known.measurement_noise, known.process_noise, known.initial_variance,
-            known.coefficient_variance, values['rise_noise'],
-        )  # fmt: skip
-        result = np.empty(len(self.group.passes))
-        for stack in self._stacks:
-            clean = denoise_stack(stack, denoise)
-            window = slice(stack.begin, None)
-            first = stack.entry if denoise.surround == 'continuation' else stack.begin
-            found = identify_window(
-                clean[:, first:],
-                np.var(stack.force[:, window] - clean[:, window], axis=1),
-                stack.share[:, first:] if denoise.surround == 'continuation' else None,
-                noise,
-            )
-            # The identifier refuses an unstable platform, so parameters that make one are no good.
-            stable = (abs(found.a2) < 1) & (abs(found.a1) < 1 + found.a2)
-            result[list(stack.positions)] = np.where(stable, found.gain, np.nan)
+        positions: list[int] = []
+        passes: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        removed = []
+        for batch in self._batches:
+            clean = denoise_batch(batch, denoise)
+            window = slice(batch.begin, None)
+            first = batch.entry if denoise.surround == 'continuation' else batch.begin
+            positions += batch.positions
+            passes += zip(clean[:, first:], batch.share[:, first:], strict=True)
+            removed.append(np.var(batch.force[:, window] - clean[:, window], axis=1))
+        noise = self.base.identifier.iswd_eksi.noise
+        found = identify_passes(passes, np.concatenate(removed), noise, values['rise_noise'])
+        result = np.empty(len(passes))
+        # The identifier refuses an unstable platform, so parameters that make one are no good.
+        result[positions] = np.where(is_stable(found.a1, found.a2), found.gain, np.nan)
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:

@@ -15,8 +15,8 @@ from scipy.optimize import least_squares
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkovParameters,
-    Stretch,
-    stretch_of,
+    PassSignal,
+    pass_signal,
 )
 from checkweigher_dsp.signal.platform_response import responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
@@ -58,7 +58,7 @@ def fit_platform(
     def misfit(count: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
         # Always the same samples, wherever the load may come on.
         chosen = [
-            (whiteners[group.speed], each, stretch_of(each.window, known))
+            (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
             for each in spread(group, count)
         ]
@@ -68,10 +68,10 @@ def fit_platform(
             return np.concatenate(
                 [
                     _residual(
-                        replace(stretch, crossing=stretch_of(each.window, model).crossing),
+                        replace(used, crossing=pass_signal(each.window, model).crossing),
                         each.mass, model, white,
                     )[1]
-                    for white, each, stretch in chosen
+                    for white, each, used in chosen
                 ]
             )  # fmt: skip
 
@@ -112,8 +112,8 @@ def fit_noise(
     whitener = _first_whitener(group, known)
     residuals, kicks = [], []
     for each in group.passes:
-        stretch = stretch_of(each.window, known)
-        left, _, coefficients, variances = _residual(stretch, each.mass, known, whitener)
+        used = pass_signal(each.window, known)
+        left, _, coefficients, variances = _residual(used, each.mass, known, whitener)
         residuals.append(left)
         scale = each.mass * each.window.belt_speed
         kicks.append((coefficients[2:4] ** 2 - variances[2:4]) / scale**2)
@@ -122,7 +122,7 @@ def fit_noise(
 
 
 def _residual(
-    stretch: Stretch, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
+    used: PassSignal, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return what the model leaves of a pass of known mass.
 
@@ -137,8 +137,8 @@ def _residual(
     ndarray, (5,)
         Their variances.
     """
-    load, *others = responses(known.platform, mass, stretch.crossing, stretch.time)
-    signal = stretch.signal - mass * load
+    load, *others = responses(known.platform, mass, used.crossing, used.time)
+    signal = used.signal - mass * load
     columns = np.vstack((*others, np.ones(len(signal))))
     white_signal, white_columns = whitener.whiten(signal), whitener.whiten(columns)
     inverse = np.linalg.inv(white_columns @ white_columns.T + np.diag(np.array(_FREE) ** -2.0))
@@ -159,9 +159,9 @@ def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhite
     """
     empty, full = [], []
     for each in group.passes:
-        stretch = stretch_of(each.window, known)
-        before = stretch.signal[stretch.time < stretch.crossing.on_begin]
-        window = stretch.signal[stretch.time >= stretch.crossing.on_end]
+        used = pass_signal(each.window, known)
+        before = used.signal[used.time < used.crossing.on_begin]
+        window = used.signal[used.time >= used.crossing.on_end]
         if len(before) > _FIRST_ORDER:
             empty.append(before - np.mean(before))
         full.append(window - np.mean(window))

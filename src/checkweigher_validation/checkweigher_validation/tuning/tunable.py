@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators.base import raw_plateau
+from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.search import Axis, Values, search
@@ -43,7 +43,7 @@ class Tunable(ABC):
         self.group = group
         self.base = base
         self.sample_rate = group.passes[0].window.sample_rate
-        samples = [raw_plateau(each.window) for each in group.passes]
+        samples = [raw_samples(each.window) for each in group.passes]
         lengths = np.array([len(window) for window in samples])
         # Windows of one length are computed together.
         self.batches = []

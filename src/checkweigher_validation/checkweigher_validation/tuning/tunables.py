@@ -5,17 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators.adaptive_identification import (
-    AdaptiveSettings,
-    FilterNoise,
-    identify_adaptive,
-    identify_adaptive_by_ekf,
-)
-from checkweigher_dsp.estimation.estimators.base import raw_plateau
-from checkweigher_dsp.estimation.estimators.fir_weights import fir_estimate, fit_fir
-from checkweigher_dsp.estimation.estimators.lowpass import time_varying_lowpass
-from checkweigher_dsp.estimation.estimators.tvlpf import decay_of
-from checkweigher_dsp.signal.averages import hann_mean, window_mean
+from checkweigher_dsp.estimation.estimators.aeksi import identify_adaptive_by_ekf
+from checkweigher_dsp.estimation.estimators.aid import AdaptiveSettings, identify_adaptive
+from checkweigher_dsp.estimation.estimators.base import raw_samples
+from checkweigher_dsp.estimation.estimators.fir_model import fir_estimate, fit_fir
+from checkweigher_dsp.estimation.estimators.tvlpf import decay_of, time_varying_lowpass
+from checkweigher_dsp.signal.averages import hann_mean
+from checkweigher_dsp.signal.extended_kalman import Noise
 from checkweigher_validation.tuning.calibration import folds
 from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
 from checkweigher_validation.tuning.iswd_eksi import TunedIswdEksi
@@ -32,7 +28,7 @@ class TunedMean(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the mean of every window."""
-        return self.of_windows(window_mean)
+        return self.of_windows(lambda samples: np.mean(samples, axis=-1))
 
 
 class TunedHann(Tunable):
@@ -98,7 +94,7 @@ class TunedAeksi(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the steady state that the EKF identifies in every window."""
-        noise = FilterNoise(
+        noise = Noise(
             values['measurement_noise'], values['process_noise'], values['coefficient_variance']
         )
         settings = _settings(values)
@@ -141,7 +137,7 @@ class TunedFirModel(Tunable):
         return {'identifier.fir_model.weights': tuple(float(f'{value:.7g}') for value in curve)}
 
     def _fit(self, chosen: NDArray[np.intp], ridge: float) -> NDArray[np.float64]:
-        windows = [raw_plateau(self.group.passes[number].window) for number in chosen]
+        windows = [raw_samples(self.group.passes[number].window) for number in chosen]
         knots = self.base.identifier.fir_model.knots
         return fit_fir(windows, self.group.masses[chosen], knots, ridge)
 

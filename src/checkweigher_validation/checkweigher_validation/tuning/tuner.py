@@ -190,7 +190,7 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
     windows = [each.window for each in group.passes]
     if estimator.needs_denoised:
         windows = Denoiser(parameters.denoise).denoise_all(windows)
-    return np.array([plateau.mass for plateau in estimator.estimate_all(windows)])
+    return np.array([load.mass for load in estimator.estimate_all(windows)])
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:

@@ -102,7 +102,7 @@ def test_among_other_disturbances_the_impact_is_of_the_right_order():
 
 def test_windows_that_are_too_short_are_refused():
     groups = groups_of('paper', 0.3, count=6, sample_rate=100.0, spacing=0.31, lead_in=0.1)
-    with pytest.raises(TuningError, match=r'18\.0 m/min: no stretch of noise is longer than 40'):
+    with pytest.raises(TuningError, match=r'18\.0 m/min: no segment of noise is longer than 40'):
         fit_platform(groups, replace(KNOWN, sample_rate=100.0))
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.estimation.estimators.base import raw_plateau
-from checkweigher_dsp.estimation.estimators.fir_weights import fit_fir
+from checkweigher_dsp.estimation.estimators.base import raw_samples
+from checkweigher_dsp.estimation.estimators.fir_model import fit_fir
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
@@ -58,7 +58,7 @@ def test_the_batch_is_what_the_line_makes_of_each_window(group, name):
 def test_the_weights_of_a_training_pass_are_those_that_the_other_folds_teach(group):
     ridge = 1e-2
     batch = TUNABLES['fir_model'](group, LineParameters()).estimates({'ridge': ridge})
-    windows = [raw_plateau(each.window) for each in group.passes]
+    windows = [raw_samples(each.window) for each in group.passes]
     fold = folds(group.masses, 5)
     for number, window in enumerate(windows):
         others = np.flatnonzero(fold != fold[number])

@@ -1,6 +1,7 @@
 """The estimators: from a weigh window to the load, selectable by name."""
 
-from checkweigher_dsp.estimation.estimators.adaptive import Aeksi, Aid
+from checkweigher_dsp.estimation.estimators.aeksi import Aeksi
+from checkweigher_dsp.estimation.estimators.aid import Aid
 from checkweigher_dsp.estimation.estimators.averages import Hann, Mean
 from checkweigher_dsp.estimation.estimators.base import Estimator
 from checkweigher_dsp.estimation.estimators.fir_model import FirModel

@@ -1,17 +1,19 @@
-"""The means of the window: what every other estimator has to beat."""
+"""The means of the window, which every other estimator has to beat."""
 
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
-    Plateau,
-    raw_plateau,
+    LoadEstimate,
+    raw_samples,
     rough_variance,
 )
 from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.signal.averages import hann_mean, window_mean
+from checkweigher_dsp.signal.averages import hann_mean
 
 
 @dataclass(frozen=True)
@@ -29,18 +31,41 @@ class HannParameters(EstimatorParameters):
 
 
 class Mean(Estimator):
-    """Estimate by the mean of the raw window."""
+    """Estimate by the mean of the raw window.
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    Unbiased for a constant load. A line vanishes over whole periods and remains with up to its
+    amplitude over less than one.
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, counts_per_kg=1e3, zero=0.0, sample_rate=960.0,
+    ...     window_begin=2, window_end=5, counts=np.array([0, 60, 199, 201, 203], np.int32),
+    ... )
+    >>> print(round(Mean(MeanParameters()).estimate(window).mass, 6))
+    0.201
+    """
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the mean of a window."""
-        samples = raw_plateau(window)
-        return Plateau(float(window_mean(samples)), rough_variance(samples))
+        samples = raw_samples(window)
+        return LoadEstimate(float(np.mean(samples)), rough_variance(samples))
 
 
 class Hann(Estimator):
-    """Estimate by the Hann-weighted mean of the raw window."""
+    """Estimate by the Hann-weighted mean of the raw window, see `hann_mean`.
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, counts_per_kg=1e3, zero=0.0, sample_rate=960.0,
+    ...     window_begin=2, window_end=5, counts=np.array([0, 60, 198, 201, 208], np.int32),
+    ... )
+    >>> print(round(Hann(HannParameters()).estimate(window).mass, 6))
+    0.202
+    """
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the Hann-weighted mean of a window."""
-        samples = raw_plateau(window)
-        return Plateau(float(hann_mean(samples)), rough_variance(samples))
+        samples = raw_samples(window)
+        return LoadEstimate(float(hann_mean(samples)), rough_variance(samples))

@@ -1,4 +1,4 @@
-"""What all estimators have in common: their interface and what training passes tell of them."""
+"""The interface of the estimators, and the parameters that training passes give all of them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -10,18 +10,23 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.shrinkage_table import interpolate
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 
 @dataclass(frozen=True, slots=True)
-class Plateau:
-    """What an estimator makes of a window: the load in kg and its variance in kg^2.
+class LoadEstimate:
+    """The load that an estimator finds in a window.
 
-    The variance is that of the estimator alone, without the one of the zero; NaN from those that
-    state none. ``a1``, ``a2`` and ``b1`` (kg) only from those that identify the platform.
+    Attributes
+    ----------
+    mass : float
+        kg, before gain and offset; NaN if there is none.
+    variance : float
+        kg^2, of the estimator alone, without that of the zero; NaN if it states none.
+    a1, a2, b1 : float
+        Coefficients of the platform, b1 in kg; NaN from estimators that do not identify it.
     """
 
     mass: float
@@ -33,7 +38,7 @@ class Plateau:
 
 @dataclass(frozen=True)
 class EstimatorParameters(Parameters):
-    """What training passes tell of an estimator, for each of their belt speeds.
+    """Results of training passes, for each of their belt speeds.
 
     Lists of equal length, one value for each of ``speeds``; between two speeds they are
     interpolated.
@@ -77,7 +82,7 @@ class EstimatorParameters(Parameters):
 
     def at(self, name: str, speed: float) -> float:
         """Return the value of the list `name` at a belt speed in m/s."""
-        return interpolate(self.speeds, getattr(self, name), speed)
+        return float(np.interp(speed, self.speeds, getattr(self, name)))
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
         """Tell whether a speed lies among those of the training passes, or near (relative)."""
@@ -86,7 +91,7 @@ class EstimatorParameters(Parameters):
 
 
 class Estimator(ABC):
-    """Make the load of a window.
+    """Find the load in weigh windows.
 
     Parameters
     ----------
@@ -96,7 +101,7 @@ class Estimator(ABC):
     Attributes
     ----------
     needs_denoised : bool
-        Whether `estimate` reads ``window.denoised``; the others weigh the raw signal.
+        Whether it reads ``window.denoised``; the others weigh the raw signal.
     """
 
     needs_denoised: ClassVar[bool] = False
@@ -105,24 +110,33 @@ class Estimator(ABC):
         self.parameters = parameters
 
     @abstractmethod
-    def estimate(self, window: WeighWindow) -> Plateau:
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the load of a whole window, before gain and offset; NaN if there is none."""
 
-    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
-        """Return what `estimate` makes of each window, to the last bit."""
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
+        """Return the load of each window, to the same bits as alone."""
         return [self.estimate(window) for window in windows]
 
 
-def raw_plateau(window: WeighWindow) -> NDArray[np.float64]:
+def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
     """Return the raw signal from t2 to t3 in kg, zero removed: (n,) float64."""
     return window.force_between(window.window_begin, window.window_end)
 
 
 def rough_variance(samples: NDArray[np.float64]) -> float:
-    """Return how good an average of a window may be, from how far its two halves are apart.
+    """Guess the variance of an average of a window from the difference of its two halves.
 
-    A guess that no training stands behind; the scatter of the samples keeps it above 0 where the
-    halves happen to agree.
+    The scatter of the samples keeps it above 0 where the halves happen to agree.
+
+    Parameters
+    ----------
+    samples : ndarray, (n,) float64
+        kg.
+
+    Returns
+    -------
+    float
+        kg^2. No training stands behind it.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])

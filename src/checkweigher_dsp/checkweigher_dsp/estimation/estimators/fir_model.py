@@ -1,19 +1,27 @@
-"""The FIR model as an estimator."""
+r"""FIR model: the mass is a weighted sum of the samples, the weights learned from known masses.
 
+Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
+approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016), and its
+siblings. The weights are one smooth curve over the relative position in the window, learned as its
+values at a fixed number of knots, so that it serves windows of other lengths and speeds as well.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import math
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
-    Plateau,
-    raw_plateau,
+    LoadEstimate,
+    raw_samples,
     rough_variance,
 )
-from checkweigher_dsp.estimation.estimators.fir_weights import fir_estimate
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 
@@ -41,17 +49,161 @@ class FirModelParameters(EstimatorParameters):
 
 
 class FirModel(Estimator):
-    """Estimate by a weighted sum of the samples, the weights learned (reconstruction)."""
+    """Estimate by a weighted sum of the samples, the weights learned (reconstruction).
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
+    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ... )
+    >>> print(round(FirModel(FirModelParameters()).estimate(window).mass, 9))
+    0.2
+    """
 
     parameters: FirModelParameters
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the weighted sum of a window."""
-        samples, known = raw_plateau(window), self.parameters
+        samples, known = raw_samples(window), self.parameters
         curves = np.reshape(known.weights, (len(known.speeds), known.knots))
         curve = [np.interp(window.belt_speed, known.speeds, knot) for knot in curves.T]
         try:
             mass = float(fir_estimate(samples, np.array(curve)))
         except ValueError:  # weights whose sum is 0
-            return Plateau(math.nan)
-        return Plateau(mass, rough_variance(samples))
+            return LoadEstimate(math.nan)
+        return LoadEstimate(mass, rough_variance(samples))
+
+
+def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the weights of a window: the curve through the knots, at unity gain.
+
+    Parameters
+    ----------
+    knots : ndarray, (k,) float64
+        Values at equal distances from the first sample to the last, straight lines between them.
+    count : int
+        Length n of the window.
+
+    Returns
+    -------
+    ndarray, (n,) float64
+        Their sum is 1.
+
+    Raises
+    ------
+    ValueError
+        If the weights have no sum that could be made 1.
+    """
+    weights = _basis(count, len(knots)) @ knots
+    total = float(weights.sum())
+    if not (np.isfinite(total) and abs(total) > _LEAST_SUM * float(np.abs(weights).sum())):
+        raise ValueError(f'the weights at {len(knots)} knots have no sum')
+    return weights / total
+
+
+_LEAST_SUM = 1e-9
+
+
+def fir_estimate(samples: NDArray[np.float64], knots: NDArray[np.float64]) -> Any:
+    """Return the weighted sum of each window, which is unbiased for a constant load.
+
+    Parameters
+    ----------
+    samples : ndarray, (..., n) float64
+        Windows t2..t3, time on the last axis.
+    knots : ndarray, (k,) float64
+        As `fit_fir` learned them.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
+
+    Raises
+    ------
+    ValueError
+        If the weights have no sum that could be made 1.
+
+    Examples
+    --------
+    >>> print(fir_estimate(np.array([1.0, 2.0, 5.0]), np.array([0.0, 1.0, 0.0])))
+    2.0
+    """
+    return np.add.reduce(samples * fir_weights(knots, np.shape(samples)[-1]), axis=-1)
+
+
+def fit_fir(
+    samples: Sequence[NDArray[np.float64]] | NDArray[np.float64],
+    masses: NDArray[np.float64],
+    count: int,
+    ridge: float,
+) -> NDArray[np.float64]:
+    r"""Learn the weights of the smallest error on training passes, at unity gain.
+
+    A knot sees z_j of the window and c_j of a load of 1. Its error :math:`e_j = z_j - M c_j` is
+    freed of its regression on the mass, which offset and gain take out. The rest has the
+    covariance R, and the knots minimise
+
+    .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
+
+    the mean of the diagonal of R being :math:`\bar R`. Unity gain is a constraint and not fitted,
+    so passes of a single mass will do; with several, offset and gain are to be fitted on the
+    estimates afterwards.
+
+    Parameters
+    ----------
+    samples : sequence of ndarray, (n,) float64, or ndarray, (passes, n) float64
+        Windows t2..t3, zero removed; their lengths may differ. At least two.
+    masses : ndarray, (passes,) float64
+        True masses in the unit of `samples`.
+    count : int
+        Number of knots k, at least 2. A line at f Hz can be seen by k of 2 f times the window's
+        duration and more.
+    ridge : float
+        lambda, not negative: the larger, the smoother are the weights, and straight in the end.
+
+    Returns
+    -------
+    ndarray, (k,) float64
+        Values at the knots, for `fir_weights`.
+
+    Raises
+    ------
+    ValueError
+        If the passes are too few, do not fit the masses, or a setting is out of its range.
+    """
+    masses = np.asarray(masses, np.float64)
+    if len(samples) < 2 or len(samples) != len(masses):
+        raise ValueError(f'{len(samples)} passes with {len(masses)} masses cannot be fitted')
+    if count < 2 or not 0 <= ridge < np.inf:
+        raise ValueError(f'{count} knots with ridge {ridge:g} cannot be fitted')
+    bases = [_basis(len(window), count) for window in samples]
+    features = np.stack(
+        [window @ basis / len(basis) for window, basis in zip(samples, bases, strict=True)]
+    )
+    loads = np.stack([basis.mean(axis=0) for basis in bases])
+    unit = loads.mean(axis=0)
+    error = features - masses[:, None] * loads
+    # About the mean mass, so that passes of a single mass have but an offset.
+    regressors = np.stack([np.ones(len(masses)), masses - masses.mean()], axis=1)
+    error -= regressors @ np.linalg.lstsq(regressors, error, rcond=None)[0]
+    covariance = error.T @ error / len(error)
+    scale = float(np.trace(covariance)) / count or 1.0
+    curvature = np.diff(np.eye(count), 2, axis=0)
+    penalty = ridge * curvature.T @ curvature + _LEAST_RIDGE * np.eye(count)
+    knots = np.linalg.solve(covariance + scale * penalty, unit)
+    return np.asarray(knots / (unit @ knots))
+
+
+# Keeps the fit regular where passes are fewer than knots.
+_LEAST_RIDGE = 1e-9
+
+
+@lru_cache(maxsize=256)
+def _basis(count: int, knots: int) -> NDArray[np.float64]:
+    """Return the share of each knot in each sample, (count, knots)."""
+    position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)
+    basis = np.maximum(0, 1 - abs(position[:, None] - np.arange(knots)))
+    basis.flags.writeable = False
+    return basis

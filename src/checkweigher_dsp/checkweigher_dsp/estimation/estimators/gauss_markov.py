@@ -1,6 +1,6 @@
 r"""The minimum-variance unbiased estimate of a mass (Gauss-Markov), from a model of the machine.
 
-A pass is a known shape times the mass, plus what else moves the belt:
+A pass is a known shape times the mass, plus all other motion of the belt:
 
 .. math:: y(t) = M s(t; M, v) + z + \sum_i c_i o_i(t) + n(t)
 
@@ -8,8 +8,8 @@ s is the response of the platform to the load as it rides on, z an error of the 
 oscillations of the platform (those that the product before left, and those of the impact at
 entry), n noise with the covariance C that the training passes showed. With C known, generalised
 least squares gives the mass of the smallest variance among all unbiased linear estimates. The
-signal before t1 takes part in it: there s is 0, and what is seen there of z, of the oscillations
-and, through C, of the vibration tells what the window holds of them.
+signal before t1 takes part in it: there s is 0, and z, the oscillations and, through C, the
+vibration that it shows predict those in the window. [own derivation, docs/method.md]
 
 s and n are learned: the platform from passes of known mass, C as an autoregression of the
 empty belt and of the residuals of the training passes.
@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
-    Plateau,
-    raw_plateau,
+    LoadEstimate,
+    raw_samples,
 )
 from checkweigher_dsp.parameters import ParameterError, parameter
 from checkweigher_dsp.records import WeighWindow, seconds
@@ -37,7 +37,7 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
 _LEAST_CHANGE = 1e-9  # of the mass from one iteration to the next, relative
 _MAX_ITERATIONS = 8
-_FREE = 1.0  # kg, standard deviation of an oscillation of which nothing is known
+_FREE = 1.0  # kg, standard deviation of an oscillation that nothing is known about
 _RATE_TOLERANCE = 1e-3
 # Speeds that differ by less share one noise model; the lines of a belt are not that sharp.
 _SPEED_STEP = 1e-3
@@ -106,7 +106,7 @@ class GaussMarkovParameters(EstimatorParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class PassSignal:
     """The signal of a pass from the empty belt on.
 
     Attributes
@@ -124,8 +124,8 @@ class Stretch:
     crossing: Crossing
 
 
-def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretch:
-    """Return what is used of a window: from the empty belt before t1 on, with what follows t3."""
+def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
+    """Return the used part of a window, from the empty belt before t1 to its end after t3."""
     t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + seconds(t2 - t1)
@@ -136,7 +136,7 @@ def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretc
         window.empty_begin,
         int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time)),
     )
-    return Stretch(
+    return PassSignal(
         time[first:],
         window.force_between(first, len(window.counts)),
         Crossing(begin_at, max(end_at, begin_at + 1e-4), leave + begin_at, leave + end_at),
@@ -144,7 +144,17 @@ def stretch_of(window: WeighWindow, parameters: GaussMarkovParameters) -> Stretc
 
 
 class GaussMarkov(Estimator):
-    """Estimate by generalised least squares on a learned model of the machine."""
+    """Estimate by generalised least squares on a learned model of the machine.
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
+    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ... )
+    >>> print(round(GaussMarkov(GaussMarkovParameters()).estimate(window).mass, 9))  # untrained
+    0.2
+    """
 
     parameters: GaussMarkovParameters
 
@@ -152,27 +162,27 @@ class GaussMarkov(Estimator):
         super().__init__(parameters)
         self._whitener = lru_cache(maxsize=64)(self._whitener_at)
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the load of a window and its variance, that of the zero included."""
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
         if abs(window.sample_rate / known.sample_rate - 1) > _RATE_TOLERANCE:
-            return Plateau(math.nan)
-        stretch = stretch_of(window, known)
-        if len(stretch.time) == 0 or stretch.time[0] > stretch.crossing.on_end:
-            return Plateau(math.nan)
+            return LoadEstimate(math.nan)
+        used = pass_signal(window, known)
+        if len(used.time) == 0 or used.time[0] > used.crossing.on_end:
+            return LoadEstimate(math.nan)
         whitener = self._whitener(round(window.belt_speed / _SPEED_STEP))
         zero_std_dev = max(window.zero_std_dev / abs(window.counts_per_kg), _LEAST_NOISE)
         impact = known.at('impact', window.belt_speed) * window.belt_speed
-        signal = whitener.whiten(stretch.signal)
-        mass, variance, misfit = hann_mean(raw_plateau(window)), math.nan, math.nan
+        signal = whitener.whiten(used.signal)
+        mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
         # Before the entry, and in the row of the zero, there is nothing that the mass changes.
-        entry = int(np.searchsorted(stretch.time, stretch.crossing.on_begin))
-        columns = np.ones((6, len(stretch.time)))
+        entry = int(np.searchsorted(used.time, used.crossing.on_begin))
+        columns = np.ones((6, len(used.time)))
         whitened = np.empty(0)
         for _ in range(_MAX_ITERATIONS):
-            columns[:5] = responses(known.platform, mass, stretch.crossing, stretch.time)
+            columns[:5] = responses(known.platform, mass, used.crossing, used.time)
             if whitened.size:
                 whitener.whiten_again(columns[:5], whitened[:5], entry)
             else:
@@ -183,8 +193,8 @@ class GaussMarkov(Estimator):
             mass, variance, misfit = least_squares(signal, whitened, std_devs)
             if not mass > 0 or abs(mass - last) <= _LEAST_CHANGE * abs(mass):
                 break
-        # A product that bumps or slips is none that the model knows.
-        return Plateau(mass if misfit <= known.max_misfit else math.nan, variance)
+        # The model does not hold for a product that bumps or slips.
+        return LoadEstimate(mass if misfit <= known.max_misfit else math.nan, variance)
 
     def _whitener_at(self, speed_step: int) -> Prewhitener:
         known, speed = self.parameters, speed_step * _SPEED_STEP
@@ -201,18 +211,25 @@ def least_squares(
     Parameters
     ----------
     signal : ndarray, (n,) float64
-        What is explained.
+        Signal that is explained.
     columns : ndarray, (m, n) float64
-        By a combination of these rows.
+        Regressors, whose combination explains it.
     std_devs : tuple of float, (m,)
-        How far each coefficient is from 0 beforehand; infinite if nothing is known.
+        Prior standard deviation of each coefficient; infinite if nothing is known.
 
     Returns
     -------
     coefficient, variance : float
         Of the first row; NaN if the rows do not determine it.
     misfit : float
-        What is left of the signal: root of its mean square, about 1 if all is as assumed.
+        Root mean square of the residual, about 1 if all is as assumed.
+
+    Examples
+    --------
+    >>> rows = np.array([[1.0, 1.0], [1.0, -1.0]])
+    >>> mass, variance, _ = least_squares(np.array([5.0, 1.0]), rows, (math.inf, math.inf))
+    >>> print(round(mass, 9), round(variance, 9))
+    3.0 0.5
     """
     normal = columns @ columns.T
     normal.ravel()[:: len(normal) + 1] += np.array(std_devs) ** -2.0
@@ -225,26 +242,26 @@ def least_squares(
     return float(coefficients[0]), float(inverse[0, 0]), math.sqrt(float(left @ left) / len(left))
 
 
-def estimate_untrained(window: WeighWindow) -> Plateau:
+def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     """Estimate the level of the window in the noise that the empty belt before it shows.
 
     Nothing is known of the platform. But the belt excites its resonance, too, so that an
     autoregression of the empty belt makes little of what still rings in the window. Without enough
     of empty belt the estimate is the Hann-weighted mean.
     """
-    samples = raw_plateau(window)
+    samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate
     entry = math.floor(seconds(t1 - window.stamp) * sample_rate)
     empty = window.force_between(min(window.empty_begin, max(entry, 0)), max(entry, 0))
     order = min(_UNTRAINED_ORDER, len(empty) // 3)
     mean = hann_mean(samples)
     if order < 2 or not np.all(np.isfinite(empty)) or np.ptp(empty) == 0:
-        return Plateau(mean, float(np.var(samples)) / len(samples))
+        return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     with np.errstate(invalid='ignore'):
         reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
     if not std_dev > 0:  # predicted to the last bit, as a last digit that alternates is
-        return Plateau(mean, float(np.var(samples)) / len(samples))
+        return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)
     level = whitener.whiten(np.ones((1, len(samples))))
     mass, variance, _ = least_squares(whitener.whiten(samples - mean), level, (math.inf,))
-    return Plateau(mean + mass, variance)
+    return LoadEstimate(mean + mass, variance)

@@ -1,107 +1,145 @@
 """ISWD-EKSI: extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-import math
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.denoiser import denoised_pass
+from checkweigher_dsp.denoising.window_batch import denoised_pass
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
-    Plateau,
-    raw_plateau,
+    LoadEstimate,
+    raw_samples,
 )
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.signal.averages import variance
-from checkweigher_dsp.signal.window_identification import (
-    FEW,
-    WindowGroup,
-    WindowNoise,
-    identify_groups,
-    identify_window,
-)
-
-_NOISE = WindowNoise()
+from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
 
 
 @dataclass(frozen=True)
 class IswdEksiParameters(EstimatorParameters):
-    """The noise that the filter reckons with."""
+    """Variances of the filter."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi'
 
     measurement_noise: float = parameter(
-        _NOISE.measurement, 'R as a share of the variance that denoising removed',
-        minimum=1e-9, maximum=1e9,
-    )  # fmt: skip
-    process_noise: float = parameter(_NOISE.process, 'Q as a multiple of R', minimum=0, maximum=1e9)
+        0.25, 'R as a share of the variance that denoising removed', minimum=1e-9, maximum=1e9
+    )
+    process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
     initial_variance: float = parameter(
-        _NOISE.initial, 'P0 of x and b1, the signal being normalised to 1',
-        minimum=1e-9, maximum=1e9,
-    )  # fmt: skip
+        1.0, 'P0 of x and b1, the signal being normalised to 1', minimum=1e-9, maximum=1e9
+    )
     coefficient_variance: float = parameter(
-        _NOISE.coefficients, 'P0 of a1 and a2; 1 with the other 1 is P0 = I',
-        minimum=0, maximum=1e9,
-    )  # fmt: skip
+        1e-6, 'P0 of a1 and a2; 1 with the other 1 is P0 = I', minimum=0, maximum=1e9
+    )
     rise_noise: tuple[float, ...] = parameter(
-        (_NOISE.rise,), 'R while the load rises, as a multiple of R: 1e9 begins at t2',
+        (10.0,), 'R while the load rises, as a multiple of R: 1e9 begins at t2',
         minimum=1, maximum=1e9,
     )  # fmt: skip
 
+    @property
+    def noise(self) -> Noise:
+        """Variances of the filter, R as a share of the variance that denoising removed."""
+        return Noise(
+            self.measurement_noise, self.process_noise, self.coefficient_variance,
+            self.initial_variance,
+        )  # fmt: skip
+
 
 class IswdEksi(Estimator):
-    """Estimate by extended Kalman identification of the denoised pass, from t1 or t2 to t3."""
+    """Estimate by extended Kalman identification of the denoised pass, from t1 or t2 to t3.
+
+    References
+    ----------
+    Long et al. (see docs/method.md), section 3 with the errata.
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=None, t2=0, t3=10**8, belt_speed=1.0, counts_per_kg=1e3, zero=0.0,
+    ...     window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ...     sample_rate=960.0, denoised=np.full(96, 0.2),
+    ... )
+    >>> print(round(IswdEksi(IswdEksiParameters()).estimate(window).mass, 9))
+    0.2
+    """
 
     parameters: IswdEksiParameters
     needs_denoised: ClassVar[bool] = True
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform."""
-        denoised, share = denoised_pass(window)
-        found = identify_window(
-            denoised, _removed_variance(window), share, self._noise(window.belt_speed)
-        )
-        return Plateau(found.gain, found.variance, found.a1, found.a2, found.b1)
+        return self.estimate_all([window])[0]
 
-    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[Plateau]:
-        """Return what `estimate` makes of each window, all at once if they are not too few."""
-        if len(windows) < FEW:
-            return [self.estimate(window) for window in windows]
+    def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
+        """Return the steady state in each window; all are identified at once."""
         passes = [denoised_pass(window) for window in windows]
-        lengths: dict[int, list[int]] = {}
-        for number, (denoised, _) in enumerate(passes):
-            lengths.setdefault(len(denoised), []).append(number)
-        groups = [
-            WindowGroup(
-                np.array([passes[number][0] for number in numbers]),
-                np.array([_removed_variance(windows[number]) for number in numbers]),
-                np.array([passes[number][1] for number in numbers]),
-                np.array([self._noise(windows[number].belt_speed).rise for number in numbers]),
-            )
-            for numbers in lengths.values()
+        removed = [
+            np.var(raw_samples(window) - window.denoised[window.window_begin : window.window_end])
+            for window in windows
         ]
-        result: list[Plateau] = [Plateau(math.nan)] * len(windows)
-        all_found = identify_groups(groups, self._noise(windows[0].belt_speed))
-        for numbers, found in zip(lengths.values(), all_found, strict=True):
-            columns = (found.gain, found.variance, found.a1, found.a2, found.b1)
-            rows = zip(*(column.tolist() for column in columns), strict=True)
-            for number, row in zip(numbers, rows, strict=True):
-                result[number] = Plateau(*row)
-        return result
-
-    def _noise(self, belt_speed: float) -> WindowNoise:
         known = self.parameters
-        return WindowNoise(
-            known.measurement_noise, known.process_noise, known.initial_variance,
-            known.coefficient_variance, known.at('rise_noise', belt_speed),
+        rises = [known.at('rise_noise', window.belt_speed) for window in windows]
+        found = identify_passes(passes, np.array(removed), known.noise, np.array(rises))
+        columns = (found.gain, found.variance, found.a1, found.a2, found.b1)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return [LoadEstimate(*row) for row in rows]
+
+
+def identify_passes(
+    passes: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    removed_variance: NDArray[np.float64],
+    noise: Noise,
+    rise: Any,
+) -> Identification:
+    """Identify the platform from denoised passes, in the unit of the signal.
+
+    Each signal is normalised by its mean under full load, and the noise that the filter works with
+    is a share of the variance which denoising removed from the same window: both without a unit.
+
+    Parameters
+    ----------
+    passes : sequence of (ndarray, (n_i,), ndarray, (n_i,))
+        Denoised signal in kg, from t1 or from t2 up to t3, and the share of the load at each
+        sample, ascending to 1 at t2.
+    removed_variance : ndarray, (passes,) float64
+        Variance that denoising removed between t2 and t3, kg^2.
+    noise : Noise
+        R as a share of that variance.
+    rise : float or ndarray, (passes,)
+        R while the load rises, as a multiple of R: no product comes onto the belt quite evenly.
+
+    Returns
+    -------
+    Identification
+        ``gain`` and ``b1`` in kg, ``variance`` in kg^2; NaN where there is nothing to identify.
+
+    Examples
+    --------
+    >>> share = np.minimum(np.arange(1.0, 33.0) / 8, 1.0)
+    >>> noise = Noise(measurement=0.25, process=0.01, coefficients=1e-6)
+    >>> found = identify_passes([(0.2 * share, share)], np.array([1e-8]), noise, rise=10.0)
+    >>> print(found.gain.round(6))
+    [0.2]
+    """
+    counts = np.array([len(denoised) for denoised, _ in passes], int)
+    samples, inputs = np.zeros((2, len(passes), counts.max(initial=0)))
+    scales = np.empty(len(passes))
+    with np.errstate(all='ignore'):
+        for number, (denoised, share) in enumerate(passes):
+            full = denoised[np.count_nonzero(share < 1.0) :]
+            scale = float(np.add.reduce(full) / len(full))
+            scales[number] = scale if np.isfinite(scale) and scale != 0 else np.nan
+            samples[number, : len(denoised)] = denoised / scales[number]
+            inputs[number, : len(denoised)] = share
+        found = identify(
+            samples, removed_variance / scales / scales, noise, inputs=inputs, counts=counts,
+            rise=rise,
         )  # fmt: skip
-
-
-def _removed_variance(window: WeighWindow) -> float:
-    """Return the variance that denoising took out between t2 and t3, kg^2."""
-    plateau = window.denoised[window.window_begin : window.window_end]
-    return variance(raw_plateau(window) - plateau)
+        return replace(
+            found, b1=scales * found.b1, gain=scales * found.gain,
+            variance=scales * scales * found.variance,
+        )  # fmt: skip

@@ -1,16 +1,28 @@
-"""The time-varying low-pass filter as an estimator."""
+r"""TVLPF: a low-pass cascade whose cut-off falls during the window.
+
+Reconstruction from abstracts of Pietrzak, Meller, Niedzwiecki, Dynamic mass measurement in
+checkweighers using a discrete time-variant low-pass filter, Mechanical Systems and Signal
+Processing 48 (2014), and its conference version of 2010. A wide filter follows the load at once, a
+narrow one is still; the cut-off goes from the one to the other,
+
+.. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
+"""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import lru_cache
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
-    Plateau,
-    raw_plateau,
+    LoadEstimate,
+    raw_samples,
     rough_variance,
 )
-from checkweigher_dsp.estimation.estimators.lowpass import time_varying_lowpass
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 
@@ -37,13 +49,23 @@ class TvlpfParameters(EstimatorParameters):
 
 
 class Tvlpf(Estimator):
-    """Estimate by the last output of a low-pass filter whose cut-off falls (reconstruction)."""
+    """Estimate by the last output of a low-pass filter whose cut-off falls (reconstruction).
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
+    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ... )
+    >>> print(round(Tvlpf(TvlpfParameters()).estimate(window).mass, 9))
+    0.2
+    """
 
     parameters: TvlpfParameters
 
-    def estimate(self, window: WeighWindow) -> Plateau:
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the output of the filter at t3."""
-        samples, known, speed = raw_plateau(window), self.parameters, window.belt_speed
+        samples, known, speed = raw_samples(window), self.parameters, window.belt_speed
         mass = time_varying_lowpass(
             samples,
             max(1, round(known.at('sections', speed))),
@@ -52,9 +74,115 @@ class Tvlpf(Estimator):
             decay_of(known.at('half_life', speed), len(samples)),
             window.sample_rate,
         )
-        return Plateau(float(mass), rough_variance(samples))
+        return LoadEstimate(float(mass), rough_variance(samples))
 
 
 def decay_of(half_life: float, count: int) -> float:
-    """Return r of a schedule for a half life that is a share of a window of `count` samples."""
+    """Return r of a schedule from its half-life, as a share of a window of `count` samples."""
     return float(0.5 ** (1 / (half_life * count)))
+
+
+def time_varying_lowpass(
+    samples: NDArray[np.float64],
+    sections: int,
+    initial_cutoff: float,
+    final_cutoff: float,
+    decay: float,
+    sample_rate: float,
+) -> Any:
+    r"""Return the last output of the filter, which starts with each window.
+
+    Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has its pole where the analogue section
+    has it and unity gain at any cut-off. All sections start at the first sample: from any other
+    value a constant load would be approached and not shown, and the output would be biased.
+    So the gain is one for any schedule: unbiased for a constant load.
+
+    Parameters
+    ----------
+    samples : ndarray, (..., n) float64
+        Windows t2..t3, time on the last axis; at least one sample.
+    sections : int
+        Number of first-order sections, at least 1; 2 to 4 are used.
+    initial_cutoff, final_cutoff : float
+        f_0 and f_inf in Hz, not negative.
+    decay : float
+        r, 0 to 1, per sample.
+    sample_rate : float
+        Hz.
+
+    Returns
+    -------
+    ndarray, (...,) float64
+        In the unit of `samples`; a float for one window.
+
+    Raises
+    ------
+    ValueError
+        If there is no sample or a setting is out of its range.
+
+    Examples
+    --------
+    >>> ringing = 1 + 0.5 * np.cos(np.arange(192.0))
+    >>> print(time_varying_lowpass(ringing, 2, 50.0, 3.0, 0.98, 960.0).round(2))
+    1.0
+    """
+    weights = lowpass_weights(
+        np.shape(samples)[-1], sections, initial_cutoff, final_cutoff, decay, sample_rate
+    )
+    return np.add.reduce(samples * weights, axis=-1)
+
+
+@lru_cache(maxsize=256)
+def lowpass_weights(
+    count: int,
+    sections: int,
+    initial_cutoff: float,
+    final_cutoff: float,
+    decay: float,
+    sample_rate: float,
+) -> NDArray[np.float64]:
+    """Return the weight of each sample in the last output of `time_varying_lowpass`.
+
+    The filter is linear in the samples for a given schedule, so its last output is one dot product.
+    The weights follow from running the transposed cascade backwards in time.
+
+    Parameters
+    ----------
+    count : int
+        Length n of the window.
+    sections, initial_cutoff, final_cutoff, decay, sample_rate
+        As in `time_varying_lowpass`.
+
+    Returns
+    -------
+    ndarray, (n,) float64
+        Read-only; not negative, their sum is 1.
+
+    Raises
+    ------
+    ValueError
+        If `count` is below 1 or a setting is out of its range.
+    """
+    if count < 1 or sections < 1:
+        raise ValueError(f'{count} samples and {sections} sections, must be at least 1 each')
+    if not (initial_cutoff >= 0 and final_cutoff >= 0 and sample_rate > 0 and 0 <= decay <= 1):
+        raise ValueError(
+            f'cut-off {initial_cutoff:g} to {final_cutoff:g} Hz with decay {decay:g} at '
+            f'{sample_rate:g} Hz is no schedule'
+        )
+    cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
+    steps = (-np.expm1(-2 * math.pi / sample_rate * cutoff)).tolist()
+    weights = np.zeros(count)
+    # adjoint[j]: weight of the state of section j in the last output.
+    adjoint = [0.0] * (sections - 1) + [1.0]
+    for index in range(count - 1, -1, -1):
+        step = steps[index]
+        for section in range(sections - 1, 0, -1):
+            adjoint[section - 1] += step * adjoint[section]
+            adjoint[section] *= 1 - step
+        weights[index] = step * adjoint[0]
+        adjoint[0] *= 1 - step
+    weights[0] += sum(adjoint)
+    weights.flags.writeable = False
+    return weights

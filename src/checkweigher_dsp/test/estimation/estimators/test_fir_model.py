@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.estimation.estimators.fir_weights import fir_estimate, fir_weights, fit_fir
+from checkweigher_dsp.estimation.estimators.fir_model import fir_estimate, fir_weights, fit_fir
 
 ROUNDING = 1e-12
 RATE = 960.0
@@ -29,7 +29,7 @@ def test_a_window_of_one_sample_is_that_sample():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 32), st.integers(1, 200))
-def test_a_constant_load_is_shown_whatever_the_knots_are(seed, count, length):
+def test_a_constant_load_is_shown_by_any_knots(seed, count, length):
     knots = np.random.default_rng(seed).uniform(0.1, 1, count)
 
     result = fir_estimate(np.full((2, length), 0.25), knots)
@@ -53,7 +53,7 @@ def test_with_a_knot_a_sample_the_weights_are_those_of_gauss_and_markov(masses):
 
 
 def test_white_noise_is_averaged_nearly_as_well_as_the_plain_mean_does():
-    # Straight lines at 16 knots span the uniform weights; what is learned of 2000 passes beyond
+    # Straight lines at 16 knots span the uniform weights; learning from 2000 passes beyond
     # that costs (knots - 1) / passes of the variance.
     rng = np.random.default_rng(3)
     masses = np.full(2000, 0.2)

@@ -158,8 +158,8 @@ def test_the_estimate_is_unbiased_and_scatters_as_it_states(make_pass):
         for _ in range(draws)
     ]  # fmt: skip
 
-    stated = np.mean([plateau.variance for plateau in found])
-    errors = np.array([plateau.mass - mass for plateau in found])
+    stated = np.mean([load.variance for load in found])
+    errors = np.array([load.mass - mass for load in found])
     assert abs(np.mean(errors)) < 4 * math.sqrt(stated / draws)
     # The variance of the variance of n normal numbers is 2 / n of its square.
     assert np.mean(errors**2) / stated == pytest.approx(1.0, abs=4 * math.sqrt(2 / draws))
@@ -196,7 +196,7 @@ def test_at_a_rate_that_was_not_trained_there_is_no_mass(window, sample_rate, kn
     assert math.isfinite(found.mass) == known
 
 
-def test_a_stretch_may_begin_while_the_product_enters_but_not_after_it(make_pass):
+def test_the_signal_may_begin_while_the_product_enters_but_not_after_it(make_pass):
     late = make_pass(before=-0.02)  # begins when the product is on by a fifth
     whole = _estimate(make_pass(before=0.01))
 
@@ -287,10 +287,9 @@ def test_untrained_it_is_the_level_in_noise_as_the_empty_belt_has_it(make_pass):
     samples = window.force[window.window_begin : window.window_end]
     # Half a sample before t1 and none after: 432 of them.
     empty = window.force[: math.floor(0.45 * 960)]
-    models = burg(empty - np.mean(empty), 40)
-    covariance = _covariance(
-        models.coefficients[-1], math.sqrt(models.powers[-1]), len(samples)
-    )  # fmt: skip
+    coefficients, reflections = burg(empty - np.mean(empty), 40)
+    power = np.var(empty) * np.prod(1 - reflections**2)
+    covariance = _covariance(coefficients, math.sqrt(power), len(samples))
     weights = np.linalg.solve(covariance, np.ones(len(samples)))
 
     found = GaussMarkov(GaussMarkovParameters()).estimate(window)

@@ -1,7 +1,7 @@
-r"""Adaptive identification: a prefilter learned from the very window, then least squares.
+r"""AID: least-squares identification behind a prefilter that is made from the window itself.
 
 Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based
-approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016) (AID).
+approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016).
 The platform obeys
 
 .. math:: x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1) + n(k),\quad u = 1,
@@ -11,10 +11,10 @@ autoregression (Burg, order by Akaike) and made white by the inverse of that mod
 that goes over x and u alike; then again, with the better coefficients. Together with it goes a
 fixed low-pass.
 
-The product is fully on the belt before the window begins, so no value of u but 1 takes part in an
-output of the filter whose taps all lie within the window; the outputs before that are dropped. On
-the others the prefiltered u is the sum of the taps, and with the taps divided by it u stays 1. What
-then identifies b_1 is the level of the prefiltered signal. The sum is never 0: that of a model by
+The product is fully on the belt before the window begins, so an output of the filter whose taps
+all lie within the window sees no value of u but 1; the outputs before that are dropped. On
+the others the prefiltered u is the sum of the taps, and with the taps divided by it u stays 1. The
+level of the prefiltered signal then identifies b_1. The sum is never 0: that of a model by
 Burg is the product of 1 + k over its reflection coefficients k.
 
 Least squares with a constant input lets the residuals sum to 0. So the mass is the mean of the
@@ -22,30 +22,40 @@ prefiltered window but for its ends, whose oscillation the coefficients take out
 acts by the taper that it lays over the ends.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields, replace
+import math
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.estimation.estimators.base import (
+    Estimator,
+    EstimatorParameters,
+    LoadEstimate,
+    raw_samples,
+)
+from checkweigher_dsp.parameters import parameter
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
-from checkweigher_dsp.signal.averages import hann_mean, window_mean
-from checkweigher_dsp.signal.extended_kalman import Noise, Start, identify
+from checkweigher_dsp.signal.averages import hann_mean
+from checkweigher_dsp.signal.platform_poles import is_stable
 
 LEAST_SAMPLES = 8
 # A Hann window of n taps and its two zeros is down by 3 dB at this multiple of f_s / (n + 1).
 _HANN_CUTOFF = 0.7203
+_MOST_TAPS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSettings:
-    """How the prefilter is made.
+    """Settings of the prefilter.
 
     Attributes
     ----------
     iterations : int
         Times that the platform is identified, at least 1; before each but the first the
-        prefilter is made anew, so 1 is without an adaptive prefilter.
+        prefilter is made, so 1 is without an adaptive prefilter.
     max_order : int
         Highest order of the autoregression, at least 0; never above a third of the samples.
     lowpass_cutoff : float
@@ -67,19 +77,75 @@ class AdaptiveSettings:
             raise ValueError(f'{self} cannot be')
 
 
+@dataclass(frozen=True)
+class AdaptiveParameters(EstimatorParameters):
+    """The prefilter."""
+
+    iterations: tuple[float, ...] = parameter(
+        (2.0,), 'times that the platform is identified, rounded; 1 is without a prefilter',
+        minimum=1, maximum=20,
+    )  # fmt: skip
+    max_order: tuple[float, ...] = parameter(
+        (2.0,), 'highest order of the prefilter, rounded', minimum=0, maximum=100
+    )
+    lowpass_cutoff: tuple[float, ...] = parameter(
+        (480.0,), 'of the fixed low-pass; none from 0.36 times the sample rate on', unit='Hz',
+        minimum=1, maximum=1e6,
+    )  # fmt: skip
+
+    def settings(self, speed: float) -> AdaptiveSettings:
+        """Return the settings at a belt speed in m/s."""
+        return AdaptiveSettings(
+            max(1, round(self.at('iterations', speed))),
+            round(self.at('max_order', speed)),
+            self.at('lowpass_cutoff', speed),
+        )
+
+
+@dataclass(frozen=True)
+class AidParameters(AdaptiveParameters):
+    """The prefilter of AID."""
+
+    node: ClassVar[str] = 'identifier.aid'
+
+
+class Aid(Estimator):
+    """Estimate by adaptively prefiltered least-squares identification (reconstruction).
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
+    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ... )
+    >>> print(round(Aid(AidParameters()).estimate(window).mass, 9))
+    0.2
+    """
+
+    parameters: AidParameters
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
+        """Return the steady state of the identified platform."""
+        samples, settings = raw_samples(window), self.parameters.settings(window.belt_speed)
+        if len(samples) < LEAST_SAMPLES:
+            return LoadEstimate(math.nan)
+        found = identify_adaptive(samples[np.newaxis], settings, window.sample_rate)
+        return found.load_estimate(0)
+
+
 @dataclass(frozen=True, slots=True)
 class AdaptiveIdentification:
-    """What was identified in each window; all are (...,).
+    """Result of the identification of each window; all are (windows,).
 
     Attributes
     ----------
-    a1, a2 : ndarray
+    a1, a2 : ndarray of float64
         Coefficients.
-    b1 : ndarray
+    b1 : ndarray of float64
         kg.
-    mass : ndarray
+    mass : ndarray of float64
         kg, b1 / (1 + a1 + a2); NaN where the mean of the window is 0 or not finite.
-    variance : ndarray
+    variance : ndarray of float64
         kg^2, of `mass`, to first order from the covariance of the least squares.
     stable : ndarray of bool
         Whether the last iteration found stable poles. Where not, the values are those of the last
@@ -87,12 +153,25 @@ class AdaptiveIdentification:
         window and a1 = a2 = 0.
     """
 
-    a1: Any
-    a2: Any
-    b1: Any
-    mass: Any
-    variance: Any
-    stable: Any
+    a1: NDArray[np.float64]
+    a2: NDArray[np.float64]
+    b1: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    stable: NDArray[np.bool_]
+
+    def in_unit(self, scale: NDArray[np.float64]) -> 'AdaptiveIdentification':
+        """Return the result for the signals before they were divided by `scale`, (windows,) kg."""
+        return replace(
+            self, b1=scale * self.b1, mass=scale * self.mass, variance=scale * scale * self.variance
+        )
+
+    def load_estimate(self, number: int) -> LoadEstimate:
+        """Return the load in one window, with the coefficients if they are stable."""
+        values = [float(getattr(self, name)[number]) for name in ('mass', 'variance')]
+        if self.stable[number]:
+            values += [float(getattr(self, name)[number]) for name in ('a1', 'a2', 'b1')]
+        return LoadEstimate(*values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,20 +180,17 @@ class Prefiltered:
 
     Attributes
     ----------
-    samples : ndarray, (..., m) float64
-        x, divided by `scale`: its level is about 1.
-    inputs : ndarray, (m,) float64
-        u, 1 throughout: see the head of the module.
-    scale : ndarray, (...,) float64
+    samples : ndarray, (windows, m) float64
+        x, divided by `scale`: its level is about 1; so u is 1 throughout.
+    scale : ndarray, (windows,) float64
         kg, mean of the window: the mass is the identified steady state times this.
-    noise : ndarray, (...,) float64
+    noise : ndarray, (windows,) float64
         Variance of the least-squares residual of `samples`.
     """
 
     samples: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    scale: Any
-    noise: Any
+    scale: NDArray[np.float64]
+    noise: NDArray[np.float64]
 
 
 def identify_adaptive(
@@ -127,11 +203,11 @@ def identify_adaptive(
 
     Parameters
     ----------
-    samples : ndarray, (..., n) float64
-        Windows t2..t3 in kg, zero removed, time on the last axis, n at least `LEAST_SAMPLES`.
-        Another unit changes b1, mass and variance by it and nothing else.
+    samples : ndarray, (windows, n) float64
+        Windows t2..t3 in kg, zero removed, n at least `LEAST_SAMPLES`. Another unit changes b1,
+        mass and variance by it and nothing else.
     settings : AdaptiveSettings
-        How the prefilter is made.
+        Settings of the prefilter.
     sample_rate : float
         Hz.
 
@@ -143,18 +219,17 @@ def identify_adaptive(
     ------
     ValueError
         If the windows are too short.
+
+    Examples
+    --------
+    >>> ringing = [0.2 + 0.01 * 0.97**k * np.cos(0.25 * k) for k in range(96)]
+    >>> found = identify_adaptive(np.array([ringing]), AdaptiveSettings(), 960.0)
+    >>> print(found.mass.round(9), found.a2.round(4))  # a2 is 0.97 squared
+    [0.2] [0.9409]
     """
     scale, x = _normalise(samples)
     filtered, found = _iterate(x, settings, sample_rate)
-    found = _or_before(_least_squares(filtered), found)
-    return AdaptiveIdentification(
-        found.a1,
-        found.a2,
-        scale * found.b1,
-        scale * found.mass,
-        scale * scale * found.variance,
-        found.stable,
-    )
+    return _or_before(_least_squares(filtered), found).in_unit(scale)
 
 
 def prefilter_adaptively(
@@ -168,83 +243,7 @@ def prefilter_adaptively(
     filtered, _ = _iterate(x, settings, sample_rate)
     # A plain fit, also where its poles are unstable: its residual is what the noise is read from.
     fit = _least_squares(filtered)
-    noise = np.mean(_residual(filtered, fit) ** 2, axis=-1)
-    return Prefiltered(filtered, np.ones(filtered.shape[-1]), scale, noise)
-
-
-@dataclass(frozen=True, slots=True)
-class FilterNoise:
-    """Variances of the EKF behind the prefilter, the signal being normalised to 1.
-
-    Attributes
-    ----------
-    measurement : float
-        R as a multiple of the variance of the least-squares residual.
-    process : float
-        Q as a multiple of R.
-    coefficients : float
-        P0 of a1 and a2; that of b1 is 1, that of x(k) and x(k-1), which are measured, R.
-    """
-
-    measurement: float = 1.0
-    process: float = 0.01
-    coefficients: float = 1.0
-
-
-def identify_adaptive_by_ekf(
-    samples: NDArray[np.float64],
-    settings: AdaptiveSettings,
-    noise: FilterNoise,
-    sample_rate: float,
-) -> AdaptiveIdentification:
-    """Identify the platform by the EKF on the adaptively prefiltered windows (AEKSI).
-
-    The filter starts from the first two samples: from X0 = 0 the first sample would all go into
-    b1. Bias and errors are those of `identify_adaptive`.
-
-    Parameters
-    ----------
-    samples, settings, sample_rate
-        As in `identify_adaptive`.
-    noise : FilterNoise
-        Variances.
-
-    Returns
-    -------
-    AdaptiveIdentification
-        Where the poles are unstable `mass` and `b1` are the mean of the window and a1 = a2 = 0.
-    """
-    behind = prefilter_adaptively(samples, settings, sample_rate)
-    one = samples.ndim == 1
-    relative: Any = np.maximum(noise.measurement * behind.noise, _LEAST_NOISE)
-    series: Any = np.moveaxis(behind.samples, -1, 0)
-    if one:  # plain floats: arithmetic on numpy's is several times slower
-        relative, series = float(relative), series.tolist()
-    with np.errstate(all='ignore'):
-        found = identify(
-            series[2:],
-            Noise(noise.process * relative, relative, 1.0, noise.coefficients, relative),
-            start=Start(x=series[1], x_before=series[0]),
-        )
-        stable = (
-            (np.abs(found.a2) < 1)
-            & (np.abs(found.a1) < 1 + found.a2)
-            & np.isfinite(found.gain)
-            & np.isfinite(found.variance)
-        )
-    scale = behind.scale
-    return AdaptiveIdentification(
-        np.where(stable, found.a1, 0.0)[()],
-        np.where(stable, found.a2, 0.0)[()],
-        scale * np.where(stable, found.b1, 1.0)[()],
-        scale * np.where(stable, found.gain, 1.0)[()],
-        scale * scale * np.where(stable, found.variance, np.var(behind.samples, axis=-1))[()],
-        stable,
-    )
-
-
-# Relative variance that even a noise-free signal is credited with: the filter stays regular.
-_LEAST_NOISE = 1e-14
+    return Prefiltered(filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1))
 
 
 def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -252,17 +251,17 @@ def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArra
 
     Parameters
     ----------
-    samples : ndarray, (..., n) float64
-        Time on the last axis.
-    taps : ndarray, (..., t) float64
+    samples : ndarray, (windows, n) float64
+        Signals.
+    taps : ndarray, (t,) or (windows, t) float64
         One filter for all windows, or one for each; the first tap goes with the newest sample.
 
     Returns
     -------
-    ndarray, (..., n - t + 1) float64
+    ndarray, (windows, n - t + 1) float64
     """
     count = samples.shape[-1] - taps.shape[-1] + 1
-    result = np.zeros((*samples.shape[:-1], count))
+    result = np.zeros((len(samples), count))
     for lag in range(taps.shape[-1]):
         begin = taps.shape[-1] - 1 - lag
         result += taps[..., lag, None] * samples[..., begin : begin + count]
@@ -276,17 +275,16 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
     return taps / taps.sum()
 
 
-_MOST_TAPS = 100_000
-
-
-def _normalise(samples: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64]]:
+def _normalise(
+    samples: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the means of the windows, NaN where there is none, and the windows divided by them."""
-    count = np.shape(samples)[-1]
+    count = samples.shape[-1]
     if count < LEAST_SAMPLES:
         raise ValueError(f'{count} samples are too few, must be at least {LEAST_SAMPLES}')
-    scale = window_mean(samples)
-    scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)[()]
-    return scale, np.where(np.isfinite(samples), samples, np.nan) / _column(scale)
+    scale = np.mean(samples, axis=-1)
+    scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
+    return scale, np.where(np.isfinite(samples), samples, np.nan) / scale[:, None]
 
 
 def _iterate(
@@ -306,10 +304,10 @@ def _iterate(
 
 
 def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
-    """Return what holds until stable poles are found: a platform that follows at once."""
+    """Return the result until stable poles are found: a platform that follows at once."""
     mass = hann_mean(x)
     none = 0 * mass
-    # The scatter of the window is no small variance: it tells that this is a makeshift.
+    # The scatter of the window is no small variance: it marks this as a makeshift.
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 
@@ -326,12 +324,12 @@ def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse
     b1 = level0 + a1 * level1 + a2 * level2
-    # The stability triangle; within it 1 + a1 + a2 is positive.
-    stable = (abs(a2) < 1) & (abs(a1) < 1 + a2) & np.isfinite(b1)
+    # With stable poles 1 + a1 + a2 is positive.
+    stable = is_stable(a1, a2) & np.isfinite(b1)
     total = np.where(stable, 1 + a1 + a2, 1.0)
     mass = b1 / total
     count = now.shape[-1]
-    residual = now + _column(a1) * one + _column(a2) * two
+    residual = now + a1[:, None] * one + a2[:, None] * two
     noise = (residual * residual).sum(axis=-1) / (count - 3)
     d1, d2 = level1 - mass, level2 - mass
     spread = (d1 * d1 * s22 - 2 * d1 * d2 * s12 + d2 * d2 * s11) * inverse
@@ -341,38 +339,32 @@ def _least_squares(x: NDArray[np.float64]) -> AdaptiveIdentification:
 
 
 def _residual(x: NDArray[np.float64], fit: AdaptiveIdentification) -> NDArray[np.float64]:
-    """Return n of the difference equation, (..., n - 2)."""
+    """Return n of the difference equation, (windows, m - 2)."""
     rest: NDArray[np.float64] = (
-        x[..., 2:] + _column(fit.a1) * x[..., 1:-1] + _column(fit.a2) * x[..., :-2]
-    ) - _column(fit.b1)
+        x[:, 2:] + fit.a1[:, None] * x[:, 1:-1] + fit.a2[:, None] * x[:, :-2]
+    ) - fit.b1[:, None]
     return rest
 
 
 def _whitening(residual: NDArray[np.float64], max_order: int) -> NDArray[np.float64]:
-    """Return the inverse of the residual's AR model as taps of sum 1, zero padded."""
+    """Return the inverse of each residual's AR model as taps of sum 1, zero padded."""
     count = residual.shape[-1]
-    models = burg(residual - np.mean(residual, axis=-1, keepdims=True), min(max_order, count // 3))
-    taps = models.of_order(akaike_order(models.powers, count))
+    max_order = min(max_order, count // 3)
+    taps = np.zeros((len(residual), max_order + 1))
+    for row, noise in zip(taps, residual - np.mean(residual, axis=-1, keepdims=True), strict=True):
+        _, reflections = burg(noise, max_order)
+        powers = np.mean(noise * noise) * np.cumprod([1.0, *(1 - reflections * reflections)])
+        order = akaike_order(powers, count)
+        row[: order + 1], _ = burg(noise, order)
     return taps / taps.sum(axis=-1, keepdims=True)
 
 
 def _or_before(
     fit: AdaptiveIdentification, before: AdaptiveIdentification
 ) -> AdaptiveIdentification:
-    """Return the fit where it is stable, and what was there before where it is not."""
-
-    def pick(new: Any, old: Any) -> Any:
-        return np.where(fit.stable, new, old)[()]
-
-    return AdaptiveIdentification(
-        pick(fit.a1, before.a1),
-        pick(fit.a2, before.a2),
-        pick(fit.b1, before.b1),
-        pick(fit.mass, before.mass),
-        pick(fit.variance, before.variance),
-        fit.stable,
-    )
-
-
-def _column(values: Any) -> NDArray[np.float64]:
-    return np.expand_dims(values, -1)
+    """Return the fit where it is stable, and the one before where it is not."""
+    chosen = {
+        entry.name: np.where(fit.stable, getattr(fit, entry.name), getattr(before, entry.name))
+        for entry in fields(fit)
+    }
+    return AdaptiveIdentification(**{**chosen, 'stable': fit.stable})

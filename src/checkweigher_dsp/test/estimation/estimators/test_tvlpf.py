@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from checkweigher_dsp.estimation.estimators.lowpass import lowpass_weights, time_varying_lowpass
+from checkweigher_dsp.estimation.estimators.tvlpf import lowpass_weights, time_varying_lowpass
 
 RATE = 960.0
 HALF = RATE * math.log(2) / (2 * math.pi)  # Hz, the cut-off at which alpha is 1/2

@@ -1,0 +1,123 @@
+"""AEKSI: extended Kalman identification behind the adaptive prefilter of AID.
+
+The paper's comparison, whose algorithm it does not print: a reconstruction from AID and ISWD-EKSI.
+"""
+
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.estimation.estimators.aid import (
+    LEAST_SAMPLES,
+    AdaptiveIdentification,
+    AdaptiveParameters,
+    AdaptiveSettings,
+    prefilter_adaptively,
+)
+from checkweigher_dsp.estimation.estimators.base import Estimator, LoadEstimate, raw_samples
+from checkweigher_dsp.parameters import parameter
+from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.extended_kalman import Noise, identify
+from checkweigher_dsp.signal.platform_poles import is_stable
+
+
+@dataclass(frozen=True)
+class AeksiParameters(AdaptiveParameters):
+    """The prefilter of AEKSI and the variances of its filter."""
+
+    node: ClassVar[str] = 'identifier.aeksi'
+
+    measurement_noise: tuple[float, ...] = parameter(
+        (1.0,), 'R as a multiple of the variance of the least-squares residual',
+        minimum=1e-9, maximum=1e9,
+    )  # fmt: skip
+    process_noise: tuple[float, ...] = parameter(
+        (0.1,), 'Q as a multiple of R', minimum=0, maximum=1e9
+    )
+    coefficient_variance: tuple[float, ...] = parameter(
+        (1.0,), 'P0 of a1 and a2', minimum=1e-12, maximum=1e9
+    )
+
+    def noise(self, speed: float) -> Noise:
+        """Return the variances of the filter at a belt speed in m/s."""
+        return Noise(
+            self.at('measurement_noise', speed),
+            self.at('process_noise', speed),
+            self.at('coefficient_variance', speed),
+        )
+
+
+class Aeksi(Estimator):
+    """Estimate by adaptively prefiltered extended Kalman identification (reconstruction).
+
+    Examples
+    --------
+    >>> window = WeighWindow(
+    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
+    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
+    ... )
+    >>> print(round(Aeksi(AeksiParameters()).estimate(window).mass, 9))
+    0.2
+    """
+
+    parameters: AeksiParameters
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
+        """Return the steady state of the identified platform."""
+        samples, known, speed = raw_samples(window), self.parameters, window.belt_speed
+        if len(samples) < LEAST_SAMPLES:
+            return LoadEstimate(math.nan)
+        found = identify_adaptive_by_ekf(
+            samples[np.newaxis], known.settings(speed), known.noise(speed), window.sample_rate
+        )
+        return found.load_estimate(0)
+
+
+def identify_adaptive_by_ekf(
+    samples: NDArray[np.float64], settings: AdaptiveSettings, noise: Noise, sample_rate: float
+) -> AdaptiveIdentification:
+    """Identify the platform by the EKF on the adaptively prefiltered windows (AEKSI).
+
+    The filter starts from the first two samples: from X0 = 0 the first sample would all go into
+    b1. Bias and errors are those of `identify_adaptive`.
+
+    Parameters
+    ----------
+    samples, settings, sample_rate
+        As in `identify_adaptive`.
+    noise : Noise
+        Variances, R as a multiple of that of the least-squares residual.
+
+    Returns
+    -------
+    AdaptiveIdentification
+        Where the poles are unstable `mass` and `b1` are the mean of the window and a1 = a2 = 0.
+
+    Raises
+    ------
+    ValueError
+        If the windows are too short.
+
+    Examples
+    --------
+    >>> ringing = [0.2 + 0.01 * 0.97**k * np.cos(0.25 * k) for k in range(96)]
+    >>> noise = Noise(measurement=1.0, process=0.1, coefficients=1.0)
+    >>> found = identify_adaptive_by_ekf(np.array([ringing]), AdaptiveSettings(), noise, 960.0)
+    >>> print(found.mass.round(6))
+    [0.2]
+    """
+    behind = prefilter_adaptively(samples, settings, sample_rate)
+    found = identify(behind.samples, behind.noise, noise, start_from_samples=True)
+    stable = is_stable(found.a1, found.a2) & np.isfinite(found.gain) & np.isfinite(found.variance)
+    scatter = np.var(behind.samples, axis=-1)
+    return AdaptiveIdentification(
+        np.where(stable, found.a1, 0.0),
+        np.where(stable, found.a2, 0.0),
+        np.where(stable, found.b1, 1.0),
+        np.where(stable, found.gain, 1.0),
+        np.where(stable, found.variance, scatter),
+        stable,
+    ).in_unit(behind.scale)

@@ -1,0 +1,95 @@
+"""Identification of denoised passes against least squares and filterpy, alone and in batches."""
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import plain_path
+import pytest
+
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters, identify_passes
+from checkweigher_dsp.signal.extended_kalman import Noise
+
+ROUNDING = 1e-10
+NOISE = IswdEksiParameters().noise
+
+
+def test_a_window_without_platform_is_weighed_by_least_squares():
+    # With a1 = a2 = 0 known the model is z = b1 u + noise; x, which is predicted anew at each
+    # step, adds its Q to R, and 1 / P0 is the weight of the prior.
+    loads = np.minimum(np.arange(1, 91) / 45, 1.0)
+    samples = 0.2 * loads + 0.01 * np.random.default_rng(6).standard_normal(90)
+    noise = Noise(0.5, 0.2, 0.0)
+    scale = np.mean(samples[44:])
+    total = 0.5 * 1e-4 / scale**2 * np.where(loads < 1, 4.0 + 0.2, 1.0 + 0.2)
+    normal = np.sum(loads**2 / total) + 1 / noise.initial
+
+    result = identify_passes([(samples, loads)], np.array([1e-4]), noise, rise=4.0)
+
+    expected = np.sum(loads * samples / total) / normal
+    assert result.gain == pytest.approx(expected, rel=ROUNDING)
+    assert result.b1 == pytest.approx(expected, rel=ROUNDING)
+    assert result.variance == pytest.approx(scale**2 / normal, rel=ROUNDING)
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(16, 200),
+    st.floats(0.05, 0.9),
+    st.builds(
+        Noise, st.floats(1e-3, 10.0), st.floats(0.0, 1.0), st.floats(1e-8, 1e-2),
+        st.floats(0.01, 10.0),
+    ),
+    st.floats(1.0, 1e3),
+)  # fmt: skip
+def test_windows_agree_with_filterpy(seed, count, share, noise, rise):
+    random = np.random.default_rng(seed)
+    loads = np.minimum(np.arange(1, count + 1) / (share * count), 1.0)
+    samples = 0.2 * loads + 0.01 * random.standard_normal(count)
+
+    found = identify_passes([(samples, loads)], np.array([1e-4]), noise, rise)
+
+    expected = plain_path.identify_window(samples, 1e-4, loads, noise, rise)
+    assert (found.gain[0], found.variance[0]) == pytest.approx(expected, rel=ROUNDING)
+
+
+def test_passes_of_several_lengths_have_the_same_bits_as_each_alone():
+    random = np.random.default_rng(10)
+    passes = []
+    for length in (100, 128, 100, 99, 1, 128):
+        loads = np.minimum(np.arange(1, length + 1) / random.uniform(30, 64), 1.0)
+        loads[-1] = 1.0
+        passes.append((0.2 * loads + 0.01 * random.standard_normal(length), loads))
+    passes[2][0][:] = math.nan
+    removed, rises = random.uniform(0, 1e-4, 6), random.uniform(1.0, 20.0, 6)
+
+    together = identify_passes(passes, removed, NOISE, rises)
+
+    for k in range(len(passes)):
+        alone = identify_passes([passes[k]], removed[[k]], NOISE, rises[[k]])
+        for name in ('a1', 'a2', 'b1', 'gain', 'variance'):
+            assert repr(getattr(together, name)[k]) == repr(getattr(alone, name)[0])
+    assert math.isnan(together.gain[2])
+
+
+@pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])
+def test_the_unit_of_a_window_does_not_matter(gain):
+    samples = 0.2 + 0.01 * np.random.default_rng(7).standard_normal(64)
+
+    def found(factor):
+        one = [(factor * samples, np.ones(64))]
+        return identify_passes(one, np.array([factor**2 * 1e-4]), NOISE, 10.0)
+
+    plain, scaled = found(1.0), found(gain)
+
+    assert scaled.gain == pytest.approx(gain * plain.gain, rel=1e-9)
+    assert scaled.variance == pytest.approx(gain**2 * plain.variance, rel=1e-9)
+
+
+@pytest.mark.parametrize('samples', [np.zeros(20), np.full(20, math.nan), np.full(20, math.inf)])
+def test_a_window_without_a_level_has_no_gain(samples):
+    found = identify_passes([(samples, np.ones(20))], np.zeros(1), NOISE, 10.0)
+
+    assert math.isnan(found.gain[0])
