@@ -79,7 +79,7 @@ class Line:
     def make(self, name: str) -> Any:
         return STAGE_NODES[name](self.for_reject if name == 'reject' else None)
 
-    def start_anew(self, name: str) -> None:
+    def restart(self, name: str) -> None:
         """Destroy a stage and put another one in its place."""
         self.spinner.remove(self.stages[name])
         # Two nodes of one name in one process and the graph loses the name of the second.

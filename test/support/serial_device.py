@@ -53,7 +53,7 @@ class Port:
     def plug_in(self) -> None:
         if self.master >= 0:
             return
-        # The other end stays open here, so that the wire is there also when nobody listens.
+        # The other end stays open here, so that the wire is there also when no program listens.
         self.master, self.slave = pty.openpty()
         tty.setraw(self.slave)
         os.set_blocking(self.master, False)
@@ -72,7 +72,7 @@ class Port:
 
     def write(self, data: bytes) -> None:
         if self.master >= 0 and data:
-            with contextlib.suppress(BlockingIOError):  # what nobody reads is gone
+            with contextlib.suppress(BlockingIOError):  # bytes that are not read are gone
                 os.write(self.master, data)
 
 

@@ -78,7 +78,7 @@ class Line:
         return bool(done.result().success)
 
 
-def test_the_line_rejects_over_modbus_and_stops_when_nobody_gives_verdicts(
+def test_the_line_rejects_over_modbus_and_stops_when_no_node_gives_verdicts(
     tmp_path: Path, monkeypatch: Any
 ):
     plc = Plc(tmp_path)

@@ -125,7 +125,7 @@ def test_the_product_of_the_parameters_is_there_from_the_start(spinner: Spinner,
     }
 
 
-def test_a_reject_node_that_is_started_anew_accepts_nothing_before_it_has_the_limits(
+def test_a_reject_node_that_is_started_again_accepts_nothing_before_it_has_the_limits(
     spinner: Spinner, tmp_path: Path
 ):
     line = Line(spinner, tmp_path, needs_product=True)
@@ -135,7 +135,7 @@ def test_a_reject_node_that_is_started_anew_accepts_nothing_before_it_has_the_li
     assert line.select('nuts').success
     assert line.judge(0.2).decision == verdict.ACCEPT
 
-    line.start_anew('reject')
+    line.restart('reject')
 
     verdict = line.judge(0.18)  # with its limits already or without them yet
     assert verdict.decision in (verdict.FAULT, verdict.UNDER)
@@ -151,19 +151,19 @@ def test_a_reject_node_that_is_started_anew_accepts_nothing_before_it_has_the_li
     assert [(e.old, e.new) for e in limits] == [('-inf', 0.19), ('-inf', 0.19)]
 
 
-def test_an_identifier_that_is_started_anew_has_the_estimator_of_the_product(
+def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(
     spinner: Spinner, tmp_path: Path
 ):
     line = Line(spinner, tmp_path)
     assert line.select('crisps').success
 
-    line.start_anew('identifier')
+    line.restart('identifier')
 
     wait_for(lambda: line.parameters()['identifier']['estimator'] == 'hann')
     wait_for(lambda: line.parameters()['reject']['product'] == 'crisps')
 
 
-def test_a_product_node_that_is_started_anew_keeps_what_is_on_the_line(
+def test_a_product_node_that_is_started_again_keeps_what_is_on_the_line(
     spinner: Spinner, tmp_path: Path
 ):
     line = Line(spinner, tmp_path)

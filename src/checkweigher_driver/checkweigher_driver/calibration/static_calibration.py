@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from checkweigher_dsp.records import LoadCell
 
 GRAMS = 1000.0  # in a kilogram
-_BATCHES = 10  # whose means show how well the mean is known, whatever the noise is like
+_BATCHES = 10  # whose means show the uncertainty of the mean, for any noise
 _LEAST_SAMPLES = 10 * _BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
-_LOOK_PERIOD = 0.5  # s of signal, after which a load is judged anew
+_LOOK_PERIOD = 0.5  # s of signal, after which a load is judged again
 _LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
 # counts; a reading that does not move at all still stands for a step of the converter.
 _QUANTISATION = 1 / math.sqrt(12)

@@ -147,7 +147,7 @@ class MachineOutputs:
             control.make_safe()
 
     def hold(self, stop: bool) -> None:
-        """Stop the line while its load cell or photo-eyes do not work, whatever is requested."""
+        """Stop the line while its load cell or photo-eyes do not work."""
         with self._change() as control:
             control.held = stop
 

@@ -44,10 +44,10 @@ class OutputParameters(Parameters):
         '0: the time to the rejector of the product before', unit='s', minimum=0, maximum=60,
     )  # fmt: skip
     safe_state: str = parameter(
-        'eject', 'what the rejector does while nobody decides', choices=('eject', 'retract')
+        'eject', 'state of the rejector while no verdicts are taken', choices=('eject', 'retract')
     )
     cycle: float = parameter(
-        0.05, 'period in which all outputs are written anew and the belt input is read', unit='s',
+        0.05, 'period in which all outputs are written again and the belt input is read', unit='s',
         minimum=0.005, maximum=10,
     )  # fmt: skip
 

@@ -53,4 +53,4 @@ class Decoder(Protocol):
 
     @property
     def missing(self) -> int:
-        """Bytes to come until the next reading is whole, as far as that is known; at least 1."""
+        """Bytes to come until the next reading is whole, or an estimate of that; at least 1."""

@@ -49,13 +49,13 @@ class _Places:
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
         # Of the run of frames that begins at each byte: whether all are good, and how much they
-        # change. Other places are looked at only as far as this run reaches: where it is whole,
+        # change. Other places are looked at only within this run: where it is whole,
         # their bytes are.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # Two measures. To begin, all changes, of which those at the true place are part: in doubt
+        # Two measures. To begin, all changes, also those at the true place: in doubt
         # it is put off. To go on, only what a wrong place makes of them: 256 times as much.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 
 _WINDOW = 60.0  # s of signal that the line is fitted to
-_BUCKET = 1.0  # s, of which only the hull is kept
+_BUCKET = 1.0  # s; only the hull of its points is kept
 _REFIT = 0.25  # s
 _WARM_UP = 1.0  # s, and reads, before the line is trusted; as long may late reads leave it in doubt
 _WARM_UP_READS = 20
@@ -98,13 +98,12 @@ class SampleClock:
         """Begin a new line with some points."""
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
+        self._bucket_lateness: list[float] = []  # ns, of the reads of the bucket
         self._fit: _Line | None = None
         self._reads = len(points)
         self._from = points[0][0] if points else 0
         self._next_fit = 0
         self._late: list[_Point] = []
-        self._late_sum = self._late_max = 0.0
-        self._late_count = 0
         self._in_doubt = False
         self._end = points[-1][0] if points else -1
         if points:
@@ -156,9 +155,7 @@ class SampleClock:
 
     def _extend(self, point: _Point, late: float) -> None:
         """Take a point into the line."""
-        self._late_sum += max(late, 0.0)
-        self._late_max = max(self._late_max, late)
-        self._late_count += 1
+        self._bucket_lateness.append(max(late, 0.0))
         if not self._reads:
             self._from = point[0]
         self._reads += 1
@@ -190,9 +187,9 @@ class SampleClock:
         self._begin(points)
 
     def _close_bucket(self) -> None:
-        self._lateness = self._late_sum / self._late_count, self._late_max
-        self._late_sum = self._late_max = 0.0
-        self._late_count = 0
+        lateness = self._bucket_lateness
+        self._lateness = sum(lateness) / len(lateness), max(lateness)
+        self._bucket_lateness = []
         self._buckets.append(_lower_hull(self._bucket))
         self._bucket = []
         oldest = self._end - _WINDOW * self._rate

@@ -45,7 +45,11 @@ class SerialParameters(Parameters):
         0.01, 'signal in one block', unit='s', minimum=0.001, maximum=1.0
     )
     timeout: float = parameter(
-        1.0, 'without a value before the device is asked anew', unit='s', minimum=0.1, maximum=60.0
+        1.0,
+        'without a value before the device is started again',
+        unit='s',
+        minimum=0.1,
+        maximum=60.0,
     )
     delay: float = parameter(
         0.0, 'by which the filter of the device delays the signal', unit='s', minimum=0.0,

@@ -60,7 +60,7 @@ def test_a_load_that_goes_on_moving_is_given_up_with_the_figures():
         found(reading.add(piece) for piece in pieces)
 
 
-def test_samples_that_were_lost_begin_it_anew_and_are_named():
+def test_samples_that_were_lost_begin_it_again_and_are_named():
     reading = RestReading(CELL, STEADINESS)
     with pytest.raises(CalibrationError, match='samples were lost'):
         found(reading.add(level(1000), whole=number % 8 > 0) for number in range(100))

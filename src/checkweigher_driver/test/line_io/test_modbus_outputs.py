@@ -111,7 +111,7 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         assert plc.state(RELEASE) is False
         outputs.activate()
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
-        assert plc.state(RELEASE) is False  # nobody has said that the line may run
+        assert plc.state(RELEASE) is False  # no request has said that the line may run
         outputs.take_request(False)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         outputs.take_request(True)

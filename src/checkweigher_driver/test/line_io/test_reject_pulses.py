@@ -48,7 +48,7 @@ def test_a_late_item_is_rejected_at_once_and_said_to_be_late():
     assert changes(schedule, 2011, 5000) == [2011, 2111]
 
 
-def test_an_item_that_nobody_knows_the_place_of_is_rejected_at_once():
+def test_an_item_whose_place_is_not_known_is_rejected_at_once():
     schedule = pulses()
     assert schedule.add(None, None, now=700) is None
     assert changes(schedule, 700, 5000) == [700, 800]
@@ -104,7 +104,7 @@ def test_what_a_stop_delayed_is_rejected_for_longer_at_both_ends():
         assert changes(schedule, 1650, 5000) == [1870, 2030]
 
 
-def test_a_pulse_that_nobody_switched_is_counted():
+def test_a_pulse_that_was_not_switched_is_counted():
     schedule = pulses()
     for due in (1000, 2000, 3000):
         schedule.add(due, None, now=0)

@@ -170,7 +170,7 @@ def test_without_a_read_there_is_no_stamp():
     sizes=st.lists(st.integers(1, 40), min_size=1, max_size=10),
     drift=st.floats(-0.02, 0.02),
 )
-def test_stamps_grow_with_the_index_whatever_the_reads_are_like(lateness, sizes, drift):
+def test_stamps_grow_with_the_index_for_any_reads(lateness, sizes, drift):
     device = Device(drift)
     clock = SampleClock(RATE)
     index, last = 0, START - NANOSECONDS

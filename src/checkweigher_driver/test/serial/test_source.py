@@ -75,7 +75,7 @@ def travel(name, values, options, link):
         journey.times['to replugged'] = reader.wait_for_samples(100)
         note('replugged')
         journey.times['to end'] = reader.close()
-        port = open_port(str(link), 115_200)  # nobody holds it any more
+        port = open_port(str(link), 115_200)  # the source holds it no more
         journey.after = port.read(1)
         port.close()
         journey.blocks, journey.error = reader.events, reader.error
@@ -85,7 +85,7 @@ def travel(name, values, options, link):
 
 
 def stopped(link):
-    """Return the reader of a stream that somebody else stops."""
+    """Return the reader of a stream that another program stops."""
     machine = SerialDevice(link, '--rate', RATE)
     reader = Reader(make('aed', link))
     reader.wait_for_samples(1)
@@ -132,7 +132,7 @@ def slower(link):
 
 @pytest.fixture(scope='module')
 def running(tmp_path_factory):
-    """Have all that takes long run side by side; for most of the time nobody does anything."""
+    """Have all that takes long run side by side; most of the time is spent waiting."""
 
     def port():
         return tmp_path_factory.mktemp('line') / 'port'
@@ -180,7 +180,7 @@ def test_stamps_follow_the_samples(journeys, name):
 
 
 @pytest.mark.parametrize('name', LINES)
-def test_whatever_happens_no_wrong_value_comes_through(journeys, name):
+def test_no_disturbance_lets_a_wrong_value_through(journeys, name):
     journey = journeys[name]
     for block in journey.blocks:
         sent = numbers(block)

@@ -169,10 +169,10 @@ class ProductNode(StageNode[ProductParameters]):
         try:
             product = await self._recipe.restore()
             for node in sorted(lost):
-                self.warn(f'{node} was started anew: it has the parameters of {product!r} again')
+                self.warn(f'{node} was started again: it has the parameters of {product!r} again')
                 self._trail.note(audit_trail.RESTORED, node, None, product)
         except (AuditError, RefusedError) as error:
-            self.warn(f'{", ".join(sorted(lost))}: started anew, without the product: {error}')
+            self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     # Statistics
 
