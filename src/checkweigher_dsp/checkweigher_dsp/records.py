@@ -1,14 +1,13 @@
-"""The values that pass between the stages: what the machine sends, and what each stage makes of it.
+"""Records that pass between the stages: what the machine sends, and what each stage makes of it.
 
 Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them; a
-time that is not known is None. A number that is not known is NaN.
+time that is not known is None. A number that is not known is NaN. How a record stands in its
+message follows from names and types of the fields: see `checkweigher_dsp.ros.conversion`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
 import math
-from operator import attrgetter
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from checkweigher_dsp.reasons import StopReason
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 
-
-# A time on the clock of the samples; None where it is not known.
 Stamp = Annotated[int, 'ns']
 
 
@@ -40,15 +37,12 @@ class Decision(IntEnum):
     OVER = 3
 
 
-def _as_call(record: Any) -> tuple[type, tuple[Any, ...]]:
-    """Have a record pickled as the call that makes it: a third of the time of a dataclass."""
-    kind = type(record)
-    if kind not in _VALUES:
-        _VALUES[kind] = attrgetter(*(entry.name for entry in fields(kind)))
-    return kind, _VALUES[kind](record)
+class StreamState(IntEnum):
+    """Whether a stream of samples goes on, has ended, or was broken off by its source."""
 
-
-_VALUES: dict[type, Callable[[Any], tuple[Any, ...]]] = {}
+    RUNNING = 0
+    FINISHED = 1
+    FAILED = 2
 
 
 def seconds(stamp: int | None) -> float:
@@ -58,7 +52,7 @@ def seconds(stamp: int | None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """What the load cell is and how its readings become kilograms.
+    """A load cell, and how its readings become kilograms.
 
     Attributes
     ----------
@@ -92,28 +86,37 @@ class LoadCell:
     serial_number: str = ''
 
     def __post_init__(self) -> None:
+        rate, sensitivity = self.sample_rate, self.counts_per_kg
+        lower, upper = self.min_counts, self.max_counts
         for name in ('sample_rate', 'capacity', 'weigh_length'):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f'load cell: {name} is {value:g}, must be positive')
-        if self.sample_rate > MAX_SAMPLE_RATE:
-            raise ValueError(
-                f'load cell: sample_rate is {self.sample_rate:g} Hz, must not exceed '
-                f'{MAX_SAMPLE_RATE:g} Hz'
-            )
-        if not math.isfinite(self.counts_per_kg) or self.counts_per_kg == 0:
-            raise ValueError(f'load cell: counts_per_kg is {self.counts_per_kg:g}, must not be 0')
-        if not math.isfinite(self.zero_counts):
-            raise ValueError(f'load cell: zero_counts is {self.zero_counts:g}, must be finite')
-        if self.min_counts >= self.max_counts:
-            raise ValueError(
-                f'load cell: min_counts {self.min_counts} is not below max_counts {self.max_counts}'
-            )
+            _require(0 < value < math.inf, f'{name} is {value:g}, must be positive')
+        limit = f'{MAX_SAMPLE_RATE:g} Hz'
+        _require(rate <= MAX_SAMPLE_RATE, f'sample_rate is {rate:g} Hz, must not exceed {limit}')
+        usable = math.isfinite(sensitivity) and sensitivity != 0
+        _require(usable, f'counts_per_kg is {sensitivity:g}, must not be 0')
+        known = math.isfinite(self.zero_counts)
+        _require(known, f'zero_counts is {self.zero_counts:g}, must be finite')
+        _require(lower < upper, f'min_counts {lower} is not below max_counts {upper}')
+
+    @classmethod
+    def of(cls, parameters: object, **others: Any) -> 'LoadCell':
+        """Return the load cell that parameters of the same names and `others` describe."""
+        names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
+        return cls(**{name: getattr(parameters, name) for name in names} | others)
+
+
+def _require(condition: bool, text: str) -> None:
+    if not condition:
+        raise ValueError(f'load cell: {text}')
 
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Consecutive converter readings: ``counts`` (n,) int32, the first one taken at ``stamp``."""
+    """Consecutive converter readings: `counts` (n,) int32, the first one taken at `stamp`.
+
+    `first_index` is the index of ``counts[0]`` since the source started.
+    """
 
     stamp: Stamp
     first_index: int
@@ -122,35 +125,58 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """One edge of a photo-eye at ``stamp``: ``blocked`` is its state from then on."""
+    """One edge of a photo-eye at `stamp`: `blocked` is its state from then on."""
 
     stamp: Stamp
     eye: Eye
     blocked: bool
 
-    __reduce__ = _as_call
-
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The true mass of an item in kg; ``stamp`` is its t1."""
+    """The true mass of an item in kg; `stamp` is its t1."""
 
     stamp: Stamp
     mass: float
 
-    __reduce__ = _as_call
+
+@dataclass(frozen=True, slots=True)
+class StreamStatus:
+    """Progress of the driver or the segmenter in a stream.
+
+    Attributes
+    ----------
+    stamp : int
+        ns, of the last sample.
+    stream : int
+        Number that the driver gave the stream.
+    samples, edges : int
+        Sent by the driver, or taken by the segmenter.
+    items : int
+        Items that have left the segmenter.
+    text : str
+        What a technician should know; empty while all is well.
+    """
+
+    stamp: Stamp
+    stream: int
+    state: StreamState
+    samples: int = 0
+    edges: int = 0
+    items: int = 0
+    text: str = ''
 
 
 @dataclass(frozen=True, slots=True)
 class WeighWindow:
-    """One item's stretch of signal, with what the photo-eyes told of it.
+    """The signal of one item, with what the photo-eyes showed of the item.
 
     Attributes
     ----------
     item_id : int
         From 1, in order of entry.
     t1, t2, t3 : int or None
-        ns; begins to enter, is fully on, begins to leave.
+        ns; the item begins to enter, is fully on the belt, begins to leave.
     belt_speed : float
         m/s, ``weigh_length / (t3 - t1)``.
     product_length : float
@@ -167,16 +193,16 @@ class WeighWindow:
     first_index : int
         Index of ``counts[0]`` since the source started.
     stamp : int
-        ns, time of ``counts[0]``, at the nominal rate from that of the sample at ``window_begin``.
+        ns, time of ``counts[0]``, at the nominal rate from that of the sample at `window_begin`.
     empty_begin : int
-        Position in ``counts`` of the first sample at which the item before had left the belt; at
+        Position in `counts` of the first sample at which the item before had left the belt; at
         dense spacing it lies after t1, where the item is entering already.
     window_begin, window_end : int
-        Positions in ``counts`` of the first sample at or after t2 and one past the last
-        sample before t3.
+        Positions in `counts` of the first sample at or after t2 and one past the last sample
+        before t3.
     counts : ndarray, (n,) int32
-        Raw readings: signal before t2, then t2..t3, then what was waited for after t3. Empty in
-        a fault.
+        Raw readings: signal before t2, then t2..t3, then trailing signal after t3. Empty in a
+        fault.
     denoised : ndarray, (n,) or (0,) float64
         kg, at the same positions; empty until denoise has run.
     reasons : tuple of str
@@ -204,8 +230,6 @@ class WeighWindow:
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     reasons: tuple[str, ...] = ()
 
-    __reduce__ = _as_call
-
     def __eq__(self, other: object) -> bool:
         """Compare field by field, NaN equal to NaN: two unknowns are the same window."""
         return isinstance(other, WeighWindow) and all(
@@ -215,7 +239,7 @@ class WeighWindow:
 
     @property
     def force(self) -> NDArray[np.float64]:
-        """The stretch in kg, zero removed: (n,) float64."""
+        """The signal in kg, zero removed: (n,) float64."""
         return self.force_between(0, len(self.counts))
 
     def force_between(self, begin: int, end: int) -> NDArray[np.float64]:
@@ -230,8 +254,8 @@ class WeighWindow:
 class MassEstimate:
     """The mass of one item with its uncertainty, or the reasons why there is none.
 
-    ``mass``, ``std_dev``, ``zero`` (empty belt relative to its calibration) and ``b1`` are in kg:
-    mass = b1 / (1 + a1 + a2). ``natural_frequency`` is in Hz. ``line_speed`` is that of the window.
+    `mass`, `std_dev`, `zero` (empty belt relative to its calibration) and `b1` are in kg:
+    mass = b1 / (1 + a1 + a2). `natural_frequency` is in Hz. `line_speed` is that of the window.
     """
 
     item_id: int
@@ -252,8 +276,6 @@ class MassEstimate:
     natural_frequency: float = math.nan
     damping_ratio: float = math.nan
 
-    __reduce__ = _as_call
-
     @property
     def weighed(self) -> bool:
         """Whether there is a mass."""
@@ -267,14 +289,14 @@ class Verdict:
     Attributes
     ----------
     item_id : int
-        That of the estimate, or where none came the reject stage's own count. No two verdicts
-        share a number, so it is that count too where a restarted segmenter begins at 1 again.
+        That of the estimate, or without one the reject stage's own count. No two verdicts share
+        a number, so it is that count too where a restarted segmenter begins at 1 again.
     reject_at : int or None
         ns, when the rejector has to be told.
     estimate_id : int
-        ``item_id`` of the estimate that the verdict rests on, 0 without one.
+        `item_id` of the estimate that the verdict rests on, 0 without one.
     late : bool
-        Whether the verdict came after ``reject_at``.
+        Whether the verdict came after `reject_at`.
     """
 
     item_id: int
@@ -293,30 +315,13 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What passed of one product in one batch; masses in kg, of the contents without tare.
+    """Counts of one product in one batch; masses in kg, of the contents without tare.
 
-    Attributes
-    ----------
-    stamp : int or None
-        ns, largest t3 of an item.
-    product, batch : str
-        Their names; the product is empty while none is selected.
-    items, accepted, under, over, faults : int
-        All items, and those of each decision.
-    reasons, reason_counts : tuple
-        The reasons that came, and how many items had each.
-    length_faults, speed_faults : int
-        Items whose length or belt speed was outside the range of the recipe.
-    nominal, tare, tu1, tu2 : float
-        Of the product; TU1 and TU2 as in directive 76/211/EEC.
-    mean, std_dev, giveaway : float
-        Of the accepted items: mean, sample standard deviation, mean above `nominal`.
-    below_tu1, below_tu2 : int
-        Accepted items below each; those below TU2 are below TU1 as well.
-    share_below_tu1 : float
-        0..1, of the accepted items.
-    throughput : float
-        1/min, items between the first and the last one.
+    `stamp` is the largest t3 in ns, `reason_counts` has the number of items of each of `reasons`.
+    `length_faults` and `speed_faults` are items outside the ranges of the recipe; `tu1` and `tu2`
+    are those of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean above `nominal`),
+    `below_tu1`, which has those below TU2 as well, `below_tu2` and `share_below_tu1` (0..1) are of
+    the accepted items. `throughput` is in 1/min, between the first and the last item.
     """
 
     stamp: Stamp | None
@@ -346,16 +351,10 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """What the service zero has made the zero of the belt.
+    """A change of the zero by the service zero; kg from the zero of calibration.
 
-    Attributes
-    ----------
-    stamp : int
-        ns, end of the empty belt that was read.
-    zero, previous : float
-        The new one and the one before it, kg from the zero of calibration.
-    std_dev : float
-        Of the new one, kg.
+    `stamp` is the end of the empty belt that was read, `previous` the zero before, `std_dev` that
+    of the new one.
     """
 
     stamp: Stamp
@@ -364,48 +363,11 @@ class ZeroChange:
     std_dev: float
 
 
-class StreamState(IntEnum):
-    """How a stream of samples is."""
-
-    RUNNING = 0
-    FINISHED = 1  # the source has ended: what was counted is final
-    FAILED = 2  # the source broke off
-
-
-@dataclass(frozen=True, slots=True)
-class StreamStatus:
-    """How far the driver or the segmenter has come with a stream.
-
-    Attributes
-    ----------
-    stamp : int
-        ns, of the last sample.
-    stream : int
-        The driver's number for it.
-    state : StreamState
-        Whether more is to come.
-    samples, edges : int
-        Sent by the driver, or taken by the segmenter.
-    items : int
-        Items that have left the segmenter.
-    text : str
-        What a technician should know; empty while all is well.
-    """
-
-    stamp: Stamp
-    stream: int
-    state: StreamState
-    samples: int = 0
-    edges: int = 0
-    items: int = 0
-    text: str = ''
-
-
 @dataclass(frozen=True, slots=True)
 class StopRequest:
     """Why the line should stop.
 
-    ``stamp`` (ns) and ``item_id`` are those of the item concerned, ``text`` what more is known.
+    `stamp` (ns) and `item_id` are those of the item concerned, `text` has further details.
     """
 
     reason: StopReason
@@ -421,20 +383,10 @@ class StopRequest:
 
 @dataclass(frozen=True, slots=True)
 class LineHistory:
-    """What the driver remembers of its stream.
+    """Memory that the driver has of a stream.
 
-    Attributes
-    ----------
-    stream : int
-        Its number.
-    stamp : int
-        ns, how far the stream has come.
-    first_edge : int
-        Edges before ``edges[0]``.
-    edges : tuple of EyeEdge
-        The latest, as they were sent.
-    verdicts : tuple of Verdict
-        The latest that came.
+    `stream` is its number, `stamp` the time of the last sample in ns; `edges` and `verdicts` are
+    the latest, after `first_edge` others.
     """
 
     stream: int

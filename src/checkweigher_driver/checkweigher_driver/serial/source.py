@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 import termios
 import threading
@@ -93,12 +93,7 @@ class SerialParameters(Parameters):
 
     def load_cell(self, model: str, serial_number: str) -> LoadCell:
         """Return the load cell that these parameters describe."""
-        known = {
-            field.name: getattr(self, field.name)
-            for field in fields(LoadCell)
-            if hasattr(self, field.name)
-        }
-        return LoadCell(**known, model=model, serial_number=serial_number)
+        return LoadCell.of(self, model=model, serial_number=serial_number)
 
 
 class _RateCheck:

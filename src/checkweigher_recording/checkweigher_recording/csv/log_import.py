@@ -1,11 +1,11 @@
 """Import of a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 import math
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,14 +93,12 @@ class ImportParameters(Parameters):
 
     def load_cell(self, sample_rate: float) -> LoadCell:
         """Return the load cell that these parameters and a sample rate in Hz describe."""
-        described: dict[str, Any] = {'sample_rate': sample_rate}
-        for entry in fields(LoadCell):
-            described.setdefault(entry.name, getattr(self, entry.name))
+        calibration = {}
         if self.slope:
-            described['counts_per_kg'] = self.scale * GRAMS / self.slope
-            described['zero_counts'] = -self.scale * self.offset / self.slope
+            calibration['counts_per_kg'] = self.scale * GRAMS / self.slope
+            calibration['zero_counts'] = -self.scale * self.offset / self.slope
         try:
-            return LoadCell(**described)
+            return LoadCell.of(self, sample_rate=sample_rate, **calibration)
         except ValueError as error:
             raise ParameterError(f'import: {error}') from None
 

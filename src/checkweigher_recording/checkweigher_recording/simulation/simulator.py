@@ -201,14 +201,11 @@ class Simulation:
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self._parameters = parameters
-        self.load_cell = LoadCell(
-            sample_rate=parameters.sample_rate,
-            counts_per_kg=parameters.counts_per_kg,
-            zero_counts=parameters.zero_counts,
+        self.load_cell = LoadCell.of(
+            parameters,
             min_counts=MIN_COUNTS,
             max_counts=MAX_COUNTS,
             capacity=CAPACITY,
-            weigh_length=parameters.weigh_length,
             model='simulated',
             serial_number=f'{parameters.profile}-{parameters.seed}',
         )
