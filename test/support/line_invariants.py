@@ -125,8 +125,7 @@ def verdicts_in_time(
     for now, event in heapq.merge(edges, sorted(late, key=_when), key=_when):
         while stage.due is not None and stage.due < now:
             verdicts += stage.advance(stage.due)
-        add = stage.add_edge if isinstance(event, EyeEdge) else stage.add_estimate
-        verdicts += add(event, now)  # type: ignore[operator]
+        verdicts += stage.take(event, now)
     while stage.due is not None:
         verdicts += stage.advance(stage.due)
     return verdicts

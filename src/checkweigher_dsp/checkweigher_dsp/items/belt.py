@@ -11,6 +11,7 @@ _OVERDUE = 1.5
 # An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16
+_ENTERING, _LEAVING, _GIVEN_UP = State.ENTERING, State.LEAVING, State.GIVEN_UP
 
 
 class UsualTransit:
@@ -144,12 +145,12 @@ class Belt:
 
     def move(self, item: Item, state: State) -> None:
         """Change the state of an item; one that has left the belt does not come back onto it."""
-        if state is State.ENTERING:
-            self.at_infeed = item
-        elif state is State.LEAVING:
+        if state is _LEAVING:
             self.at_outfeed = self.left_last = item
             self.covered = False
-        elif state is State.GIVEN_UP:
+        elif state is _ENTERING:
+            self.at_infeed = item
+        elif state is _GIVEN_UP:
             self.given_up.append(item)
         if item.state.is_on_belt or not state.is_on_belt:
             item.state = state

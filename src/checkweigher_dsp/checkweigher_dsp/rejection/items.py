@@ -3,6 +3,7 @@
 from collections import OrderedDict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import Enum
 from typing import Protocol
 
 from checkweigher_dsp.items.item import Item
@@ -10,7 +11,7 @@ from checkweigher_dsp.records import MassEstimate, Verdict
 
 _MAX_PENDING = 10_000
 _MAX_JUDGED = 1_000
-# A number that is further ahead than this was not counted by anybody.
+# A number that is further ahead than this is no count of items.
 _MAX_AHEAD = 10_000
 _MAX_NUMBER = 2**62
 
@@ -24,6 +25,19 @@ class _Stamped(Protocol):
     def t3(self) -> int | None: ...
 
 
+class ItemState(Enum):
+    """Where an item is on its way to its verdict.
+
+    WAITING becomes JUDGED with its mass, or when it can wait no longer. An item whose mass was
+    faster than the edge that shows it to this stage is UNSEEN, and JUDGED with that edge. What
+    others have judged is UNSEEN: the eyes may show it once more.
+    """
+
+    WAITING = 'it has no verdict yet'
+    UNSEEN = 'it has a verdict, and the eyes have not shown it to this stage'
+    JUDGED = 'it has a verdict'
+
+
 def stamps_of(item: _Stamped) -> list[int]:
     """Return the known stamps of an item, ns."""
     return [stamp for stamp in (item.t1, item.t2, item.t3) if stamp is not None]
@@ -32,8 +46,7 @@ def stamps_of(item: _Stamped) -> list[int]:
 def same(one: _Stamped, other: _Stamped) -> bool:
     """Tell whether two items are one: an edge belongs to one item only, so one stamp is enough.
 
-    What has entered apart is two, though: which t3 belongs to it the stages may have found out
-    differently.
+    Items that have entered apart are two: the stages may have paired them with another t3.
     """
     if one.t1 is not None and other.t1 is not None:
         return one.t1 == other.t1
@@ -55,8 +68,10 @@ class RejectItem:
     ----------
     t1, t2, t3 : int or None
         ns.
+    state : ItemState
+        Whether it has its verdict.
     count : int or None
-        Number by the eyes, None as long as they have not shown it.
+        Number by the eyes, None until they have shown it.
     reasons : tuple of str
         What the eyes say against it.
     reject_at : int or None
@@ -72,6 +87,7 @@ class RejectItem:
     t1: int | None
     t2: int | None
     t3: int | None
+    state: ItemState = ItemState.WAITING
     count: int | None = None
     reasons: tuple[str, ...] = ()
     reject_at: int | None = None
@@ -93,7 +109,7 @@ class RejectItems:
     def __init__(self) -> None:
         self.pending: list[RejectItem] = []
         self._judged: deque[RejectItem] = deque()
-        self._unseen: dict[int, RejectItem] = {}  # of these the ones without a count, by number
+        self._unseen: dict[int, RejectItem] = {}  # of these those in that state, by number
         self._numbers: set[int] = set()
         self._largest = 0
         self._forgotten = 0
@@ -113,7 +129,7 @@ class RejectItems:
         return item
 
     def too_many(self) -> list[RejectItem]:
-        """Return the oldest items that more of have come than can be kept."""
+        """Return the oldest items, those that are more than can be kept."""
         return self.pending[: max(0, len(self.pending) - _MAX_PENDING)]
 
     def find_pending(self, estimate: MassEstimate) -> RejectItem | None:
@@ -125,12 +141,12 @@ class RejectItems:
 
         The stamps of a recording come again when it is played again: then the number differs. It
         does so as well where a segmenter was started with the item on the belt, but in one stream.
-        Of an item that is a fault by its edges nobody knows which of them are its own.
+        Which edges are its own is not known of an item that is a fault by its edges.
         """
         if not estimate.weighed and self.is_used_up(estimate):
             return True
         for item in reversed(self._judged):
-            whole = item.count is not None and not item.reasons
+            whole = item.state is ItemState.JUDGED and not item.reasons
             again = whole and item.stream == self._stream and not estimate.weighed
             if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
                 item.estimate_id = estimate.item_id
@@ -154,7 +170,7 @@ class RejectItems:
         for item in reversed(self._unseen.values()):
             if same(item, seen):
                 del self._unseen[item.number]
-                item.count = seen.item_id
+                item.state, item.count = ItemState.JUDGED, seen.item_id
                 item.reasons = tuple(reason.value for reason in seen.faults)
                 self._ahead = max(self._ahead, item.number - item.count)
                 self._use(item)
@@ -175,12 +191,17 @@ class RejectItems:
     def judge(self, item: RejectItem, estimate: _Stamped | None, estimate_id: int) -> int:
         """Note that an item has its verdict now and return its number."""
         self._use(item)
-        if estimate is not None and _edges_of(estimate) != _edges_of(item):
+        if estimate is not None and (
+            estimate.t1 != item.t1 or estimate.t2 != item.t2 or estimate.t3 != item.t3
+        ):
             self._use(estimate)
         number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
         while number in self._numbers:
             number += 1
-        if item.count is not None:
+        if item.count is None:
+            item.state = ItemState.UNSEEN
+        else:
+            item.state = ItemState.JUDGED
             self._ahead = max(self._ahead, number - item.count)
         item.number, item.estimate_id, item.stream = number, estimate_id, self._stream
         self._largest = max(self._largest, number)
@@ -189,22 +210,20 @@ class RejectItems:
         return number
 
     def recall(self, verdicts: Iterable[Verdict]) -> None:
-        """Note what others have judged, and count anew by the eyes.
+        """Note what others have judged, and begin to count by the eyes again.
 
-        What was judged before the first of them has lower numbers, which nobody gets again.
+        What was judged before the first of them has lower numbers, which are not given again.
         """
         known = [verdict for verdict in verdicts if 0 < verdict.item_id < _MAX_NUMBER]
         for verdict in known:
             number = verdict.item_id
             if number not in self._numbers:
                 self._largest = max(self._largest, number)
-                self._remember(
-                    RejectItem(
-                        verdict.t1, None, verdict.t3, number=number, estimate_id=verdict.estimate_id
-                    )
-                )
+                item = RejectItem(verdict.t1, None, verdict.t3, ItemState.UNSEEN)
+                item.number, item.estimate_id = number, verdict.estimate_id
+                self._remember(item)
         for item in self._judged:
-            item.count = None  # the eyes may show it once more
+            item.state, item.count = ItemState.UNSEEN, None  # the eyes may show it once more
         self._unseen = {item.number: item for item in self._judged}
         first = min((verdict.item_id for verdict in known), default=1)
         self._forgotten = max(self._forgotten, first - 1)
@@ -213,7 +232,7 @@ class RejectItems:
     def _remember(self, item: RejectItem) -> None:
         self._numbers.add(item.number)
         self._judged.append(item)
-        if item.count is None:
+        if item.state is ItemState.UNSEEN:
             self._unseen[item.number] = item
         if len(self._judged) > _MAX_JUDGED:
             forgotten = self._judged.popleft().number

@@ -6,7 +6,7 @@ before it hung or died, is a FAULT in time for the rejector all the same.
 
 from collections import OrderedDict, deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 import math
 
 from checkweigher_dsp.items.item import Item
@@ -27,13 +27,47 @@ from checkweigher_dsp.rejection.timing import ArrivalClock, reject_time
 
 # Edges further back than this belong to a new stream.
 _RESTART = 2 * NANOSECONDS
-# What has no reject time is waited for so long: nobody can say when it would be too late.
+# What has no reject time is waited for so long: when it would be too late is not known.
 _PATIENCE = NANOSECONDS // 10
 _PATIENCE_GIVEN_UP = NANOSECONDS
 _MAX_EARLY = 10_000
 _PLAYED_AGAIN = 4  # edges, as many as an item has
 _MAX_STAMPS = 4_000
-_MAX_ARRIVALS = 400
+_MAX_LATEST = 400
+_Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
+
+
+@dataclass(slots=True)
+class _Stream:
+    """What the edges of one stream have shown: stamps and, on the clock of arrivals, times in ns.
+
+    Attributes
+    ----------
+    first, newest : int or None
+        The oldest and the youngest stamp.
+    came : int or None
+        When the youngest edge came.
+    held : list of (EyeEdge, int or None)
+        Edges that came before, long ago, each with its time.
+    arrivals : ArrivalClock
+        When edges should have come.
+    """
+
+    first: int | None = None
+    newest: int | None = None
+    came: int | None = None
+    held: list[_Arrival] = field(default_factory=list)
+    arrivals: ArrivalClock = field(default_factory=ArrivalClock)
+
+    def saw(self, edge: EyeEdge, now: int | None) -> int | None:
+        """Take an edge; return when it should have come."""
+        self.held.clear()
+        stamp = edge.stamp
+        if self.first is None or stamp < self.first:
+            self.first = stamp
+        if self.newest is None or stamp >= self.newest:
+            self.newest, self.came = stamp, now
+        return None if now is None else self.arrivals.came(stamp, now)
 
 
 class RejectStage:
@@ -72,14 +106,10 @@ class RejectStage:
         self._weigh_length = weigh_length
         self._items = RejectItems()
         self._tracker: ItemTracker | None = None
-        self._arrival_clock = ArrivalClock()
-        self._early: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_EARLY)
-        self._held: list[tuple[EyeEdge, int | None]] = []  # that came before, long ago
+        self._stream = _Stream()
+        self._early: deque[_Arrival] = deque(maxlen=_MAX_EARLY)
+        self._latest: deque[_Arrival] = deque(maxlen=_MAX_LATEST)
         self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
-        self._arrivals: deque[tuple[EyeEdge, int | None]] = deque(maxlen=_MAX_ARRIVALS)
-        self._first: int | None = None
-        self._newest: int | None = None
-        self._came: int | None = None  # when the newest edge came
         if weigh_length is not None:
             self._tracker = self._new_tracker(weigh_length, 0)
 
@@ -93,8 +123,9 @@ class RejectStage:
         """When time alone brings something next, on the clock of the arguments."""
         times = [item.due for item in self._items.pending if item.due is not None]
         overdue = self._tracker.overdue_after if self._tracker is not None else None
-        if overdue is not None and self._newest is not None and self._came is not None:
-            times.append(self._came + overdue + self._lateness - self._newest + 1)
+        newest, came = self._stream.newest, self._stream.came
+        if overdue is not None and newest is not None and came is not None:
+            times.append(came + overdue + self._lateness - newest + 1)
         return min(times, default=None)
 
     def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
@@ -115,38 +146,39 @@ class RejectStage:
                 self._see(item, now)
             self._tracker.forget()
         self._items.restart()
-        self._held.clear()
-        self._first = self._newest = self._came = None
-        self._arrival_clock = ArrivalClock()
+        self._stream = _Stream()
+
+    def take(self, record: EyeEdge | MassEstimate, now: int | None = None) -> list[Verdict]:
+        """Take an edge or an estimate and return the verdicts that it brings."""
+        if isinstance(record, EyeEdge):
+            return self.add_edge(record, now)
+        return self.add_estimate(record, now)
 
     def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
         """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
         if self._tracker is None:
             self._early.append((edge, now))
             return []
-        if self._newest is not None and edge.stamp < self._newest - _RESTART:
+        newest = self._stream.newest
+        if newest is not None and edge.stamp < newest - _RESTART:
             if self._tracker.knows(edge):
                 return self._hold(edge, now)
             self.restart(now)
-        self._held.clear()
-        self._first = edge.stamp if self._first is None else min(self._first, edge.stamp)
-        if self._newest is None or edge.stamp >= self._newest:
-            self._newest, self._came = edge.stamp, now
-        self._arrivals.append((edge, now))
+        came = self._stream.saw(edge, now)
+        self._latest.append((edge, now))
         self._stamps[edge.stamp] = None
         if len(self._stamps) > _MAX_STAMPS:
             self._stamps.popitem(last=False)
-        came = None if now is None else self._arrival_clock.came(edge.stamp, now)
         for item in self._tracker.add(edge):
             self._see(item, came)
         return self.advance(now)
 
     def _hold(self, edge: EyeEdge, now: int | None) -> list[Verdict]:
         """Pass over an old edge that comes again, unless so many do that all are played again."""
-        self._held.append((edge, now))
-        if len(self._held) < _PLAYED_AGAIN:
+        held = self._stream.held
+        held.append((edge, now))
+        if len(held) < _PLAYED_AGAIN:
             return self.advance(now)
-        held = list(self._held)
         self.restart(now)
         return [verdict for again in held for verdict in self.add_edge(*again)]
 
@@ -166,20 +198,24 @@ class RejectStage:
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
-        overdue = []
         if now is not None:
             self._give_up_overdue(now)
-            overdue = [i for i in self._items.pending if i.due is not None and i.due <= now]
+        pending = self._items.pending
+        if not pending:
+            return []
+        overdue = []
+        if now is not None:
+            overdue = [item for item in pending if item.due is not None and item.due <= now]
         overdue += [item for item in self._items.too_many() if item not in overdue]
-        return self._give_up(overdue, now) if overdue else []
+        return self._give_up(overdue, now)
 
     def stop(self, now: int | None = None) -> list[Verdict]:
-        """Give whatever the eyes have shown its verdict: no mass is waited for any more."""
+        """Give each item that the eyes have shown its verdict: no mass is waited for any more."""
         if self._tracker is not None:
             for item in self._tracker.give_up(Reason.NO_ESTIMATE):
                 self._see(item, now)
         self.restart(now)
-        self._arrivals.clear()
+        self._latest.clear()
         return self._give_up_pending(now)
 
     def recall(
@@ -190,8 +226,8 @@ class RejectStage:
     ) -> list[Verdict]:
         """Take what happened before this stage was there.
 
-        An item that had passed the eyes by then and has no verdict is a FAULT now: its mass, if
-        there was one, went to nobody. One that is still on the belt goes on as usual.
+        An item that had passed the eyes by then and has no verdict is a FAULT now: no stage took
+        its mass. One that is still on the belt goes on as usual.
 
         Parameters
         ----------
@@ -202,7 +238,7 @@ class RejectStage:
         now : int, optional
             ns.
         """
-        live = [*self._arrivals, *live]
+        live = [*self._latest, *live]
         known = {edge for edge, _ in live}
         begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
         missed = history.edges[:begin]
@@ -211,18 +247,17 @@ class RejectStage:
         if missed and self._weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges
             self._tracker = self._new_tracker(self._weigh_length, 0)
-            self._first = self._newest = self._came = None
-            self._arrivals.clear()
+            self._stream = _Stream(held=self._stream.held, arrivals=self._stream.arrivals)
             for edge in missed:
                 self.add_edge(edge)
             if now is not None:
-                self._came = now - (history.stamp - max(edge.stamp for edge in missed))
-            self._arrivals.clear()
+                self._stream.came = now - (history.stamp - max(edge.stamp for edge in missed))
+            self._latest.clear()
             if history.first_edge:
                 self._forget_cut(missed[0].stamp)
             verdicts = self._give_up_pending(now, history.stamp)
         else:
-            live = live[len(self._arrivals) :]
+            live = live[len(self._latest) :]
         for edge, came in live:
             verdicts += self.add_edge(edge, came)
         return verdicts
@@ -257,9 +292,10 @@ class RejectStage:
 
     def _give_up_overdue(self, now: int) -> None:
         """Give up what should have reached the outfeed eye, as if an edge had come that late."""
-        if self._tracker is None or self._newest is None or self._came is None:
+        newest, came = self._stream.newest, self._stream.came
+        if self._tracker is None or newest is None or came is None:
             return
-        stream_time = self._newest + now - self._came
+        stream_time = newest + now - came
         for item in self._tracker.expire(stream_time - self._lateness):
             self._see(item, now)
 
@@ -278,8 +314,8 @@ class RejectStage:
         """Take an item that the eyes are done with; its verdict may have been faster."""
         if self._items.has_seen(seen):
             return
-        item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id)
-        item.reasons = tuple(reason.value for reason in seen.faults)
+        reasons = tuple(reason.value for reason in seen.faults)
+        item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
         item.reject_at = reject_time(
             seen.t3,
             self._speed(seen),
@@ -308,9 +344,10 @@ class RejectStage:
         stamps = stamps_of(estimate)
         if not stamps:
             return False
-        if self._first is None or self._newest is None:
+        first, newest = self._stream.first, self._stream.newest
+        if first is None or newest is None:
             return True
-        looked = self._first <= min(stamps) and max(stamps) <= self._newest
+        looked = first <= min(stamps) and max(stamps) <= newest
         return not looked or any(stamp in self._stamps for stamp in stamps)
 
     def _without_estimate(self, item: RejectItem) -> Verdict:
@@ -332,13 +369,13 @@ class RejectStage:
         late_from = item.late_from
         if late_from is None and verdict.reject_at is not None:
             # Its mass was faster than its edges.
-            late_from = self._arrival_clock.at(verdict.reject_at)
+            late_from = self._stream.arrivals.at(verdict.reject_at)
         late = now is not None and late_from is not None and now > late_from
         self.late_verdicts += late
         number = self._items.judge(item, estimate, verdict.estimate_id)
         t1, t3, reject_at = verdict.t1, verdict.t3, verdict.reject_at
-        # A segmenter that was started again has not seen all edges of its first item. Of an item
-        # that is a fault by its edges nobody knows which of them are its own.
+        # A segmenter that was started again has not seen all edges of its first item. Which edges
+        # are its own is not known of an item that is a fault by its edges.
         if item.count is not None and not item.reasons:
             t1 = item.t1 if t1 is None else t1
             t3 = item.t3 if t3 is None else t3
