@@ -41,7 +41,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     namespace : str or None
         Of the lane; None if the bag has only one.
     progress : bool
-        Whether to show a bar on a terminal if it takes more than two seconds.
+        Whether to show a bar on a terminal if it takes more than a second.
 
     Returns
     -------

@@ -26,7 +26,7 @@ from checkweigher_dsp.ros.ports import LOAD_CELL_INFO, PLAYED, Port
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 from checkweigher_recording.recording import Event
-from checkweigher_recording.whole_file import OutputError, check_new, output_error
+from checkweigher_recording.whole_file import OutputError, check_new, output_error, write_whole
 
 # Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
 _FILE = 'line_0.mcap'
@@ -244,12 +244,7 @@ class BagWriter:
         self._file.close()
         text = yaml.safe_dump({'rosbag2_bagfile_information': information}, sort_keys=False)
         # Readers take a bag with this file for whole.
-        partial = self._folder / '.metadata.yaml.partial'
-        try:
-            partial.write_text(text, encoding='utf-8')
-            partial.rename(self._folder / 'metadata.yaml')
-        finally:
-            partial.unlink(missing_ok=True)
+        write_whole(self._folder / 'metadata.yaml', text)
         if not self._in_place:
             self._folder.rename(self._path)
 

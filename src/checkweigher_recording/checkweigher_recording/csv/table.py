@@ -27,19 +27,11 @@ class Table:
 
     path: Path
     columns: dict[str, NDArray[np.float64]]
-    _lines: list[str]
-    _begin: int
+    _line_numbers: list[int]
 
     def place(self, row: int) -> str:
         """Return file and line number of a row from 0, for error messages."""
-        filled = (
-            number
-            for number, line in enumerate(self._lines, start=1)
-            if number > self._begin and line.strip()
-        )
-        for _ in range(row):
-            next(filled)
-        return f'{self.path}:{next(filled)}'
+        return f'{self.path}:{self._line_numbers[row]}'
 
 
 def read_table(
@@ -64,21 +56,23 @@ def read_table(
         If the file cannot be read, lacks a column or holds something that is not a number.
     """
     try:
-        lines = path.read_text(encoding='utf-8-sig').splitlines()
+        text = path.read_text(encoding='utf-8-sig')
     except OSError as error:
         raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
     except UnicodeDecodeError as error:
         raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
-    first = next((number for number, line in enumerate(lines) if line.strip()), None)
-    if first is None:
+    lines = {number: line for number, line in enumerate(text.splitlines(), 1) if line.strip()}
+    if not lines:
         raise CsvError(f'{path}: empty')
+    first = min(lines)
     cells = _cells(lines[first], delimiter)
     header = [] if all(_is_number(cell, decimal) for cell in cells) else cells
+    if header:
+        del lines[first]
     places = [_column(path, use, name, header, len(cells)) for use, name in columns.items()]
-    begin = first + 1 if header else first
-    rows = _parse(path, lines, begin, places, delimiter, decimal)
-    table = Table(path, dict(zip(columns, rows.T, strict=True)), lines, begin)
-    broken = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    values = _parse(path, lines, places, delimiter, decimal)
+    table = Table(path, dict(zip(columns, values.T, strict=True)), list(lines))
+    broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(broken):
         raise CsvError(f'{table.place(int(broken[0]))}: a value is not finite')
     return table
@@ -91,7 +85,7 @@ def _cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def _number(cell: str, decimal: str) -> float:
-    return float(cell.replace(decimal, '.') if decimal != '.' else cell)
+    return float(cell.replace(decimal, '.'))
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -119,27 +113,20 @@ def _column(path: Path, use: str, name: str, header: list[str], width: int) -> i
 
 
 def _parse(
-    path: Path,
-    lines: list[str],
-    begin: int,
-    places: list[int],
-    delimiter: str | None,
-    decimal: str,
+    path: Path, lines: Mapping[int, str], places: list[int], delimiter: str | None, decimal: str
 ) -> NDArray[np.float64]:
-    """Return the columns at some places: (n, m) float64."""
-    rows = lines[begin:]
-    if not any(row.strip() for row in rows):
+    """Return the columns at some places of lines, by their numbers: (n, m) float64."""
+    if not lines:
         raise CsvError(f'{path}: no rows below the header')
-    if decimal != '.':
-        rows = [row.replace(decimal, '.') for row in rows]
+    rows = [line.replace(decimal, '.') for line in lines.values()]
     try:
         return np.loadtxt(
             rows, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
-        # It counts rows, not lines, and from another one on; this finds the line itself.
-        for number, row in enumerate(rows, start=begin + 1):
-            if row.strip() and (problem := _problem(_cells(row, delimiter), places)):
+        # The error counts rows, not lines, and from another one on.
+        for number, row in zip(lines, rows, strict=True):
+            if problem := _problem(_cells(row, delimiter), places):
                 raise CsvError(f'{path}:{number}: {problem}') from None
         raise CsvError(f'{path}: {error}') from None
 

@@ -19,7 +19,7 @@ def weigh(
     parameters : LineParameters
         Of all stages.
     progress : bool
-        Whether to show a bar on a terminal if it takes more than two seconds.
+        Whether to show a bar on a terminal if it takes more than a second.
 
     Returns
     -------
