@@ -1,16 +1,13 @@
-"""What `echo` shows of a running graph."""
+"""Listeners to the results of a running graph."""
 
 from collections import deque
 from dataclasses import replace
 import queue
-import sys
 import time
 from typing import Any
 
 from rclpy.node import Node
 
-from checkweigher_bringup.output import Table
-from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, Reference, Verdict
@@ -20,8 +17,6 @@ from checkweigher_dsp.ros.delivery import current
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
-_PATIENCE = 5.0  # s without a verdict before the reason is looked for
-_POLL_PERIOD = 0.2  # s
 _ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without the estimate it rests on
 # References that are kept for the items still on the line.
 _MAX_REFERENCES = 100
@@ -146,39 +141,3 @@ class EchoNode(ResultListener):
             if self.count_publishers(name) == 0:
                 return f'no verdict yet: nobody publishes {name}; is the line running, and here?'
         return 'no verdict yet: the line is running, but no product has passed'
-
-
-def echo(namespace: str, count: int | None, duration: float | None) -> None:
-    """Print one line a verdict.
-
-    Parameters
-    ----------
-    namespace : str
-        Of the lane.
-    count : int or None
-        Verdicts after which to end.
-    duration : float or None
-        s after which to end.
-    """
-    end = None if duration is None else time.monotonic() + duration
-    table: Table | None = None
-    shown = 0
-    with spinning(namespace) as spinner:
-        node = EchoNode()
-        spinner.add(node)
-        try:
-            while (count is None or shown < count) and (end is None or time.monotonic() < end):
-                try:
-                    weighing = node.weighings.get(timeout=_POLL_PERIOD)
-                except queue.Empty:
-                    if time.monotonic() - node.heard > _PATIENCE:
-                        node.heard = time.monotonic()
-                        print(node.silence(), file=sys.stderr, flush=True)
-                    continue
-                table = table or Table(weighing.estimate.t1 or weighing.estimate.t3 or 0)
-                table.show(node.result(weighing))
-                shown += 1
-        except KeyboardInterrupt:
-            pass
-    if table is not None:
-        table.close()

@@ -1,6 +1,6 @@
-"""What commands write: a table for the eye and a CSV file, the file whole or not at all."""
+"""Output of the commands: a table on the screen, and files that are written whole or not at all."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from io import StringIO
 from pathlib import Path
 import sys
@@ -18,7 +18,7 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise UserError or OutputError if a file cannot be written: before the work, not after it."""
+    """Raise UserError or OutputError if a file cannot be written, before the work for it."""
     if path is None:
         return
     if path.is_dir():
@@ -29,38 +29,17 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 
 
 def warn_unfinished(recording: Recording) -> None:
-    """Say so, beside the results, if a recording is only the beginning of one."""
+    """Print a line on stderr if a recording is only the beginning of one."""
     if recording.unfinished:
         print(recording.unfinished, file=sys.stderr, flush=True)
 
 
-class CsvOutput:
-    """A CSV file that is to be written when the work is done.
-
-    Parameters
-    ----------
-    path : Path or None
-        Where; with None nothing is written.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Raises
-    ------
-    UserError, OutputError
-        If the file is there already or cannot be made: before the work, not after it.
-    """
-
-    def __init__(self, path: Path | None, overwrite: bool) -> None:
-        self._path = path
-        check_output_file(path, overwrite)
-
-    def write(self, results: Iterable[ItemResult]) -> None:
-        """Write all results, or raise OutputError and leave no file behind."""
-        if self._path is None:
-            return
+def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
+    """Write results as a CSV file if there is a path; raise OutputError and leave none behind."""
+    if path is not None:
         text = StringIO()
         write_csv(text, results)
-        write_whole(self._path, text.getvalue())
+        write_whole(path, text.getvalue())
 
 
 class Table:
@@ -68,25 +47,33 @@ class Table:
 
     Parameters
     ----------
-    origin : int
-        ns, what the column t1 counts from.
+    origin : int or None
+        ns, zero of the column t1; None for the time of the first item, before which nothing is
+        shown.
     """
 
-    def __init__(self, origin: int) -> None:
+    def __init__(self, origin: int | None = None) -> None:
         self._origin = origin
         self._results: list[ItemResult] = []
-        print(TABLE_HEADER, flush=True)
+        if origin is not None:
+            print(TABLE_HEADER, flush=True)
 
-    def show(self, result: ItemResult) -> None:
-        """Show one more item."""
-        self.show_all([result])
+    @property
+    def count(self) -> int:
+        """Items that were shown."""
+        return len(self._results)
 
-    def show_all(self, results: Sequence[ItemResult]) -> None:
-        """Show many items at once."""
+    def show(self, *results: ItemResult) -> None:
+        """Show further items."""
+        if self._origin is None:
+            first = results[0].estimate
+            self._origin = first.t1 or first.t3 or 0
+            print(TABLE_HEADER)
         self._results += results
         rows = ''.join(f'{table_row(result, self._origin)}\n' for result in results)
         print(rows, end='', flush=True)
 
     def close(self) -> None:
         """Show the summary."""
-        print(summary(self._results), flush=True)
+        if self._origin is not None:
+            print(summary(self._results), flush=True)

@@ -174,7 +174,7 @@ def _processes(plan: Run, overrides: Path) -> dict[str, _Process]:
 def _supervise(
     processes: Mapping[str, _Process], node: _Listener, heard: 'queue.SimpleQueue[str]'
 ) -> int:
-    table: Table | None = None
+    table = Table()
     try:
         while True:
             now = time.monotonic()
@@ -187,12 +187,9 @@ def _supervise(
             if not all([process.look(now) for process in processes.values()]):
                 return CANNOT_START
             with suppress(queue.Empty):
-                weighing = node.weighings.get(timeout=_POLL_PERIOD)
-                table = table or Table(weighing.estimate.t1 or weighing.estimate.t3 or 0)
-                table.show(node.result(weighing))
+                table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
     finally:
-        if table is not None:
-            table.close()
+        table.close()
 
 
 def _end(processes: Mapping[str, _Process]) -> None:

@@ -1,4 +1,59 @@
 """The commands of the checkweigher, one module each: `add_arguments(parser)` and `run(arguments)`.
 
-The modules import what is heavy in `run` alone, so that ``--help`` is there at once.
+The modules import what is heavy in `run` alone, so that ``--help`` is there at once. Options that
+several commands have are made here.
 """
+
+import argparse
+from pathlib import Path
+
+Parser = argparse._ActionsContainer
+
+
+def add_parameter_file(parser: Parser) -> None:
+    """Add `--params`."""
+    parser.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
+
+
+def add_namespace(parser: Parser) -> None:
+    """Add `--namespace`."""
+    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+
+
+def add_new_bag(parser: Parser) -> None:
+    """Add `--output` for a bag."""
+    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+
+
+def add_end(parser: Parser, counted: str) -> None:
+    """Add `--count` and `--duration`."""
+    parser.add_argument('--count', type=int, metavar='N', help=f'end after N {counted}')
+    parser.add_argument('--duration', type=float, metavar='S', help='end after S seconds')
+
+
+def add_weighing(parser: Parser) -> None:
+    """Add the bag to weigh, the parameters, and the CSV file of the results."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
+    add_parameter_file(parser)
+    parser.add_argument(
+        '--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi'
+    )
+    parser.add_argument('--lane', metavar='NAME', help='namespace to take, if the bag has several')
+    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
+    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
+
+
+def add_tuning(parser: Parser) -> None:
+    """Add what is tuned, how long, on how many processes, and the lane of the bags."""
+    parser.add_argument(
+        '--estimator', nargs='+', action='extend', metavar='NAME',
+        help='one or several, or all; the first one is what a tuned file selects',
+    )  # fmt: skip
+    parser.add_argument(
+        '--budget', type=int, metavar='N',
+        help='evaluations of each estimator at each speed; default 240',
+    )  # fmt: skip
+    parser.add_argument('--jobs', type=int, metavar='N', help='processes; default one for a core')
+    parser.add_argument(
+        '--lane', metavar='NAME', help='namespace to take, if the bags hold several'
+    )

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import add_namespace
+
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
@@ -44,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--params', type=Path, metavar='FILE',
         help='parameters of the source, which go into the new file as well',
     )  # fmt: skip
-    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+    add_namespace(parser)
     parser.add_argument(
         '--mass-uncertainty', type=float, default=0.0, metavar='G',
         help='standard uncertainty of each mass',
@@ -66,11 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--passes', type=int, metavar='N', default=60, help='at each speed; default 60'
     )
     dynamic.add_argument(
-        '--speeds',
-        type=float,
-        nargs='+',
-        metavar='M_PER_MIN',
-        help='belt speeds, in turn',
+        '--speeds', type=float, nargs='+', metavar='M_PER_MIN', help='belt speeds, in turn'
     )
     dynamic.add_argument(
         '--bags', type=Path, metavar='DIR', help='folder for the bags; default OUTPUT_passes'

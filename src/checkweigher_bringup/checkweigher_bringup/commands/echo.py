@@ -1,23 +1,57 @@
 """Show masses and verdicts of a running graph as they come."""
 
 import argparse
+import math
+import queue
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from checkweigher_bringup.commands import add_end, add_namespace
+
+if TYPE_CHECKING:
+    from checkweigher_bringup.listening import EchoNode
+
+_PATIENCE = 5.0  # s without a verdict before the reason is shown
+_POLL_PERIOD = 0.2  # s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `echo`."""
-    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
-    parser.add_argument('--count', type=int, metavar='N', help='end after N verdicts')
-    parser.add_argument('--duration', type=float, metavar='S', help='end after S seconds')
+    add_namespace(parser)
+    add_end(parser, 'verdicts')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show one line a verdict until interrupted."""
-    from checkweigher_bringup.listening import echo
+    from checkweigher_bringup.listening import EchoNode
     from checkweigher_bringup.settings import check_namespace, check_positive
+    from checkweigher_bringup.spinning import spinning
 
-    echo(
-        check_namespace(arguments.namespace),
-        check_positive('--count', arguments.count),
-        check_positive('--duration', arguments.duration),
-    )
+    namespace = check_namespace(arguments.namespace)
+    count = check_positive('--count', arguments.count) or math.inf
+    duration = check_positive('--duration', arguments.duration) or math.inf
+    with spinning(namespace) as spinner:
+        node = EchoNode()
+        spinner.add(node)
+        _show(node, count, time.monotonic() + duration)
     return 0
+
+
+def _show(node: 'EchoNode', count: float, end: float) -> None:
+    """Show verdicts until there were `count`, or until `end`, s of the monotonic clock."""
+    from checkweigher_bringup.output import Table
+
+    table = Table()
+    try:
+        while table.count < count and time.monotonic() < end:
+            try:
+                table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+            except queue.Empty:
+                if time.monotonic() - node.heard > _PATIENCE:
+                    node.heard = time.monotonic()
+                    print(node.silence(), file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        table.close()

@@ -4,14 +4,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import add_parameter_file, add_tuning
+
 if TYPE_CHECKING:
     from checkweigher_validation.accuracy.classes import AccuracyClass
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `evaluate`."""
-    from checkweigher_bringup.commands.tune import add_tuning_arguments
-
     what = parser.add_argument_group('what is weighed')
     what.add_argument('bags', type=Path, nargs='*', metavar='BAG', help='bags with reference_mass')
     what.add_argument(
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--train', type=Path, nargs='+', action='extend', metavar='BAG',
         help='tune on these bags first; BAG then are the test',
     )  # fmt: skip
-    how.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
-    add_tuning_arguments(how)
+    add_parameter_file(how)
+    add_tuning(how)
     judged = parser.add_argument_group('how it is judged')
     judged.add_argument(
         '--class', dest='accuracy_class', default='XIII', metavar='CLASS',

@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from checkweigher_bringup.commands import add_new_bag
+
 # Option, what converts it, metavar, help; the names are those of ImportParameters, whose
 # defaults hold. Written out, so that --help needs no imports.
 _COLUMNS: tuple[tuple[str, Any, str, str], ...] = (
@@ -40,7 +42,7 @@ _CALIBRATION: tuple[tuple[str, Any, str, str], ...] = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `import`."""
     parser.add_argument('log', type=Path, metavar='CSV', help='one sample a row')
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+    add_new_bag(parser)
     for title, options in (
         ('columns', _COLUMNS),
         ('photo-eyes, from two columns or from a file', _EYES),

@@ -1,13 +1,14 @@
 """Record a running graph into a bag."""
 
 import argparse
-from pathlib import Path
+
+from checkweigher_bringup.commands import add_namespace, add_new_bag
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `record`."""
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
-    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+    add_new_bag(parser)
+    add_namespace(parser)
     parser.add_argument(
         '--duration', type=float, metavar='S', help='end after S seconds; default: at Ctrl-C'
     )

@@ -3,13 +3,15 @@
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import add_new_bag
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `recover`."""
     parser.add_argument(
         'bag', type=Path, metavar='BAG', help='folder without metadata.yaml, or cut .mcap file'
     )
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+    add_new_bag(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

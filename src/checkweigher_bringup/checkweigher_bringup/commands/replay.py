@@ -1,23 +1,17 @@
 """Play a bag through the ROS graph and show each verdict."""
 
 import argparse
-from pathlib import Path
+
+from checkweigher_bringup.commands import add_weighing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `replay`."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
+    add_weighing(parser)
     parser.add_argument(
         '--rate', type=float, default=1.0, metavar='R',
         help='seconds of signal in a second; 0 as fast as nothing is lost (default 1)',
     )  # fmt: skip
-    parser.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
-    parser.add_argument(
-        '--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi'
-    )
-    parser.add_argument(
-        '--lane', metavar='NAME', help='namespace to replay, if the bag holds several'
-    )
     parser.add_argument(
         '--namespace', default='', metavar='NAME', help='ROS namespace to run the graph in'
     )
@@ -28,13 +22,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--listeners', type=int, default=0, metavar='N',
         help='begin when N others take the samples, such as record, started before or after',
     )  # fmt: skip
-    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
-    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag; 1 if an item got no verdict."""
-    from checkweigher_bringup.output import CsvOutput, Table, warn_unfinished
+    from checkweigher_bringup.output import (
+        Table,
+        check_output_file,
+        warn_unfinished,
+        write_results,
+    )
     from checkweigher_bringup.replaying import Replay, replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.devices import DriverParameters
@@ -44,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Raises ParameterError before anything is done.
     DriverParameters(rate=arguments.rate, listeners=arguments.listeners)
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
-    output = CsvOutput(arguments.csv, arguments.overwrite)
+    check_output_file(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)
     warn_unfinished(recording)
@@ -60,6 +57,6 @@ def run(arguments: argparse.Namespace) -> int:
         table.show(result)
         results.append(result)
     results.sort(key=lambda result: result.estimate.item_id)
-    output.write(results)
+    write_results(arguments.csv, results)
     table.close()
     return 0

@@ -3,11 +3,13 @@
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import add_namespace, add_parameter_file
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
-    parser.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
-    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
+    add_parameter_file(parser)
+    add_namespace(parser)
     parser.add_argument(
         '--processes', action='store_true',
         help='run each node in a process of its own; each is started again when it dies or hangs',

@@ -1,7 +1,8 @@
 """Write a bag of simulated products."""
 
 import argparse
-from pathlib import Path
+
+from checkweigher_bringup.commands import add_new_bag
 
 # Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
 # one of SI.
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='machine and what shakes it: paper (default), roller, soft, floor or quiet',
     )  # fmt: skip
     parser.add_argument('--seed', type=int, default=1, metavar='S', help='of all that is random')
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
+    add_new_bag(parser)
     for name, unit, text in (
         ('spacing', 'M', 'between leading edges of successive products'),
         ('product-length', 'M', 'length of the products'),

@@ -5,6 +5,8 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import add_end
+
 if TYPE_CHECKING:
     from checkweigher_bringup.line_status import Row, StatusBoard
 
@@ -16,8 +18,7 @@ _FIRST_LOOK = 1.5  # s from then on, in which every node reports
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `status`."""
     parser.add_argument('--namespace', default='', metavar='NAME', help='only this lane')
-    parser.add_argument('--count', type=int, metavar='N', help='end after N tables, one a second')
-    parser.add_argument('--duration', type=float, metavar='S', help='end after S seconds')
+    add_end(parser, 'tables, one a second')
     parser.add_argument(
         '--values', action='store_true', help='show the figures of what is well, too'
     )

@@ -3,6 +3,8 @@
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import add_tuning
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `tune`."""
@@ -12,25 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--output', type=Path, required=True, metavar='FILE',
                         help='parameter file to write')  # fmt: skip
     parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
-    add_tuning_arguments(parser)
+    add_tuning(parser)
     parser.add_argument('--params', type=Path, metavar='FILE',
                         help='parameters of everything that is not tuned')  # fmt: skip
-
-
-def add_tuning_arguments(parser: 'argparse._ActionsContainer') -> None:
-    """Add what `tune` and `evaluate` have in common."""
-    parser.add_argument(
-        '--estimator', nargs='+', action='extend', metavar='NAME',
-        help='one or several, or all; the first one is what a tuned file selects',
-    )  # fmt: skip
-    parser.add_argument(
-        '--budget', type=int, metavar='N',
-        help='evaluations of each estimator at each speed; default 240',
-    )  # fmt: skip
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes; default one for a core')
-    parser.add_argument(
-        '--lane', metavar='NAME', help='namespace to take, if the bags hold several'
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
