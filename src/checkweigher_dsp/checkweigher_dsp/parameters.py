@@ -1,11 +1,12 @@
 """Parameters of the stages: declared once, with unit, range and meaning, for nodes, files and docs.
 
-A stage's parameters are a frozen dataclass whose fields are made by `parameter`. The node declares
-them to ROS from the same fields, the offline path reads them from the same YAML.
+The parameters of a stage are a frozen dataclass whose fields are made by `parameter`. The node
+declares them to ROS from these fields, a command reads them from the same YAML, and `make docs`
+writes the tables of docs/interfaces.md and config/line.yaml from them.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, field, fields
 import math
 from pathlib import Path
 from typing import Any, ClassVar, Self, cast
@@ -17,7 +18,7 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What a parameter means and which values it takes."""
+    """Meaning of a parameter and the values that it takes."""
 
     text: str
     unit: str
@@ -85,48 +86,36 @@ class Parameters:
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
         """Return all parameters by their name, those of inner sets with a dot."""
-        found: dict[str, Field[Any]] = {}
-        for entry in fields(cls):
-            if isinstance(entry.default, Parameters):
-                inner = type(entry.default).entries()
-                found.update({f'{entry.name}.{name}': field_ for name, field_ in inner.items()})
-            else:
-                found[entry.name] = entry
-        return found
+        return flatten(
+            {
+                entry.name: type(entry.default).entries()
+                if isinstance(entry.default, Parameters)
+                else entry
+                for entry in fields(cls)
+            }
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
         """Make a set from names and values; names that are absent keep their defaults."""
-        inner = {e.name: e.default for e in fields(cls) if isinstance(e.default, Parameters)}
         known = cls.entries()
-        own: dict[str, object] = {}
-        inner_values: dict[str, dict[str, object]] = {name: {} for name in inner}
-        for name, value in values.items():
+        for name in values:
             if name not in known:
                 raise ParameterError(
                     f'{cls.node}.{name}: no such parameter; {cls.node} has '
                     f'{", ".join(_names_like(name, sorted(known)))}'
                 )
-            outer, _, rest = name.partition('.')
-            if outer in inner:
-                inner_values[outer][rest] = value
-            else:
-                own[name] = value
-        for name, default in inner.items():
-            own[name] = type(default).from_mapping(inner_values[name])
-        return cls(**cast(dict[str, Any], own))
+        own: dict[str, Any] = {name: value for name, value in values.items() if '.' not in name}
+        for entry in fields(cls):
+            if isinstance(entry.default, Parameters):
+                begin = f'{entry.name}.'
+                inner = {n[len(begin) :]: v for n, v in values.items() if n.startswith(begin)}
+                own[entry.name] = type(entry.default).from_mapping(inner)
+        return cls(**own)
 
     def as_mapping(self) -> dict[str, object]:
         """Return names and values of all parameters, the reverse of `from_mapping`."""
-        values: dict[str, object] = {}
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, Parameters):
-                inner = value.as_mapping()
-                values.update({f'{entry.name}.{name}': each for name, each in inner.items()})
-            else:
-                values[entry.name] = value
-        return values
+        return flatten(asdict(self))
 
 
 def _names_like(name: str, known: list[str]) -> list[str]:
@@ -138,25 +127,26 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
     """Return `value` in the field's type, or raise `ParameterError`."""
-    default, allowed = entry.default, describe(entry)
+    default, description = entry.default, describe(entry)
     if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise ParameterError(f'{name}: {value!r} is not true or false')
-        return value
+        if isinstance(value, bool):
+            return value
+        raise ParameterError(f'{name}: {value!r} is not true or false')
     if isinstance(default, str):
         if not isinstance(value, str):
             raise ParameterError(f'{name}: {value!r} is not a string')
-        if allowed.choices and value not in allowed.choices:
-            raise ParameterError(f'{name}: {value!r} is not one of {", ".join(allowed.choices)}')
+        choices = description.choices
+        if choices and value not in choices:
+            raise ParameterError(f'{name}: {value!r} is not one of {", ".join(choices)}')
         return value
     if isinstance(default, tuple):
-        if isinstance(value, str) or not hasattr(value, '__iter__'):
+        if isinstance(value, str) or not isinstance(value, Iterable):
             raise ParameterError(f'{name}: {value!r} is not a list of numbers')
-        return tuple(_check_number(name, 0.0, allowed, element) for element in value)
-    return _check_number(name, default, allowed, value)
+        return tuple(_check_number(name, 0.0, description, element) for element in value)
+    return _check_number(name, default, description, value)
 
 
-def _check_number(name: str, default: object, allowed: Description, value: object) -> float:
+def _check_number(name: str, default: object, description: Description, value: object) -> float:
     whole = isinstance(default, int)
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
         raise ParameterError(f'{name}: {value!r} is not a {"whole number" if whole else "number"}')
@@ -164,10 +154,10 @@ def _check_number(name: str, default: object, allowed: Description, value: objec
         number = value if whole else float(value)
     except OverflowError:
         number = math.nan  # a whole number that no float can hold
-    if not allowed.minimum <= number <= allowed.maximum:  # NaN is not
+    if not description.minimum <= number <= description.maximum:  # NaN is not
         raise ParameterError(
-            f'{name}: {value} is not in {allowed.minimum:g}..{allowed.maximum:g}'
-            + (f' {allowed.unit}' if allowed.unit else '')
+            f'{name}: {value} is not in {description.minimum:g}..{description.maximum:g}'
+            + (f' {description.unit}' if description.unit else '')
         )
     return number
 
@@ -192,9 +182,9 @@ def read_parameter_file(
     sets : dict of str to Parameters class
         By name of the node.
     other_nodes : tuple of str
-        Nodes that the file may address as well; what it says of them is passed over.
+        Nodes that the file may address as well; their sections are passed over.
     lane : str, optional
-        Namespace of which nodes are meant, where the file addresses several.
+        Namespace of the nodes, where the file addresses several lanes.
 
     Returns
     -------
@@ -205,7 +195,7 @@ def read_parameter_file(
     ------
     ParameterError
         If the file is not there, is no parameter file, addresses a node or under ``/**`` a
-        parameter that does not exist, or nodes of several lanes and none of them is asked for.
+        parameter that does not exist, or several lanes without `lane`.
     """
     own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
     shared: dict[str, object] = {}
@@ -220,16 +210,15 @@ def read_parameter_file(
             raise ParameterError(f'{path}: section {address!r} addresses none of {", ".join(own)}')
         if str(address) not in passed_over:
             (shared if node == '**' else own[node]).update(flatten(values))
-    result = {}
-    for node, parameters in sets.items():
-        known = parameters.entries()
-        result[node] = {name: value for name, value in shared.items() if name in known}
-        result[node].update((k, v) for k, v in own[node].items() if k not in _COMMON)
-    everywhere = {name for parameters in sets.values() for name in parameters.entries()}
+    known = {node: parameters.entries() for node, parameters in sets.items()}
     for name in shared:
-        if name not in everywhere | _COMMON:
+        if name not in _COMMON.union(*known.values()):
             raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')
-    return result
+    return {
+        node: {name: value for name, value in shared.items() if name in names}
+        | {name: value for name, value in own[node].items() if name not in _COMMON}
+        for node, names in known.items()
+    }
 
 
 def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> set[str]:
@@ -258,12 +247,12 @@ def _load_yaml(path: Path) -> dict[object, object]:
     return content
 
 
-def flatten(values: Mapping[str, object], prefix: str = '') -> dict[str, object]:
+def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
     """Join nested names by dots, as ROS does."""
-    flat: dict[str, object] = {}
+    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, dict):
-            flat.update(flatten(value, f'{prefix}{name}.'))
+            flat |= flatten(value, f'{prefix}{name}.')
         else:
             flat[f'{prefix}{name}'] = value
     return flat
