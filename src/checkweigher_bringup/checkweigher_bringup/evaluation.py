@@ -11,9 +11,9 @@ from checkweigher_bringup.training import read_passes
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.simulation.simulator import PROFILES
-from checkweigher_validation.accuracy.errors import Evaluation, Example
+from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
-from checkweigher_validation.accuracy.examples import example_of, simulated_examples
+from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol

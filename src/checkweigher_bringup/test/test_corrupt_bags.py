@@ -20,7 +20,7 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.definitions import BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_validation.accuracy.offline import weigh
+from checkweigher_validation.accuracy.results import weigh
 
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 PARAMETERS = LineParameters().with_estimator('mean')

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, Example
+from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
+from checkweigher_validation.accuracy.examples import Example
 
 
 def make_condition(

@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_recording.bags.reading import read_bag
-    from checkweigher_validation.accuracy.offline import weigh
+    from checkweigher_validation.accuracy.results import weigh
 
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     check_output_file(arguments.csv, arguments.overwrite)

@@ -14,6 +14,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_validation.accuracy.examples import Example
+
 Part = Literal['train', 'test']
 PARTS: tuple[str, ...] = get_args(Part)
 
@@ -115,50 +117,6 @@ class ConditionResult:
             return math.nan
         width = interval_factor(level) * self.std_devs[stated]
         return float(np.mean(np.abs(self.errors[stated]) <= width))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Example:
-    """One pass as it was recorded and as it was denoised, for figures.
-
-    Attributes
-    ----------
-    speed : float
-        m/s, nominal.
-    mass : float
-        kg, true.
-    sample_rate : float
-        Hz.
-    t1, t2, t3, t4 : float
-        s from the first sample: begins to enter, is fully on, begins to leave, is gone.
-    signal : ndarray, (n,) float64
-        kg, zero removed.
-    ideal : ndarray, (n,) float64
-        kg, the response of the platform without any noise; empty if it is not known.
-    denoised : tuple of (str, ndarray)
-        The window t2..t3 by name of the thresholding: hard, soft, shrinkage; kg.
-    bands : tuple of (str, ndarray)
-        Bands of the stationary wavelet transform by name: a7, d7 .. d1; kg.
-    """
-
-    speed: float
-    mass: float
-    sample_rate: float
-    t1: float
-    t2: float
-    t3: float
-    t4: float
-    signal: NDArray[np.float64]
-    ideal: NDArray[np.float64]
-    denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
-    bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
-
-    @property
-    def window(self) -> slice:
-        """Samples from the first one at or after t2 up to the last one before t3."""
-        # A sample that lies on an edge must not fall to the wrong side by a rounding error.
-        begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
-        return slice(max(begin, 0), min(end, len(self.signal)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,8 @@
 """Signals for the figures of a report: a pass as it came, as it should be, and denoised."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +20,55 @@ from checkweigher_recording.simulation.simulator import (
     Simulation,
     SimulationParameters,
 )
-from checkweigher_validation.accuracy.errors import Example
 from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 
 _PRODUCTS = 3  # of a simulated example; the last one is shown, with the ring-down of another before
 _LEAD = 0.15  # s before t1
 _TRAIL = 1.0  # s after t3, at most: until the item has left
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Example:
+    """One pass as it was recorded and as it was denoised, for figures.
+
+    Attributes
+    ----------
+    speed : float
+        m/s, nominal.
+    mass : float
+        kg, true.
+    sample_rate : float
+        Hz.
+    t1, t2, t3, t4 : float
+        s from the first sample: begins to enter, is fully on, begins to leave, is gone.
+    signal : ndarray, (n,) float64
+        kg, zero removed.
+    ideal : ndarray, (n,) float64
+        kg, the response of the platform without any noise; empty if it is not known.
+    denoised : tuple of (str, ndarray)
+        The window t2..t3 by name of the thresholding: hard, soft, shrinkage; kg.
+    bands : tuple of (str, ndarray)
+        Bands of the stationary wavelet transform by name: a7, d7 .. d1; kg.
+    """
+
+    speed: float
+    mass: float
+    sample_rate: float
+    t1: float
+    t2: float
+    t3: float
+    t4: float
+    signal: NDArray[np.float64]
+    ideal: NDArray[np.float64]
+    denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+    bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
+
+    @property
+    def window(self) -> slice:
+        """Samples from the first one at or after t2 up to the last one before t3."""
+        # A sample that lies on an edge must not fall to the wrong side by a rounding error.
+        begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
+        return slice(max(begin, 0), min(end, len(self.signal)))
 
 
 def simulated_examples(

@@ -1,5 +1,6 @@
 """Passes of products of known mass, by belt speed."""
 
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 import math
@@ -7,13 +8,37 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import LoadCell, Reference, WeighWindow
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, Reference, WeighWindow
 from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
 from checkweigher_recording.recording import Event
-from checkweigher_validation.accuracy.references import ReferenceMasses
 
+# A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.
+_SAME_ITEM = NANOSECONDS // 100
 # Belt speeds that differ by less are one; a belt wanders by a few tenths of a percent.
 _SAME_SPEED = 0.05
+
+
+class ReferenceMasses:
+    """Known masses by the time of entry.
+
+    Parameters
+    ----------
+    references : iterable of Reference
+        In any order.
+    """
+
+    def __init__(self, references: Iterable[Reference]) -> None:
+        self._references = sorted(references, key=lambda reference: reference.stamp)
+        self._stamps = [reference.stamp for reference in self._references]
+
+    def at(self, t1: int | None) -> float:
+        """Return the mass in kg of the item that entered at `t1` in ns, NaN if it is not known."""
+        if t1 is None:
+            return math.nan
+        position = bisect_left(self._stamps, t1 - _SAME_ITEM)
+        near = self._references[position : position + 2]
+        best = min(near, key=lambda reference: abs(reference.stamp - t1), default=None)
+        return best.mass if best and abs(best.stamp - t1) <= _SAME_ITEM else math.nan
 
 
 @dataclass(frozen=True, slots=True)

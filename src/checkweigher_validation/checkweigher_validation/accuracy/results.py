@@ -9,7 +9,7 @@ import math
 import statistics
 from typing import TextIO
 
-from checkweigher_dsp.pipeline.line import Weighing
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
@@ -19,7 +19,10 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
-from checkweigher_validation.accuracy.references import ReferenceMasses
+from checkweigher_recording.block_cutting import join_recording
+from checkweigher_recording.progress import with_progress
+from checkweigher_recording.recording import Recording
+from checkweigher_validation.accuracy.passes import ReferenceMasses
 
 GRAMS = 1000.0  # in a kilogram
 
@@ -84,6 +87,32 @@ def join_all(
     joiner = ResultJoiner(edges, references)
     results = [joiner.join(weighing.estimate, weighing.verdict) for weighing in weighings]
     return sorted(results, key=lambda result: result.estimate.item_id)
+
+
+def weigh(
+    recording: Recording, parameters: LineParameters, *, progress: bool = False
+) -> list[ItemResult]:
+    """Weigh everything in a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        Samples, edges and known masses.
+    parameters : LineParameters
+        Of all stages.
+    progress : bool
+        Whether to show a bar on a terminal if it takes more than a second.
+
+    Returns
+    -------
+    list of ItemResult
+        In order of entry.
+    """
+    line = WeighingLine(recording.load_cell, parameters)
+    # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
+    signal = join_recording(recording)
+    events = with_progress(signal, 'weighing', len(signal), shown=progress)
+    return join_all(line.weigh_all(events), recording.edges, recording.references)
 
 
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:

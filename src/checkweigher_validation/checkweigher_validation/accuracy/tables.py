@@ -16,7 +16,7 @@ from checkweigher_validation.accuracy.errors import (
     coverage,
     same,
 )
-from checkweigher_validation.protocol.paper_table import PAPER_MASSES, PAPER_SPEEDS, paper_index
+from checkweigher_validation.accuracy.paper_table import PAPER_MASSES, PAPER_SPEEDS, paper_index
 
 GRAMS = 1000.0  # in a kilogram
 METRES_PER_MINUTE = 60.0  # in a metre per second

@@ -17,12 +17,14 @@ parts in a thousand and would give an estimator next to nothing.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 import math
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangular
-from scipy.signal import butter
+from scipy.signal import StateSpace, butter, tf2ss
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
 from checkweigher_recording.simulation.platform_dynamics import Platform
@@ -215,49 +217,41 @@ class _SimulatedPass:
 
     def white_noise(self) -> NDArray[np.float64]:
         """Return the covariance of broadband noise, floor and converter."""
-        covariance = self._shaken(*self._broadband()) + self._shaken(*self._floor())
+        covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg
         covariance += np.eye(len(covariance)) * (self._profile.electronic**2 + step**2 / 12)
         return covariance
 
-    def _broadband(self) -> tuple[NDArray[np.float64], ...]:
+    def _broadband(self) -> StateSpace:
         """Return a system without a state of its own: white noise as a force."""
         half_rate = 1 / (2 * self._step)
         force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
-        return np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.array(force)
+        return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), force, dt=1)
 
-    def _floor(self) -> tuple[NDArray[np.float64], ...]:
+    def _floor(self) -> StateSpace:
         """Return the band-pass filter of the floor as a system that white noise goes through."""
         rate = 1 / self._step
         width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
         sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
         size = self._profile.floor / math.sqrt(width / (rate / 2))
-        return _state_space(sections, size)
+        return reduce(mul, (StateSpace(*tf2ss(one[:3], one[3:]), dt=1) for one in sections)) * size
 
-    def _shaken(
-        self,
-        transition: NDArray[np.float64],
-        drive: NDArray[np.float64],
-        output: NDArray[np.float64],
-        through: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def _shaken(self, force: StateSpace) -> NDArray[np.float64]:
         """Return the covariance of the readings under a force that white noise makes.
 
-        The force is output z + through w, with z' = transition z + drive w and w white of
-        variance 1. The whole state is that of the platform, reading and its derivative, and z.
+        White noise of variance 1 goes through `force`, and its output through the platform. The
+        state of both is that of the platform, reading and its derivative, and that of `force`.
         """
-        if not np.any(through) and not np.any(output):
+        if not np.any(force.D) and not np.any(force.C):
             size = self._samples - self._first
             return np.zeros((size, size))
 
         def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             a11, a12, a21, a22 = self._platform().transition(load)
+            push = np.array(((1 - a11,), (-a21,)))
             own = np.array(((a11, a12), (a21, a22)))
-            push = np.array((1 - a11, -a21))
-            whole = np.block(
-                [[own, np.outer(push, output)], [np.zeros((len(drive), 2)), transition]]
-            )
-            return whole, np.concatenate((push * through, drive))
+            whole = np.block([[own, push @ force.C], [np.zeros((len(force.A), 2)), force.A]])
+            return whole, np.concatenate((push @ force.D, force.B))[:, 0]
 
         loads = np.repeat(self._loads, np.diff(self._bounds)).reshape(-1, OVERSAMPLING)
         return _covariance_of_readings(step, loads[self._first :])
@@ -323,28 +317,3 @@ def _sample_step(
         over = single @ over
         noise = single @ noise @ single.T + np.outer(push, push)
     return over, noise
-
-
-def _state_space(
-    sections: NDArray[np.float64], size: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return transition, drive, output and passage of a cascade of second-order sections.
-
-    Each section is y = b0 u + z0, z0' = b1 u - a1 y + z1, z1' = b2 u - a2 y (transposed direct
-    form II), and its y is the u of the next. `size` scales the input.
-    """
-    count = 2 * len(sections)
-    transition, drive = np.zeros((count, count)), np.zeros(count)
-    # The input of the section at hand as a sum over the states and the white noise.
-    of_states, of_noise = np.zeros(count), size
-    for first, (b0, b1, b2, _, a1, a2) in zip(range(0, count, 2), sections, strict=True):
-        out_states = b0 * of_states
-        out_states[first] += 1
-        out_noise = b0 * of_noise
-        transition[first] = b1 * of_states - a1 * out_states
-        transition[first, first + 1] += 1
-        transition[first + 1] = b2 * of_states - a2 * out_states
-        drive[first] = b1 * of_noise - a1 * out_noise
-        drive[first + 1] = b2 * of_noise - a2 * out_noise
-        of_states, of_noise = out_states, out_noise
-    return transition, drive, of_states, np.array(of_noise)

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.errors import Evaluation, average
+from checkweigher_validation.accuracy.paper_table import paper_index
 from checkweigher_validation.accuracy.tables import (
     GRAMS,
     METRES_PER_MINUTE,
     has_paper_masses,
     has_paper_speeds,
 )
-from checkweigher_validation.protocol.paper_table import paper_index
 from checkweigher_validation.report.inline_svg import INK, MUTED, SURFACE, new_figure, stand_in
 from checkweigher_validation.report.palette import Look, looks_of
 

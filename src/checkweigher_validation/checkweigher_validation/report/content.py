@@ -13,6 +13,7 @@ from checkweigher_validation.accuracy.classes import (
     weighings_required,
 )
 from checkweigher_validation.accuracy.errors import Average, Evaluation, average, coverage
+from checkweigher_validation.accuracy.paper_table import paper_index, paper_result
 from checkweigher_validation.accuracy.tables import (
     GRAMS,
     LEVELS,
@@ -20,7 +21,6 @@ from checkweigher_validation.accuracy.tables import (
     has_paper_masses,
     has_paper_speeds,
 )
-from checkweigher_validation.protocol.paper_table import paper_index, paper_result
 from checkweigher_validation.report.palette import looks_of
 
 NONE = '–'

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from checkweigher_dsp.production import prepackages
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass
-from checkweigher_validation.accuracy.errors import Evaluation, Example
+from checkweigher_validation.accuracy.errors import Evaluation
+from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import house_style, to_inline_svg
 from checkweigher_validation.report.palette import looks_of

@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_validation.accuracy.errors import Example
+from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report.inline_svg import (
     INK,
     MUTED,

@@ -1,4 +1,9 @@
-"""Tuning of the Gauss-Markov estimator: its model is learned, only the order is searched."""
+"""Tuning of the Gauss-Markov estimator: its model is learned, only the order is searched.
+
+First the platform, by nonlinear least squares on passes of known mass, in noise that an
+autoregression of the empty belt makes white; then the noise itself, from what the model leaves of
+the training passes.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -7,18 +12,21 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkov,
     GaussMarkovParameters,
+    PassSignal,
     pass_signal,
 )
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.signal.platform_response import responses
+from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 from checkweigher_validation.accuracy.passes import SpeedGroup, spread
 from checkweigher_validation.tuning.calibration import folds, held_out_errors, index
-from checkweigher_validation.tuning.machine_model import fit_noise, fit_platform
 from checkweigher_validation.tuning.search import Values
-from checkweigher_validation.tuning.tunable import Tunable
+from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
 # Of the autoregression; a line of the rollers takes about twenty to be resolved.
 ORDERS = (20, 40, 80, 120, 160, 200)
@@ -127,3 +135,161 @@ def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float
             return math.inf
         indices.append(index(held_out_errors(estimates, some.masses), some.masses))
     return float(np.mean(indices))
+
+
+_FIRST_ORDER = 40
+_PASSES_FOR_PLATFORM = 20  # of each speed
+_PASSES_FOR_START = 4
+_FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
+_LEAST_NOISE = 1e-9  # kg
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, of oscillations and zero: nothing is known
+# Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
+_LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
+_HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
+
+
+def fit_platform(
+    groups: Sequence[SpeedGroup], known: GaussMarkovParameters
+) -> GaussMarkovParameters:
+    """Return `known` with the platform and the places of entry that fit the passes best.
+
+    Raises
+    ------
+    TuningError
+        If the passes are too short or hold no noise.
+    """
+    whiteners = {group.speed: _first_whitener(group, known) for group in groups}
+    heaviest = max(float(group.masses.max()) for group in groups)
+
+    def parameters(values: NDArray[np.float64]) -> GaussMarkovParameters:
+        frequency, damping, mass = np.exp(values[:3])
+        return replace(
+            known, natural_frequency=float(frequency), damping_ratio=float(damping),
+            moving_mass=float(mass) * heaviest,
+            entry_begin=float(values[3]) / 1000, entry_end=float(values[4]) / 1000,
+        )  # fmt: skip
+
+    def misfit(count: int) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
+        # Always the same samples, wherever the load may come on.
+        chosen = [
+            (whiteners[group.speed], each, pass_signal(each.window, known))
+            for group in groups
+            for each in spread(group, count)
+        ]
+
+        def of(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            model = parameters(values)
+            return np.concatenate(
+                [
+                    _residual(
+                        replace(used, crossing=pass_signal(each.window, model).crossing),
+                        each.mass, model, white,
+                    )[1]
+                    for white, each, used in chosen
+                ]
+            )  # fmt: skip
+
+        return of
+
+    rough = misfit(_PASSES_FOR_START)
+    starts = [
+        np.array([math.log(frequency), math.log(0.05), math.log(10.0), 0.0, 0.0])
+        for frequency in _FREQUENCIES
+    ]
+    start = min(starts, key=lambda values: float(np.sum(rough(values) ** 2)))
+    found = least_squares(
+        misfit(_PASSES_FOR_PLATFORM), start, bounds=(_LOWEST, _HIGHEST),
+        x_scale=(0.05, 0.3, 1, 1, 1), xtol=1e-6, ftol=1e-8, max_nfev=30,
+    )  # fmt: skip
+    return parameters(found.x)
+
+
+def fit_noise(
+    group: SpeedGroup, known: GaussMarkovParameters, order: int
+) -> tuple[NDArray[np.float64], float, float]:
+    """Return the noise that a model leaves of the passes of one speed.
+
+    Returns
+    -------
+    reflections : ndarray, (order,) float64
+        Of the autoregression.
+    std_dev : float
+        kg, of its innovations.
+    impact : float
+        s/m, of the oscillation from the entry on, per mass and speed.
+
+    Raises
+    ------
+    TuningError
+        If the passes are too short for the order or hold no noise.
+    """
+    whitener = _first_whitener(group, known)
+    residuals, kicks = [], []
+    for each in group.passes:
+        used = pass_signal(each.window, known)
+        left, _, coefficients, variances = _residual(used, each.mass, known, whitener)
+        residuals.append(left)
+        scale = each.mass * each.window.belt_speed
+        kicks.append((coefficients[2:4] ** 2 - variances[2:4]) / scale**2)
+    reflections, std_dev = _reflections(residuals, order, group)
+    return reflections, std_dev, math.sqrt(max(float(np.mean(kicks)), 0.0))
+
+
+def _residual(
+    used: PassSignal, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return what the model leaves of a pass of known mass.
+
+    Returns
+    -------
+    ndarray, (n,)
+        kg, in time.
+    ndarray, (n,)
+        Whitened.
+    ndarray, (5,)
+        Coefficients of the oscillations and the zero, kg.
+    ndarray, (5,)
+        Their variances.
+    """
+    load, *others = responses(known.platform, mass, used.crossing, used.time)
+    signal = used.signal - mass * load
+    columns = np.vstack((*others, np.ones(len(signal))))
+    white_signal, white_columns = whitener.whiten(signal), whitener.whiten(columns)
+    inverse = np.linalg.inv(white_columns @ white_columns.T + np.diag(np.array(_FREE) ** -2.0))
+    coefficients = inverse @ (white_columns @ white_signal)
+    return (
+        signal - coefficients @ columns,
+        white_signal - coefficients @ white_columns,
+        coefficients,
+        np.diag(inverse),
+    )
+
+
+def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
+    """Return what makes the noise of the empty belt white.
+
+    Where too little of the belt is ever empty, it is the noise of the full one about its mean:
+    what the product itself stirs up is then taken for noise, too.
+    """
+    empty, full = [], []
+    for each in group.passes:
+        used = pass_signal(each.window, known)
+        before = used.signal[used.time < used.crossing.on_begin]
+        window = used.signal[used.time >= used.crossing.on_end]
+        if len(before) > _FIRST_ORDER:
+            empty.append(before - np.mean(before))
+        full.append(window - np.mean(window))
+    return Prewhitener(*_reflections(empty or full, _FIRST_ORDER, group))
+
+
+def _reflections(
+    segments: Sequence[NDArray[np.float64]], order: int, group: SpeedGroup
+) -> tuple[NDArray[np.float64], float]:
+    """Return the autoregression of noise, or raise TuningError if there is none to be had."""
+    try:
+        # What is left of a constant by rounding is no noise either.
+        if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
+            raise ValueError('the signals hold no noise')
+        return pooled_reflections(segments, order)
+    except ValueError as error:
+        raise TuningError(f'gauss_markov at {60 * group.speed:.1f} m/min: {error}') from None

@@ -1,24 +1,106 @@
 """What the search turns at each estimator, and the masses that follow for all passes at once."""
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, denoise_batch
+from checkweigher_dsp.denoising.window_batch import batches_of
 from checkweigher_dsp.estimation.estimators.aeksi import identify_adaptive_by_ekf
 from checkweigher_dsp.estimation.estimators.aid import AdaptiveSettings, identify_adaptive
 from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.fir_model import fir_estimate, fit_fir
+from checkweigher_dsp.estimation.estimators.iswd_eksi import identify_passes
 from checkweigher_dsp.estimation.estimators.tvlpf import decay_of, time_varying_lowpass
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Noise
+from checkweigher_dsp.signal.platform_poles import is_stable
+from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds
-from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
-from checkweigher_validation.tuning.iswd_eksi import TunedIswdEksi
-from checkweigher_validation.tuning.search import Axis
-from checkweigher_validation.tuning.tunable import Tunable
+from checkweigher_validation.tuning.search import Axis, Values, search
 
 _FOLDS = 5
+
+
+class TuningError(ValueError):
+    """Passes that an estimator cannot be tuned on; the message says what is missing."""
+
+
+class Tunable(ABC):
+    """An estimator on the passes of one belt speed.
+
+    Parameters
+    ----------
+    group : SpeedGroup
+        The passes.
+    base : LineParameters
+        Everything that is not tuned at one speed alone.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator.
+    axes : tuple of Axis
+        What is searched.
+    """
+
+    name: ClassVar[str]
+    axes: ClassVar[tuple[Axis, ...]] = ()
+
+    def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
+        self.group = group
+        self.base = base
+        self.sample_rate = group.passes[0].window.sample_rate
+        samples = [raw_samples(each.window) for each in group.passes]
+        lengths = np.array([len(window) for window in samples])
+        # Windows of one length are computed together.
+        self.batches = []
+        for length in np.unique(lengths):
+            rows = np.flatnonzero(lengths == length)
+            self.batches.append((rows, np.stack([samples[row] for row in rows])))
+
+    def of_windows(
+        self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return what a kernel on windows of one length, (k, n), makes of every window: (n,)."""
+        result = np.empty(len(self.group.passes))
+        for rows, samples in self.batches:
+            result[rows] = kernel(samples)
+        return result
+
+    @abstractmethod
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the load of every pass, before gain and offset: (n,) float64, kg."""
+
+    @classmethod
+    def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
+        """Return `base` with what all speeds together teach; here nothing."""
+        return base
+
+    def search(
+        self, badness: Callable[[Mapping[str, float]], float], budget: int
+    ) -> tuple[Values, float]:
+        """Return the best values and their badness."""
+        axes = [replace(axis, start=self.start(axis)) for axis in self.searched()]
+        return search(axes, badness, budget)
+
+    def searched(self) -> tuple[Axis, ...]:
+        """Return what is searched from where `base` stands."""
+        return self.axes
+
+    def start(self, axis: Axis) -> float:
+        """Return what `base` says at this speed: a search goes on from there."""
+        known = getattr(self.base.identifier, self.name)
+        return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the lists of parameters at this speed, by their name with that of the node."""
+        return {f'identifier.{self.name}.{name}': (value,) for name, value in values.items()}
 
 
 class TunedMean(Tunable):
@@ -142,16 +224,88 @@ class TunedFirModel(Tunable):
         return fit_fir(windows, self.group.masses[chosen], knots, ridge)
 
 
-TUNABLES: dict[str, type[Tunable]] = {
-    tunable.name: tunable
-    for tunable in (
-        TunedMean,
-        TunedHann,
-        TunedTvlpf,
-        TunedAid,
-        TunedAeksi,
-        TunedIswdEksi,
-        TunedFirModel,
-        TunedGaussMarkov,
+_BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
+_THRESHOLD_FACTOR = 1000.0  # how far below and above the start a threshold is looked for
+_PLATFORM = ('natural_frequency', 'damping_ratio')
+
+
+class TunedIswdEksi(Tunable):
+    """ISWD-EKSI: what of its parameters matters, as docs/method.md has measured it.
+
+    Band 5 and thresholds are searched where the table of `base` has them, as Table 1 has; where it
+    has none they stay off. R, Q and P0 stay as they are.
+    """
+
+    name: ClassVar[str] = 'iswd_eksi'
+    axes: ClassVar[tuple[Axis, ...]] = (
+        Axis('gamma6', 0.0, 1.2, 0.1),
+        Axis('gamma7', 0.0, 1.2, 0.5),
+        Axis('natural_frequency', 15.0, 120.0, 38.0, logarithmic=True),
+        Axis('damping_ratio', 0.01, 0.5, 0.06, logarithmic=True),
+        Axis('rise_noise', 1.0, 100.0, 3.0, logarithmic=True),
     )
-}
+
+    def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
+        super().__init__(group, base)
+        windows = [each.window for each in group.passes]
+        self._batches = batches_of(windows, base.denoise.stretch)
+
+    def searched(self) -> tuple[Axis, ...]:
+        """Return the axes, those of band 5 and of thresholds that the table has among them."""
+        found = list(self.axes)
+        for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
+            at_speed = self.start(Axis(name, 0.0, 0.0, 0.0))
+            if at_speed > 0 and name == 'gamma5':
+                found.append(Axis(name, 0.0, 1.2, at_speed))
+            elif at_speed > 0:
+                factor = _THRESHOLD_FACTOR
+                found.append(
+                    Axis(name, at_speed / factor, at_speed * factor, at_speed, logarithmic=True)
+                )
+        return tuple(found)
+
+    def start(self, axis: Axis) -> float:
+        """Return what `base` says at this speed, for denoise as well."""
+        known = self.base.denoise
+        if not hasattr(known, axis.name):
+            return super().start(axis)
+        column = getattr(known, axis.name)
+        return float(np.interp(self.group.speed, known.speeds[: len(column)], column))
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the steady state that is identified in every denoised pass."""
+        denoise = self._denoise(values)
+        positions: list[int] = []
+        passes: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        removed = []
+        for batch in self._batches:
+            clean = denoise_batch(batch, denoise)
+            window = slice(batch.begin, None)
+            first = batch.entry if denoise.surround == 'continuation' else batch.begin
+            positions += batch.positions
+            passes += zip(clean[:, first:], batch.share[:, first:], strict=True)
+            removed.append(np.var(batch.force[:, window] - clean[:, window], axis=1))
+        noise = self.base.identifier.iswd_eksi.noise
+        found = identify_passes(passes, np.concatenate(removed), noise, values['rise_noise'])
+        result = np.empty(len(passes))
+        # The identifier refuses an unstable platform, so parameters that make one are no good.
+        result[positions] = np.where(is_stable(found.a1, found.a2), found.gain, np.nan)
+        return result
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the table of bands and the platform for denoise, the rise for the identifier."""
+        denoise = self._denoise(values)
+        return {
+            **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},
+            'identifier.iswd_eksi.rise_noise': (values['rise_noise'],),
+        }
+
+    def _denoise(self, values: Mapping[str, float]) -> DenoiseParameters:
+        """Return the parameters of denoise for the one speed."""
+        known = self.base.denoise
+        changes: dict[str, Any] = {'speeds': (self.group.speed,)}
+        for name in _BANDS:
+            at_speed = np.interp(self.group.speed, known.speeds, getattr(known, name))
+            changes[name] = (float(at_speed),)
+        changes.update({name: (values[name],) for name in (*_BANDS, *_PLATFORM) if name in values})
+        return replace(known, **changes)

@@ -24,9 +24,33 @@ from checkweigher_validation.tuning.calibration import (
     index,
     uncertainty,
 )
+from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
 from checkweigher_validation.tuning.search import BUDGET
-from checkweigher_validation.tuning.tunable import TuningError
-from checkweigher_validation.tuning.tunables import TUNABLES
+from checkweigher_validation.tuning.tunables import (
+    Tunable,
+    TunedAeksi,
+    TunedAid,
+    TunedFirModel,
+    TunedHann,
+    TunedIswdEksi,
+    TunedMean,
+    TunedTvlpf,
+    TuningError,
+)
+
+TUNABLES: dict[str, type[Tunable]] = {
+    tunable.name: tunable
+    for tunable in (
+        TunedMean,
+        TunedHann,
+        TunedTvlpf,
+        TunedAid,
+        TunedAeksi,
+        TunedIswdEksi,
+        TunedFirModel,
+        TunedGaussMarkov,
+    )
+}
 
 FEWEST_PASSES = 3  # of one speed; fewer tell nothing of their own scatter
 _FEWEST_FOR_HALVES = 20  # each half then holds enough to be tuned on

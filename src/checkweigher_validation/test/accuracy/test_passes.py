@@ -14,12 +14,12 @@ from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.passes import (
     KnownPass,
+    ReferenceMasses,
     SpeedGroup,
     group_by_speed,
     known_passes,
     spread,
 )
-from checkweigher_validation.accuracy.references import ReferenceMasses
 
 MILLISECOND = 1_000_000  # ns
 SLACK = 10 * MILLISECOND  # by which a reference may miss t1

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from checkweigher_validation.accuracy.classes import AccuracyClass
-from checkweigher_validation.accuracy.errors import Evaluation, Example
+from checkweigher_validation.accuracy.errors import Evaluation
+from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import render, write_report
 from checkweigher_validation.report.content import grams, number
 from checkweigher_validation.report.palette import looks_of

@@ -10,8 +10,7 @@ from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.passes import group_by_speed, known_passes
 from checkweigher_validation.tuning.parameter_file import parameter_file
-from checkweigher_validation.tuning.tunables import TUNABLES
-from checkweigher_validation.tuning.tuner import tune
+from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 NEW_YEAR = datetime(2026, 1, 1, tzinfo=UTC)
 

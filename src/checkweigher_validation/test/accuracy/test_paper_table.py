@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from checkweigher_validation.protocol.paper_table import (
+from checkweigher_validation.accuracy.paper_table import (
     PAPER_ESTIMATORS,
     PAPER_MASSES,
     PAPER_SPEEDS,

@@ -16,8 +16,8 @@ from checkweigher_recording.simulation.simulator import (
     SimulationParameters,
 )
 from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
-from checkweigher_validation.tuning.machine_model import fit_noise, fit_platform
-from checkweigher_validation.tuning.tunable import TuningError
+from checkweigher_validation.tuning.gauss_markov import fit_noise, fit_platform
+from checkweigher_validation.tuning.tunables import TuningError
 
 FREQUENCY = 0.02  # relative
 DAMPING = 0.3  # relative
