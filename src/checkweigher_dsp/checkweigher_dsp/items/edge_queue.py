@@ -9,9 +9,9 @@ from checkweigher_dsp.records import EyeEdge
 class EdgeQueue:
     """Keep edges until the samples have reached them.
 
-    Edges in a wrong order do no harm meanwhile, and no window is later for it, since it needs the
-    samples up to t3 anyway. An edge that is far behind another one is kept apart until the next
-    samples come: these may show that the clock has gone back, and the edge is no late one then.
+    Meanwhile they are put into order, and no window is later for it, since it needs the samples up
+    to t3 anyway. An edge that is far behind another one is kept apart until the next samples come:
+    these may show that the clock has gone back, and the edge is no late one then.
 
     Parameters
     ----------
@@ -24,6 +24,9 @@ class EdgeQueue:
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
         self._newest: int | None = None  # stamp of an edge by this clock
+
+    def __len__(self) -> int:
+        return len(self._edges)
 
     def add(self, edge: EyeEdge) -> None:
         """Take an edge."""
@@ -38,7 +41,7 @@ class EdgeQueue:
             insort(self._edges, edge, key=_stamp)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
-        """Take edges, whatever the samples say."""
+        """Take edges as edges of the present clock."""
         self._edges = sorted([*edges, *self._edges], key=_stamp)
         if self._edges:
             newest = self._edges[-1].stamp

@@ -45,7 +45,7 @@ class Eyes:
     Attributes
     ----------
     origin : int or None
-        ns, when the stream began: an eye tells its state then.
+        ns, when the stream began: an eye that clears then shows its state.
     newest : int or None
         ns, stamp of the youngest edge.
     """
@@ -108,8 +108,8 @@ class Eyes:
         longest = self.debounce * (2 if previous.blocked == switch.blocked else 1)
         return 0 <= switch.stamp - previous.stamp < longest
 
-    def tells_state(self, stamp: int) -> bool:
-        """Tell whether the first edge of an eye, one that clears, only tells its state at start-up.
+    def shows_state(self, stamp: int) -> bool:
+        """Tell whether the first edge of an eye, one that clears, only shows its state at start-up.
 
         That comes with the first sample or together with the state of the other eye.
         """

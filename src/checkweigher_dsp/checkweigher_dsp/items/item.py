@@ -27,7 +27,7 @@ _ON_BELT = (State.ENTERING, State.ON_BELT)
 
 @dataclass(slots=True, eq=False)
 class Item:
-    """One item on the line, as far as the eyes have seen it.
+    """One item on the line: what the eyes have seen of it.
 
     Attributes
     ----------

@@ -15,8 +15,9 @@ from checkweigher_dsp.records import EyeEdge
 class ItemTracker:
     """Pair the edges of the two eyes to items, which leave in the order in which they entered.
 
-    Where an edge is missing the time that the last whole item took from eye to eye tells which item
-    an edge belongs to, so that one lost edge costs one item and not all that follow.
+    Where an edge is missing, the time that the last whole item took from eye to eye decides which
+    item an edge belongs to, so that one lost edge costs one item and not all that follow. The rules
+    are the table in `checkweigher_dsp.items.transitions`.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ class ItemTracker:
         return belt.items[0].entered + self._max_transit if belt.items else None
 
     def begin(self, origin: int | None) -> None:
-        """Take when the stream began, ns: an eye that clears then tells its state, no item."""
+        """Take when the stream began, ns: an eye that clears then shows its state, no item."""
         self._eyes.origin = origin
 
     def knows(self, edge: EyeEdge) -> bool:

@@ -66,9 +66,9 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Take the item that the infeed eye saw first of all, unless the eye told its state."""
+    """Take the item that the infeed eye saw first of all, unless the eye showed its state."""
     stamp, belt.cleared_first = belt.cleared_first, None
-    if stamp is not None and not belt.eyes.tells_state(stamp):
+    if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
 
 
@@ -106,8 +106,8 @@ def _otherwise(belt: Belt, switch: Switch) -> bool:
     return True
 
 
-def _tells_state(belt: Belt, switch: Switch) -> bool:
-    return switch.previous is None and belt.eyes.tells_state(switch.stamp)
+def _shows_state(belt: Belt, switch: Switch) -> bool:
+    return switch.previous is None and belt.eyes.shows_state(switch.stamp)
 
 
 def _last_at_outfeed(belt: Belt, switch: Switch) -> Item | None:
@@ -270,7 +270,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: Item, ambiguous: bool) -> 
     if ambiguous and belt.transit.of(item) is None:
         item.fault(Reason.DISTANCE_FAULT)  # nothing shows which of them it is
     if item is belt.at_infeed:
-        # Too long to be on the belt as a whole, or its edge was lost: t2 tells, if it comes.
+        # Too long to be on the belt as a whole, or its edge was lost: t2 shows which, if it comes.
         item.fault(Reason.PRODUCT_TOO_LONG, Reason.MISSING_EDGE)
     before = belt.left_last
     if item.t2 is not None and before is not None and before.departure > item.t2:
@@ -346,7 +346,7 @@ TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
     ),
     (Eye.INFEED, False): (
         _Case(_entering, _set_t2, _S.ON_BELT),
-        _Case(_tells_state, _ignore),
+        _Case(_shows_state, _ignore),
         _Case(_is_first, _keep_first),
         _Case(_flickering_after_entry, _extend_entry, _S.ON_BELT, (_CHATTER,)),
         _Case(_reported, _set_t2),
@@ -362,7 +362,7 @@ TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
     ),
     (Eye.OUTFEED, False): (
         _Case(_leaving, _go, _S.GONE),
-        _Case(_tells_state, _free),
+        _Case(_shows_state, _free),
         _Case(_is_covered, _free),
         _Case(_last_at_outfeed, _go_again, _S.GONE),
         _Case(_only_entering, _go_beside, None, (_START_UP, _DISTANCE)),

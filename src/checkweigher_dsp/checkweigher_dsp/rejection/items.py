@@ -245,6 +245,6 @@ class RejectItems:
             near = abs(estimate_id - self._largest) <= _MAX_AHEAD
             return estimate_id if estimate_id > 0 and near else self._largest + 1
         own = item.count + self._ahead
-        # The first number tells how many items there were before this stage was started.
+        # The first number shows how many items there were before this stage was started.
         limit = own + _MAX_AHEAD if self._largest else _MAX_NUMBER
         return estimate_id if own <= estimate_id <= limit else own

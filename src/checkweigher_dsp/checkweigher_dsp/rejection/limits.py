@@ -1,4 +1,4 @@
-"""What the limits of the product make of an estimate."""
+"""Judging an estimate by the limits of the product."""
 
 import math
 
@@ -37,7 +37,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
 
 
 def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Reason]:
-    """Return what speaks against an item that was weighed, whatever its mass.
+    """Return what speaks against an item that was weighed, apart from its mass.
 
     A length or speed that is not known is not within a range that is asked for.
     """

@@ -9,7 +9,7 @@ _RESTART = 2 * NANOSECONDS
 
 
 def reject_time(t3: int | None, speed: float, distance: float, delay: float) -> int | None:
-    """Return when the rejector has to be told for an item, ns, None if nobody knows.
+    """Return when the rejector has to be told for an item, ns, None if it is not known.
 
     t3 + distance / speed - delay: the leading edge is at the outfeed eye at t3.
 
@@ -30,7 +30,7 @@ def reject_time(t3: int | None, speed: float, distance: float, delay: float) -> 
 
 
 class StreamClock:
-    """The time of the stamps, which goes on when no message comes.
+    """The time of the stamps, which goes on between the messages.
 
     Parameters
     ----------

@@ -96,14 +96,14 @@ class ItemSource:
         """Take out the edges of a clock that jumps to `stamp`, ns, forward or back."""
         return self._queue.pop_of_new_clock(stamp, forward=forward)
 
-    def begin_anew(self, edges: Iterable[EyeEdge], *, forward: bool) -> None:
-        """Go on by another clock, with the edges of that which have come already."""
+    def change_clock(self, edges: Iterable[EyeEdge], *, forward: bool) -> None:
+        """Go on by another clock, with those of its edges that have come already."""
         self._queue.put_back(edges)
         self._tracker.forget(backwards=not forward)
 
     def _reached(self) -> list[Item]:
         buffer = self._buffer
-        if buffer.empty:
+        if buffer.empty or not self._queue:  # the latter nearly always
             return []
         end = buffer.end
         return self._track(self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= end))

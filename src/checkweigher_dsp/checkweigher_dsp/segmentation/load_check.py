@@ -19,16 +19,16 @@ _FEWEST = 8  # samples
 class LoadCheck:
     """Tell a steady load from one that something else came to or left.
 
-    Compared are the mean of the last quarter of a window and that of its first half. What vibration
-    does to their difference the empty belt before the items shows, over as many samples; where it
-    is not empty for so long, what it showed last, or as long as it never was, what shorter
-    stretches show: those shake more. The median of that: something may have left it. A belt that
-    was never seen empty is taken for one that does not shake.
+    The check compares the mean of the last quarter of a window with that of its first half. The
+    empty belt before the items shows what vibration does to their difference: the median over all
+    segments of as many samples, since something may have left the belt meanwhile. Where the belt is
+    not empty for so long, the value before holds; until there is one, that of shorter segments,
+    which shake more. A belt that was never seen empty is taken for one that does not shake.
     """
 
     def __init__(self) -> None:
         self._shaking = 0.0  # counts
-        self._is_of_window = False  # else of shorter stretches
+        self._is_of_window = False  # else of shorter segments
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Tell whether the load of a window is that of one item.
@@ -69,7 +69,7 @@ class LoadCheck:
 
 
 def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Return last quarter less first half of each stretch of `size` samples, (n - size + 1,)."""
+    """Return last quarter less first half of each segment of `size` samples, (n - size + 1,)."""
     half, quarter = size // 2, size // 4
     number = len(counts) - size + 1
     sums = np.zeros(len(counts) + 1)

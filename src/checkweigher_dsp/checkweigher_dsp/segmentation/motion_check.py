@@ -1,4 +1,4 @@
-"""Belt speed and product length from the eyes, and whether both are what this line can have."""
+"""Belt speed and product length from the eyes, and whether this line can have them."""
 
 import math
 
@@ -12,10 +12,10 @@ _STOPPED = 0.5
 
 
 class MotionCheck:
-    """Note what speed and length of an item say against it.
+    """Fault items by their speed and length.
 
     The belt speed is compared with that of the items before. Edges that were lost between two items
-    can make one slow, long item of them, which nothing else would tell. A change of the belt speed
+    can make one slow, long item of them, which nothing else would show. A change of the belt speed
     costs one item: the next one of the same new speed is taken.
 
     Parameters
@@ -33,7 +33,7 @@ class MotionCheck:
         self._last: float | None = None  # of the last one that was sound or only had another speed
 
     def forget(self) -> None:
-        """Forget the speed of the belt: the source has begun anew."""
+        """Forget the speed of the belt: the source has started again."""
         self._usual = self._last = None
 
     def measure(self, item: Item) -> tuple[float, float]:

@@ -52,7 +52,7 @@ class SegmenterParameters(Parameters):
         minimum=0, maximum=1e6,
     )  # fmt: skip
     zero_stability: float = parameter(
-        0.1, 'an empty belt of which parts of 0.1 s differ by more is not read', unit='kg',
+        0.1, 'an empty belt is not read if parts of 0.1 s differ by more', unit='kg',
         minimum=0, maximum=1e6,
     )  # fmt: skip
     max_belt_noise: float = parameter(

@@ -102,8 +102,8 @@ class SampleBuffer:
     def is_restart(self, block: SampleBlock) -> bool:
         """Tell whether the source has started again: later in time, but not in index.
 
-        Or, whatever the time says, with the indices that the stream began with, too late for a
-        block that was under way: a recording that is played in a loop.
+        Or with the indices that the stream began with, too late for a block that was under way:
+        that is a recording played in a loop, at any time.
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -140,8 +140,8 @@ class SampleBuffer:
     def _is_on_clock(self, block: SampleBlock) -> bool:
         """Tell whether the blocks before say the same time of a block, but for rounding.
 
-        If they do it is not tied anew: which nanosecond a sample gets would depend on how the
-        blocks were cut.
+        If they do, the index is not tied to the clock again: otherwise the nanosecond that a
+        sample gets would depend on how the blocks were cut.
         """
         if self.empty:
             return False

@@ -1,7 +1,5 @@
 """Cutting the stream of samples into one weigh window for each item."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,7 +90,7 @@ class Segmenter:
 
     def add_samples(self, block: SampleBlock) -> list[WeighWindow]:
         """Take a block of samples and return the windows that it completes."""
-        windows = self._begin_anew(block)
+        windows = self._restart_if_new(block)
         self._source.admit_strays()
         self.samples += len(block.counts)
         for piece in self._pieces(block):
@@ -138,8 +136,8 @@ class Segmenter:
         self.items += len(windows)
         return windows
 
-    def _begin_anew(self, block: SampleBlock) -> list[WeighWindow]:
-        """Begin with an empty buffer where the source or its clock does; return what that costs."""
+    def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
+        """Empty the buffer where the source or its clock starts again; return what that costs."""
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []
@@ -154,7 +152,7 @@ class Segmenter:
         forward = last is not None and block.stamp > last
         later = self._source.edges_of_new_clock(block.stamp, forward=forward)
         windows = self.give_up(reason)
-        self._source.begin_anew(later, forward=forward)
+        self._source.change_clock(later, forward=forward)
         if reason is Reason.SOURCE_RESTARTED:  # a clock that jumps leaves the belt its speed
             self._cutter.forget_speed()
         buffer.clear()
@@ -162,18 +160,19 @@ class Segmenter:
             self.request_zero()
         return windows
 
-    def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
+    def _pieces(self, block: SampleBlock) -> list[SampleBlock]:
         """Cut a block so that no part of it leaves the buffer before it was looked at."""
         size = self._longest_piece
         if 0 < len(block.counts) <= size:
-            yield block
-            return
-        for begin in range(0, len(block.counts), size):
-            yield SampleBlock(
+            return [block]
+        return [
+            SampleBlock(
                 block.stamp + round(begin * NANOSECONDS / self.load_cell.sample_rate),
                 block.first_index + begin,
                 block.counts[begin : begin + size],
             )
+            for begin in range(0, len(block.counts), size)
+        ]
 
     def _give_up_without_samples(self, stamp: int) -> list[WeighWindow]:
         """Return what has waited too long for its samples when an edge of `stamp` has come."""

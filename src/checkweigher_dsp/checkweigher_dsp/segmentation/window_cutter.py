@@ -55,7 +55,7 @@ class WindowCutter:
         self._waiting: list[Item] = []
 
     def forget_speed(self) -> None:
-        """Forget the speed of the belt: the source has begun anew."""
+        """Forget the speed of the belt: the source has started again."""
         self._motion.forget()
 
     def take(self, items: Iterable[Item]) -> None:

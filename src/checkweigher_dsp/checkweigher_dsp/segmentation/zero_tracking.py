@@ -14,12 +14,12 @@ _SHORTEST_AVERAGE = 0.1  # s
 # the filter. Not in counts, so that the gain of the load cell does not matter.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
-# A part of a stretch stands out that is off the median by more than this many times what half of
+# A part of a segment stands out that is off the median by more than this many times what half of
 # the parts are, and so much of the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # s
 _FEWEST_PARTS = 5
-_MEMORY = 0.95  # weight of the scatter seen so far at each further stretch
+_MEMORY = 0.95  # weight of the scatter seen so far at each further segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class ZeroLimits:
     rate : float
         Counts a second; the zero is corrected no faster.
     stability : float
-        Counts; a stretch of which two parts differ by more is no empty belt at rest.
+        Counts; a segment with two parts that differ by more is no empty belt at rest.
     """
 
     range: float = math.inf
@@ -53,12 +53,12 @@ class ZeroLimits:
 class ZeroTracker:
     """Follow the zero of a load cell as a random walk, by a scalar Kalman filter.
 
-    Each empty stretch of belt is one measurement, its Hann-weighted mean. Its variance follows
-    from how far the means of the two halves of a stretch are apart, pooled over the stretches seen
-    so far: that holds whatever mixture of lines and noise shakes the belt. Averaging goes on from
-    product to product, so that the moments between dense products are enough.
+    Each empty segment of belt is one measurement, its Hann-weighted mean. Its variance follows
+    from how far the means of the two halves of a segment are apart, pooled over the segments seen
+    so far: that holds for any mixture of lines and noise. Averaging goes on from product to
+    product, so that the moments between dense products are enough.
 
-    A zero that has moved further than it can have drifted is believed when a second stretch says
+    A zero that has moved further than it can have drifted is believed when a second segment says
     the same: something may have stood on the belt that no eye had seen. Until then it is not to be
     trusted.
 
@@ -95,18 +95,18 @@ class ZeroTracker:
         self._walk_variance = random_walk**2
         self._sample_rate = sample_rate
         self._stamp: float | None = None
-        self._scatter = 0.0  # sum of the variances that the halves of the stretches give
+        self._scatter = 0.0  # sum of the variances that the halves of the segments give
         self._degrees = 0.0  # number of these
         self._doubted: float | None = None  # a reading that is yet to be seen again, counts
         self._has_read = False
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
-        """Take the samples of one empty stretch and return the zero after them.
+        """Take the samples of one empty segment and return the zero after them.
 
         Parameters
         ----------
         time : float
-            s, end of the stretch.
+            s, end of the segment.
         counts : ndarray, (n,) int32
             The samples; with fewer than two, and where they are not stable, the zero is only
             carried on.
@@ -160,7 +160,7 @@ class ZeroTracker:
         self._value += correction
 
     def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
-        """Tell whether a stretch is stable and nothing stood on the belt for a part of it."""
+        """Tell whether a segment is stable and nothing stood on the belt for a part of it."""
         means = self._parts(counts, _SHORTEST_AVERAGE).tolist()
         if max(means) - min(means) > self._limits.stability:
             return False
@@ -173,7 +173,7 @@ class ZeroTracker:
         return bool(np.maximum.reduce(off) <= most)
 
     def _parts(self, counts: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
-        """Return the means of parts of a stretch that last `duration`, or of its halves."""
+        """Return the means of parts of a segment that last `duration`, or of its halves."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
@@ -186,13 +186,13 @@ class ZeroTracker:
         return max(2, int(len(counts) / (duration * self._sample_rate)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
-        """Take the reading of an empty belt for the zero, whatever it was before.
+        """Take the reading of an empty belt for the zero, regardless of the zero before.
 
         Returns
         -------
         float or None
             The reading, counts. It is the zero from now on if it is within the range; None, and
-            nothing has changed, if the stretch is not stable.
+            nothing has changed, if the segment is not stable.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
@@ -209,7 +209,7 @@ class ZeroTracker:
         return abs(reading - self._initial) <= self._limits.range
 
     def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
-        """Return the reading of a stretch and its variance, counts and counts^2."""
+        """Return the reading of a segment and its variance, counts and counts^2."""
         least = _LEAST_NOISE * self._initial_variance
         if not settled:
             return float(hann_mean(counts)), float(np.var(counts)) + least

@@ -29,13 +29,13 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
     >>> print(hann_mean(np.array([2.0, 4.0, 10.0])).round(6))  # weights 1/4, 1/2, 1/4
     5.0
     """
-    weights = _hann_weights(samples.shape[-1])
-    return np.add.reduce(samples * weights, axis=-1)
+    weights, total = _hann_weights(samples.shape[-1])
+    return np.add.reduce(samples * weights, axis=-1) / total
 
 
 @lru_cache(maxsize=256)
-def _hann_weights(count: int) -> NDArray[np.float64]:
+def _hann_weights(count: int) -> tuple[NDArray[np.float64], float]:
+    """Return the weights, (count,), and their sum, so that a constant is its own mean."""
     weights: NDArray[np.float64] = np.hanning(count + 2)[1:-1].astype(np.float64)
-    weights /= weights.sum()
     weights.flags.writeable = False
-    return weights
+    return weights, float(np.add.reduce(weights))
