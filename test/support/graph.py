@@ -7,7 +7,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
 from rclpy.node import Node
-from running import BAGS
+from running import BAGS, PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
@@ -18,7 +18,7 @@ from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.ports import Port
 
 
-def wait_for(condition: Callable[[], bool], timeout: float = 20.0) -> None:
+def wait_for(condition: Callable[[], bool], timeout: float = PATIENCE) -> None:
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, 'timed out'
@@ -75,7 +75,7 @@ def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
     spinner.add(driver)
     running = False
     while True:
-        state = ends.get(timeout=20.0)
+        state = ends.get(timeout=PATIENCE)
         if running and state == StreamStatus.FINISHED:
             break
         running = running or state == StreamStatus.RUNNING
@@ -83,7 +83,7 @@ def play(spinner: Spinner, listener: ResultListener) -> list[Weighing]:
     listener.destroy_subscription(status)
     weighings = []
     while len(weighings) < 25:
-        weighing = listener.weighings.get(timeout=20.0)
+        weighing = listener.weighings.get(timeout=PATIENCE)
         if weighing.estimate.weighed:
             weighings.append(weighing)
     return weighings

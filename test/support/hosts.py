@@ -8,8 +8,7 @@ import subprocess
 import time
 
 import pytest
-
-_PATIENCE = 20.0  # s
+from running import PATIENCE
 
 
 class Hosts:
@@ -62,7 +61,7 @@ class Hosts:
 
     def _wait_for_link(self) -> None:
         """Wait until the cable carries: DDS uses no interface that comes up after its node."""
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + PATIENCE
         for host in 'ab':
             while True:
                 shown = _ip('-n', self._host(host), 'addr', 'show', 'cable')

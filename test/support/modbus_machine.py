@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 
-from running import BAGS
+from running import BAGS, PATIENCE
 
 from checkweigher_driver.line_io.modbus import (
     ModbusEyes,
@@ -24,7 +24,6 @@ PLC = Path(__file__).with_name('modbus_plc.py')
 BAG = BAGS / 'paper_90'
 REJECTOR, RELEASE = 0, 1
 MS = 1_000_000
-PATIENCE = 10.0  # s, for what has to come
 
 
 class Plc:

@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 
+from running import PATIENCE
+
 from checkweigher_bringup.replaying import write_parameter_file
 from checkweigher_bringup.spinning import ros_arguments
 
@@ -43,7 +45,13 @@ def started(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process
             process.send_signal(signal.SIGINT)
         for process in processes.values():
             try:
-                process.wait(timeout=10)
+                process.wait(timeout=PATIENCE)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that a process has started and that have not ended."""
+    threads = Path(f'/proc/{pid}/task').iterdir()
+    return [int(child) for path in threads for child in (path / 'children').read_text().split()]

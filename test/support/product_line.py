@@ -9,6 +9,7 @@ from typing import Any
 from checkweigher_msgs.srv import SelectProduct
 from graph import call, wait_for
 from rclpy.node import Node
+from running import PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
@@ -123,7 +124,7 @@ class Line:
         )
         self.publish(ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate))
         while True:
-            verdict = self.verdicts.get(timeout=20.0)
+            verdict = self.verdicts.get(timeout=PATIENCE)
             # The segmenter, which gets no samples, has its say of old items to a new reject node.
             if stamp_from(verdict.t1) == t1:
                 return verdict

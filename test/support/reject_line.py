@@ -3,6 +3,7 @@
 from checkweigher_msgs.msg import StopRequest, Verdict
 from graph import heard, publish, wait_for
 from rclpy.node import Node
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import Spinner
@@ -58,8 +59,8 @@ class RejectLine:
 
     def verdict(self) -> Verdict:
         """Return the next verdict."""
-        return self.verdicts.get(timeout=20.0)[1]
+        return self.verdicts.get(timeout=PATIENCE)[1]
 
     def stop(self) -> StopRequest:
         """Return the next word on whether to stop."""
-        return self.stops.get(timeout=20.0)[1]
+        return self.stops.get(timeout=PATIENCE)[1]

@@ -7,6 +7,7 @@ import sys
 
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
+PATIENCE = 60.0  # s, for an event that comes at once unless the machine is busy
 
 # A run of the tests talks to nobody but itself. Domains up to 101 leave all ports below those that
 # Linux hands out to others.

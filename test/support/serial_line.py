@@ -7,10 +7,11 @@ import sys
 import threading
 import time
 
+from running import PATIENCE
+
 from checkweigher_driver.devices import source_class
 
 PROGRAM = Path(__file__).with_name('serial_device.py')
-PATIENCE = 20.0  # s, after which something hangs
 
 
 RATE = 1200.0

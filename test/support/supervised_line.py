@@ -13,7 +13,9 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 from graph import heard
+from processes import children
 from rclpy.node import Node
+from running import PATIENCE
 from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.spinning import spinning
@@ -55,16 +57,12 @@ class SupervisedLine:
 
     def pid(self, name: str) -> int:
         """Return the process of a node."""
-        for pid in self.children():
+        for pid in children(self.command.pid):
             if NODES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
                 return pid
         raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
 
-    def children(self) -> list[int]:
-        path = Path(f'/proc/{self.command.pid}/task')
-        return [int(p) for t in path.iterdir() for p in (t / 'children').read_text().split()]
-
-    def judge_until(self, decision: int, timeout: float = 60.0) -> int:
+    def judge_until(self, decision: int, timeout: float = PATIENCE) -> int:
         """Collect verdicts until one of a decision comes; return when that was, ns."""
         end = time.monotonic() + timeout
         while True:
@@ -94,10 +92,10 @@ class SupervisedLine:
 
     def end(self) -> int:
         """Interrupt the command and return its status; nothing may be left."""
-        children = self.children()
+        left = children(self.command.pid)
         self.command.send_signal(signal.SIGINT)
         status = self.command.wait(timeout=60)
-        assert not [pid for pid in children if Path(f'/proc/{pid}').exists()]
+        assert not [pid for pid in left if Path(f'/proc/{pid}').exists()]
         return status
 
 

@@ -9,6 +9,7 @@ from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
 from graph import call, wait_for
 import pytest
 from rclpy.node import Node
+from running import PATIENCE
 from serial_line import SerialDevice
 from std_srvs.srv import Trigger
 import yaml
@@ -67,7 +68,7 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         spinner.add(ProductNode({'audit_log': str(log)}))
         spinner.add(DriverNode(parameters))
         technician = Technician(spinner)
-        assert technician.infos.get(timeout=20).counts_per_kg == TAKEN_FOR
+        assert technician.infos.get(timeout=PATIENCE).counts_per_kg == TAKEN_FOR
 
         assert 'no load was read' in technician.finish().message
         for mass in (0.0, 0.2, 1.0, 0.0):
@@ -86,7 +87,7 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         assert done.counts_per_kg == pytest.approx(SENSITIVITY, rel=2e-5)
         assert done.zero_counts == pytest.approx(ZERO, abs=10)
         assert list(done.masses) == [0.0, 0.2, 1.0, 0.0]
-        info = technician.infos.get(timeout=20)
+        info = technician.infos.get(timeout=PATIENCE)
         assert (info.counts_per_kg, info.zero_counts) == (done.counts_per_kg, done.zero_counts)
         assert yaml.safe_load(path.read_text())['/**/driver']['ros__parameters']['aed'] == {
             'counts_per_kg': done.counts_per_kg, 'zero_counts': done.zero_counts
@@ -119,7 +120,7 @@ def test_what_cannot_be_read_is_refused_with_what_to_do(spinner: Spinner, tmp_pa
     driver = DriverNode({**line, **reading})
     spinner.add(driver)
     technician = Technician(spinner)
-    technician.infos.get(timeout=20)
+    technician.infos.get(timeout=PATIENCE)
     passing = technician.zero()
     assert not passing.success
     # A product is on its way, or there already.

@@ -12,7 +12,7 @@ from lines import simulated
 import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from running import ROOT, run_command
+from running import PATIENCE, ROOT, run_command
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.line_status import Row, StatusBoard, headline, table
@@ -66,7 +66,7 @@ class Told:
         """Return the figures of an aspect."""
         return {value.key: value.value for value in self.last[f'{LANE}/{name}'].values}
 
-    def wait(self, name: str, level: Level, text: str, timeout: float = 20.0) -> str:
+    def wait(self, name: str, level: Level, text: str, timeout: float = PATIENCE) -> str:
         """Wait until an aspect has a level and says a text; return the hint."""
         wait_for(lambda: self.aspect(name)[0] == level and text in self.aspect(name)[1], timeout)
         return self.aspect(name)[1].partition('; ')[2]

@@ -5,15 +5,15 @@ from contextlib import contextmanager
 import math
 from pathlib import Path
 import queue
-import time
 from typing import Any
 
 from calibration_dialogue import Dialogue
 from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
-from graph import call
+from graph import call, wait_for
 from lines import simulated
 import numpy as np
+from processes import children
 import pytest
 from rclpy.node import Node
 import running  # noqa: F401  sets the domain
@@ -142,11 +142,14 @@ def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Pa
         recording = simulated(masses=(MASS,), count=4, speed=speed)
         write_bag(tmp_path / f'passes_{number}', recording.load_cell, recording)
     with spinning('cancelled') as spinner:
-        spinner.add(DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000}))
+        node = DynamicSettingNode({'folder': str(tmp_path), 'budget': 1_000_000})
+        spinner.add(node)
         technician = Technician(spinner)
         assert technician.call(Trigger, ports.TUNE_PASSES).success
         technician.wait(lambda said: said.state == DynamicSetting.TUNING)
-        time.sleep(5.0)  # in which its workers begin: no condition tells
+        assert node._child is not None
+        training = node._child.pid
+        wait_for(lambda: len(children(training)) >= 2)  # the workers
         assert technician.call(Trigger, ports.CANCEL_PASSES).success
         technician.wait(lambda said: said.text == 'training cancelled')
     assert not (tmp_path / 'machine.yaml').exists()

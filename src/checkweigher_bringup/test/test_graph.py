@@ -10,7 +10,7 @@ import time
 from lines import edges_of, saturated_at, simulated, without_block_at, without_edges
 import pytest
 from rclpy.node import Node
-from running import BAGS, run_command
+from running import BAGS, PATIENCE, run_command
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.records import NANOSECONDS
@@ -121,7 +121,7 @@ def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
         done = run_command('replay', BAGS / 'paper_30', '--namespace', 'taken')
     finally:
         driver.terminate()
-        driver.wait(timeout=10)
+        driver.wait(timeout=PATIENCE)
     assert done.returncode == 2
     # Where DDS is slow to show the other driver, the nodes may have said something before.
     last_line = done.stderr.strip().splitlines()[-1]

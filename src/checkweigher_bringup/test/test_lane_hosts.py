@@ -13,7 +13,7 @@ from typing import Any
 from hosts import Hosts, two_hosts
 from processes import command, parameter_file, started
 import pytest
-from running import BAGS, ROOT
+from running import BAGS, PATIENCE, ROOT
 from verdicts import offline_verdicts
 
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye
@@ -31,7 +31,6 @@ HOSTS = {
 
 
 Told = dict[str, Any]
-PATIENCE = 30.0  # s without a verdict
 
 
 class Witness:
@@ -45,7 +44,7 @@ class Witness:
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
-        assert self._ready.wait(timeout=30.0)
+        assert self._ready.wait(timeout=PATIENCE)
 
     def _read(self) -> None:
         found = {ports.VERDICT.name: self.verdicts, ports.PHOTO_EYES.name: self.edges}
@@ -66,8 +65,8 @@ class Witness:
             time.sleep(0.05)
 
     def end(self) -> None:
-        self._process.communicate(timeout=10.0)
-        self._thread.join(timeout=10.0)
+        self._process.communicate(timeout=PATIENCE)
+        self._thread.join(timeout=PATIENCE)
 
 
 @contextmanager
@@ -167,7 +166,7 @@ def test_a_pulled_cable_costs_the_items_of_that_time_and_no_more(tmp_path: Path)
 
 def wait_for_accepted(witness: Witness, lane: str, count: int, since: int = 0) -> None:
     """Wait for so many accepted items of a lane whose verdict came after a time."""
-    end = time.monotonic() + 2 * PATIENCE
+    end = time.monotonic() + PATIENCE
     while True:
         told = list(witness.verdicts[lane])
         accepted = [v for v in told if v['decision'] == Decision.ACCEPT and v['came'] > since]

@@ -3,16 +3,17 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 import queue
-import time
 from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
+from graph import wait_for
 from processes import LINE, command, parameter_file, started
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
@@ -30,13 +31,6 @@ RECIPES = """
 products:
   crisps: {nominal: 0.14, upper_limit: 0.4, parameters: {identifier: {estimator: hann}}}
 """
-
-
-def wait_for(condition: Callable[[], bool], timeout: float = 30.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, 'timed out'
-        time.sleep(0.01)
 
 
 def simulator(mass: float) -> dict[str, object]:
@@ -172,7 +166,7 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
     # All say how they are on one topic, each under the name of its lane.
     named: set[str] = set()
     while not named >= {f'{name}/{node}'.lstrip('/') for name in MASSES for node in ports.NODES}:
-        named.add(heard.get(timeout=20.0))
+        named.add(heard.get(timeout=PATIENCE))
     wait_for(lambda: any(e.kind == 'parameter' for e in read_log(changed.log).entries))
     kinds = {entry.kind for entry in read_log(changed.log).entries}
     assert kinds >= {'found', 'calibration', 'recipe', 'selection', 'parameter', 'batch'}

@@ -19,11 +19,11 @@ def spinner() -> Iterator[Spinner]:
 
 
 def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner):
-    # 1 s behind the outfeed eye. Item 1 is judged after 0.1 s, on a busy machine later.
-    line = RejectLine(spinner, rejector_distance=0.5, verdict_margin=0.9)
+    # 4 s behind the outfeed eye. Item 1 is judged after 0.1 s, on a busy machine later.
+    line = RejectLine(spinner, rejector_distance=2.0, verdict_margin=3.9)
     line.pass_item(1)
     assert not line.verdict().late
-    time.sleep(2.5)  # item 2 passes 1 s after item 1; its edges do not
+    time.sleep(5.5)  # item 2 passes 1 s after item 1; its edges do not
     line.pass_item(2)
     publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
     verdict = line.verdict()

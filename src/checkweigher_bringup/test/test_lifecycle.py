@@ -14,6 +14,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from rclpy.node import Node
 from reject_line import RejectLine, estimate
+from running import PATIENCE
 from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -62,7 +63,7 @@ def _call(client: Any, request: Any) -> Any:
 
 
 def next_of(messages: 'queue.SimpleQueue[Any]') -> Any:
-    return messages.get(timeout=20.0)[1]
+    return messages.get(timeout=PATIENCE)[1]
 
 
 def test_a_reject_node_that_is_not_active_stops_the_line_and_judges_nothing(spinner: Spinner):
@@ -210,7 +211,7 @@ def test_a_killed_reject_node_leaves_no_item_without_its_verdict(spinner: Spinne
         said.append(next_of(stops))
     finally:
         reject.terminate()
-        reject.wait(timeout=20)
+        reject.wait(timeout=PATIENCE)
     said.append(next_of(stops))
     assert [each.state for each in said] == [StopRequest.RUN, StopRequest.RUN, StopRequest.STOP]
     assert said[-1].reason == 'NotReady'

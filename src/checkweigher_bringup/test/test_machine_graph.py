@@ -18,7 +18,7 @@ from modbus_machine import MS, REJECTOR, RELEASE, Plc, wait_for
 import numpy as np
 import pytest
 from rclpy.node import Node
-from running import BAGS
+from running import BAGS, PATIENCE
 from serial_line import SerialDevice
 from std_srvs.srv import Trigger
 
@@ -60,7 +60,7 @@ class Line:
     edges: list[EyeEdge]
 
     def take(self, count: int) -> list[Verdict]:
-        return [to_record(ports.VERDICT, self.verdicts.get(timeout=30)) for _ in range(count)]
+        return [to_record(ports.VERDICT, self.verdicts.get(timeout=PATIENCE)) for _ in range(count)]
 
     def reset(self) -> bool:
         client = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)

@@ -19,6 +19,7 @@ from graph import make_stages, play, publish, wait_for
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from running import PATIENCE
 from std_msgs.msg import Header
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -126,8 +127,8 @@ def test_no_message_ends_the_driver(spinner: Spinner):
     publish(tormentor, ports.SEGMENTER_STATUS, StreamStatus(state=99, samples=huge, items=huge))
     publish(tormentor, ports.SEGMENTER_STATUS, StreamStatus())
     publish(tormentor, ports.VERDICT, Verdict(decision=99, item_id=huge))
-    begin = samples.get(timeout=20.0)
-    while samples.get(timeout=20.0) < begin + 100:
+    begin = samples.get(timeout=PATIENCE)
+    while samples.get(timeout=PATIENCE) < begin + 100:
         pass
     assert spinner.alive
 
@@ -178,7 +179,7 @@ def test_every_node_says_how_it_is(spinner: Spinner):
         spinner.add(node)
     names: set[str] = set()
     while len(names) < len(STAGE_NODES):
-        names.add(heard.get(timeout=20.0))
+        names.add(heard.get(timeout=PATIENCE))
     assert names == {f'nodes/{name}' for name in STAGE_NODES}
 
 
@@ -189,7 +190,7 @@ def test_a_verdict_is_shown_although_its_estimate_was_missed(spinner: Spinner):
     accept = Verdict(item_id=7, estimate_id=3, decision=Verdict.ACCEPT, mass=0.15, std_dev=1e-4)
     publish(reject, ports.VERDICT, accept)
 
-    weighing = echo.weighings.get(timeout=20.0)
+    weighing = echo.weighings.get(timeout=PATIENCE)
 
     assert (weighing.verdict.item_id, weighing.estimate.mass) == (7, 0.15)
     assert weighing.estimate.weighed

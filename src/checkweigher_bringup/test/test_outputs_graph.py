@@ -10,6 +10,7 @@ from checkweigher_msgs.msg import Verdict as VerdictMessage
 from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, wait_for
 import pytest
 from rclpy.node import Node
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -62,7 +63,7 @@ class Line:
         spinner.add(self.driver)
 
     def verdict(self) -> Verdict:
-        return to_record(ports.VERDICT, self._heard.get(timeout=30))
+        return to_record(ports.VERDICT, self._heard.get(timeout=PATIENCE))
 
     def verdict_after(self, time: int) -> Verdict:
         """Return the next verdict on a product that left the belt after a time, ns."""

@@ -16,7 +16,7 @@ from product_line import Line
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from running import BAGS, run_command
+from running import BAGS, PATIENCE, run_command
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
@@ -133,7 +133,7 @@ def test_the_statistics_of_a_bag_are_those_of_its_csv(spinner: Spinner, tmp_path
     ends: queue.SimpleQueue[int] = queue.SimpleQueue()
     line.listen(ports.SEGMENTER_STATUS, lambda m: ends.put(m.state))
     spinner.add(DriverNode({'source': 'bag', 'bag.path': str(bag), 'rate': 0.0}))
-    while ends.get(timeout=20.0) != StreamStatus.FINISHED:
+    while ends.get(timeout=PATIENCE) != StreamStatus.FINISHED:
         pass
     wait_for(lambda: line.statistics[-1].items == len(rows))
     counted = line.statistics[-1]

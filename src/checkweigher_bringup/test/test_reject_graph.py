@@ -10,6 +10,7 @@ from graph import heard, publish, wait_for
 import pytest
 from rclpy.node import Node
 from reject_line import RejectLine, edges, estimate
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -53,7 +54,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
 
         def judged(decision: int) -> tuple[int, Verdict]:
             while True:
-                came, verdict = verdicts.get(timeout=20.0)
+                came, verdict = verdicts.get(timeout=PATIENCE)
                 if verdict.decision == decision:
                     return came, verdict
 
@@ -103,9 +104,9 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         return sorted(items[stamp] for stamp in stamps)
 
     def judge_until(decision: int) -> None:
-        judged.append(verdicts.get(timeout=20.0)[1])
+        judged.append(verdicts.get(timeout=PATIENCE)[1])
         while judged[-1].decision != decision:
-            judged.append(verdicts.get(timeout=20.0)[1])
+            judged.append(verdicts.get(timeout=PATIENCE)[1])
 
     try:
         spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
@@ -121,7 +122,7 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         weighed = judged[-1]
         # Those that it has missed last may still have to be judged.
         while len(found := judged_items()) < 1 + found[-1] - found[0] and len(judged) < 60:
-            judged.append(verdicts.get(timeout=20.0)[1])
+            judged.append(verdicts.get(timeout=PATIENCE)[1])
     finally:
         segmenter.kill()
         segmenter.wait()
@@ -144,7 +145,7 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
 
     counted: dict[str, str] = {}
     while 'late estimates' not in counted:
-        _, message = diagnostics.get(timeout=10.0)
+        _, message = diagnostics.get(timeout=PATIENCE)
         counted = {value.key: value.value for value in message.status[0].values}
 
     assert counted['late estimates'] == '1'
@@ -188,7 +189,7 @@ def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinne
     assert (request.state, request.reason) == (StopRequest.STOP, 'TooManyRejects')
     assert request.item_id == 2
     assert request.hint
-    assert line.reset.wait_for_service(timeout_sec=10.0)
+    assert line.reset.wait_for_service(timeout_sec=PATIENCE)
     answer = line.reset.call_async(Trigger.Request())
     assert line.stop().state == StopRequest.RUN
     wait_for(answer.done)

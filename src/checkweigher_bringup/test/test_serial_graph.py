@@ -4,7 +4,7 @@ from pathlib import Path
 
 from checkweigher_msgs.msg import Verdict
 import pytest
-from running import ROOT  # noqa: F401  sets the domain
+from running import PATIENCE, ROOT  # noqa: F401  sets the domain
 from serial_line import SerialDevice
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -46,7 +46,7 @@ def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Pat
                 }
             )
             spinner.add(driver)
-            weighings = [listener.weighings.get(timeout=30) for _ in range(COUNT)]
+            weighings = [listener.weighings.get(timeout=PATIENCE) for _ in range(COUNT)]
     finally:
         device.end()
 

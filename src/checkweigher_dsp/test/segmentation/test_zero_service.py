@@ -6,6 +6,7 @@ import time
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
@@ -27,7 +28,7 @@ def _call(executor, node):
     while not client.service_is_ready() and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.1)
     future = client.call_async(Trigger.Request())
-    executor.spin_until_future_complete(future, timeout_sec=20)
+    executor.spin_until_future_complete(future, timeout_sec=PATIENCE)
     return future
 
 
