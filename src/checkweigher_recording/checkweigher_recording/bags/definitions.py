@@ -72,7 +72,7 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
     Parameters
     ----------
     port : Port
-        What the record passes.
+        Of the record.
     record : object
         Of the port's class.
     stamp : int

@@ -6,7 +6,7 @@ import zlib
 
 from mcap.reader import FOOTER_SIZE
 from mcap.records import DataEnd, Footer
-from mcap.stream_reader import MAGIC_SIZE, StreamReader
+from mcap.stream_reader import MAGIC_SIZE, CRCValidationError, StreamReader
 
 from checkweigher_recording.bags.definitions import BagError
 
@@ -57,6 +57,11 @@ def _check_sums(path: Path, file: BinaryIO, size: int) -> None:
             ended |= isinstance(record, DataEnd)
             if isinstance(record, Footer):
                 footer = record
+    except CRCValidationError:
+        raise BagError(
+            f'{path}: damaged: wrong check sum of the data before byte {file.tell()}; restore the '
+            'file'
+        ) from None
     # Damaged bytes can lead a parser anywhere, so no list of its exceptions would be complete.
     except Exception as error:
         reason = str(error) or type(error).__name__
@@ -66,10 +71,10 @@ def _check_sums(path: Path, file: BinaryIO, size: int) -> None:
     if not ended or footer is None or file.tell() != size:
         raise BagError(f'{path}: damaged: its data have no end; restore the file')
     if footer.summary_crc:
-        begin = footer.summary_start or size - MAGIC_SIZE - FOOTER_SIZE
+        end = size - MAGIC_SIZE - _CHECK_SUM_SIZE
+        begin = min(footer.summary_start or size - MAGIC_SIZE - FOOTER_SIZE, end)
         file.seek(begin)
-        summary = file.read(size - MAGIC_SIZE - _CHECK_SUM_SIZE - begin)
-        if zlib.crc32(summary) != footer.summary_crc:
+        if zlib.crc32(file.read(end - begin)) != footer.summary_crc:
             raise BagError(
                 f'{path}: damaged: wrong check sum of the summary at byte {begin}; restore the file'
             )

@@ -60,7 +60,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Check sums are checked where the file has them; some writers leave them out. The numbers of
     messages must agree wherever the bag states them.
     """
-    with _one_line(path):
+    with _errors_in_one_line(path):
         if parts := unfinished_parts(path):
             return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
         _check_files(path)
@@ -69,7 +69,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 
 
 @contextmanager
-def _one_line(path: Path) -> Iterator[None]:
+def _errors_in_one_line(path: Path) -> Iterator[None]:
     """Turn any exception of a parser on strange bytes into one line."""
     try:
         yield
@@ -159,7 +159,7 @@ def _read_lane(
 
 
 def _record(path: Path, port: Port, data: bytes) -> Any:
-    """Return what a message says of a load cell, an edge or a known mass."""
+    """Return the load cell, edge or known mass of a message."""
     try:
         record = deserialize(port, data)
     except ValueError as error:

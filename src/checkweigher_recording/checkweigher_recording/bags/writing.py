@@ -249,7 +249,7 @@ class BagWriter:
             self._folder.rename(self._path)
 
     def _information(self) -> dict[str, Any]:
-        """Return what metadata.yaml says."""
+        """Return the content of metadata.yaml."""
         topics = [
             {
                 'topic_metadata': {

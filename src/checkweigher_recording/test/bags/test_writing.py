@@ -1,14 +1,12 @@
 """Bags that the project writes: the same bytes, all or nothing, and what ROS tools expect."""
 
 import errno
-import json
 import os
 from pathlib import Path
 import resource
 import subprocess
 import sys
 
-from ament_index_python.packages import get_package_share_directory
 from mcap.reader import make_reader
 import pytest
 from rosbags.interfaces import QosDurability, QosReliability
@@ -98,18 +96,6 @@ def test_metadata_agrees_with_the_file(tmp_path, recording):
     information = stated['rosbag2_bagfile_information']
     assert yaml.safe_load(record.metadata['serialized_metadata']) == information
     assert information['message_count'] == 1 + sum(1 for _ in recording)
-
-
-@pytest.mark.parametrize('port', PLAYED, ids=lambda port: port.name)
-def test_type_hashes_are_those_of_the_installed_messages(port):
-    package, folder, name = port.message_type.split('/')
-    path = Path(get_package_share_directory(package), folder, f'{name}.json')
-    hashes = {
-        entry['type_name']: entry['hash_string']
-        for entry in json.loads(path.read_text())['type_hashes']
-    }
-
-    assert typestore().hash_rihs01(port.message_type) == hashes[port.message_type]
 
 
 def test_25_products_take_little_room(tmp_path):
