@@ -1,24 +1,22 @@
-"""The diagnostics of a node: once a second, a status for each aspect of it."""
+"""Diagnostics of a node: once a second, a status for each of its aspects."""
 
 from collections.abc import Callable, Iterable
-import os
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.records import NANOSECONDS, LoadCell
+from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.ros.connections import Connections
 from checkweigher_dsp.ros.ports import DIAGNOSTICS
 
 _PERIOD = 1.0  # s
-_GOLDEN = 0.618  # of numbers that follow each other it makes times that lie far apart
 _LOG_PERIOD = 1.0  # s
 
 
 class Diagnostics:
-    """Collect what a node has to tell of itself, and publish it.
+    """Publisher of the findings of a node.
 
     The first status is the node's own: the worst of all, the last warning, the counters. The
     others are named '<node>: <Aspect>', as those of diagnostic_updater.
@@ -26,9 +24,9 @@ class Diagnostics:
     Parameters
     ----------
     node : Node
-        Publishes.
+        Whose findings they are.
     diagnose : callable
-        Returns the findings of the node at a time of the monotonic clock, s.
+        Returns them for a time of the monotonic clock, s.
     """
 
     def __init__(self, node: Node, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -41,12 +39,11 @@ class Diagnostics:
         self.connections = Connections(node, time.monotonic(), self.warn)
 
     def start(self) -> None:
-        """Begin to publish."""
+        """Publish from now on."""
         self._publisher = self._node.create_publisher(
             DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
         )
-        timer = self._node.create_timer(_until_round(time.monotonic()), self._publish)
-        timer.timer_period_ns = round(_PERIOD * NANOSECONDS)  # from then on
+        self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
         """Name the load cell that the findings are about."""
@@ -54,7 +51,7 @@ class Diagnostics:
         self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
 
     def count(self, name: str) -> None:
-        """Count something, from any thread but each name from one."""
+        """Count an event, from any thread but each name from one."""
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
@@ -85,7 +82,7 @@ class Diagnostics:
     def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
         try:
             return list(look())
-        except Exception as error:  # what only tells of the line must not stop it
+        except Exception as error:  # diagnostics must not stop the line
             text = f'{type(error).__name__}: {error}'
             concern = Concern(Level.ERROR, text, 'a defect of the diagnostics; report it')
             return [conclude(aspect, '', [concern])]
@@ -112,15 +109,6 @@ class Diagnostics:
             hardware_id=self._hardware_id,
             values=[KeyValue(key=key, value=_text(v)) for key, v in finding.values.items()],
         )
-
-
-def _until_round(now: float) -> float:
-    """Return how long it is until the nodes of this process tell of themselves, s.
-
-    All at once, so that the process wakes up once for it; other processes at another time.
-    """
-    phase = os.getpid() * _GOLDEN % 1.0
-    return _PERIOD * (1.0 - (now / _PERIOD - phase) % 1.0)
 
 
 def _text(value: float | str) -> str:
