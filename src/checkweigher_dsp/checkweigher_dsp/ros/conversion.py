@@ -7,7 +7,7 @@ a numpy scalar in a field aborts the process when the message is serialised.
 
 import array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache, partial
 from operator import attrgetter
@@ -105,7 +105,7 @@ def _filled(message: Any, record: Any, stamp: int | None = None) -> Any:
 _Get = Callable[[Any], Any]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Plan:
     """Conversion of a class of records, field by field.
 
@@ -115,49 +115,44 @@ class _Plan:
         Stamp of the header, from the record; None where the caller gives it.
     frame : callable
         Frame of the header, from the record.
-    times, arrays, others : tuple
+    times, arrays, others : list
         Name in the message and how to get the value from the record; for arrays the type of the
         elements, for others what converts the value.
-    read : tuple
+    read : list
         How to get the value from the message, and what converts it, in the order of the record.
     """
 
     stamp: _Get | None
-    frame: Callable[[Any], str]
-    times: tuple[tuple[str, _Get], ...]
-    arrays: tuple[tuple[str, _Get, np.dtype[Any]], ...]
-    others: tuple[tuple[str, _Get, _Get], ...]
-    read: tuple[tuple[_Get, _Get], ...]
+    frame: _Get
+    times: list[tuple[str, _Get]] = field(default_factory=list)
+    arrays: list[tuple[str, _Get, np.dtype[Any]]] = field(default_factory=list)
+    others: list[tuple[str, _Get, _Get]] = field(default_factory=list)
+    read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 
 @cache
 def _plan(kind: Any) -> _Plan:
-    form = FORMS[kind]
+    form, frame = FORMS[kind], FORMS[kind].frame
+    plan = _Plan(
+        attrgetter(form.stamp) if form.stamp else None,
+        (lambda _: frame) if isinstance(frame, str) else frame,
+    )
     names = {form.stamp: 'header.stamp', **form.names}
-    times: list[tuple[str, _Get]] = []
-    arrays: list[tuple[str, _Get, np.dtype[Any]]] = []
-    others: list[tuple[str, _Get, _Get]] = []
-    read: list[tuple[_Get, _Get]] = []
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if name in form.lacks:
             continue
         place, get = names.get(name, name), attrgetter(name)
-        read.append((attrgetter(place), _reader(hint, form.unknown.get(name))))
+        plan.read.append((attrgetter(place), _reader(hint, form.unknown.get(name))))
         if place == 'header.stamp':
             continue
         if hint in (Stamp, Stamp | None):
-            times.append((place, get))
+            plan.times.append((place, get))
         elif get_origin(hint) is np.ndarray:
-            arrays.append((place, get, _dtype(hint)))
+            plan.arrays.append((place, get, _dtype(hint)))
         else:
-            others.append((place, get, _writer(hint)))
-    others += [(place, derive, _unchanged) for place, derive in form.derived.items()]
-    frame = form.frame
-    return _Plan(
-        attrgetter(form.stamp) if form.stamp else None,
-        (lambda _: frame) if isinstance(frame, str) else frame,
-        tuple(times), tuple(arrays), tuple(others), tuple(read),
-    )  # fmt: skip
+            plan.others.append((place, get, _writer(hint)))
+    plan.others += [(place, derive, lambda value: value) for place, derive in form.derived.items()]
+    return plan
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
@@ -175,10 +170,6 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
 
 def _nested(record: Any) -> Any:
     return _filled(message_class(FORMS[type(record)].message_type)(), record)
-
-
-def _unchanged(value: Any) -> Any:
-    return value
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
@@ -136,18 +136,11 @@ FORMS: dict[type, Form] = {
 }
 
 
-@dataclass(frozen=True)
-class History:
-    """What a publisher keeps of a topic, and what of it the stages ask for.
+class History(NamedTuple):
+    """Messages that a publisher keeps, up to `depth`.
 
-    Attributes
-    ----------
-    depth : int
-        Messages.
-    latched : bool
-        Whether a late subscriber that asks for it (transient local) gets them.
-    stage_latched : bool
-        Whether the stages ask for it.
+    With `latched` (transient local) a late subscriber that asks for them gets them, with
+    `stage_latched` the stages ask.
     """
 
     depth: int

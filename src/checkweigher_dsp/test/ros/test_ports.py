@@ -1,0 +1,52 @@
+"""The table of ports."""
+
+import subprocess
+import sys
+
+import pytest
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.ports import Port
+
+
+@pytest.mark.parametrize('port', ports.ALL, ids=lambda port: port.name)
+def test_a_port_has_a_message_and_ends_that_are_there(port: Port):
+    package, _, name = port.message_type.split('/')
+    assert port.type.__module__.startswith(package)
+    assert port.type.__name__ == name
+    assert set(port.expected) <= {port.maker, *port.takers} & set(ports.NODES)
+
+
+def test_no_two_ports_have_one_name():
+    assert len({port.name for port in ports.ALL}) == len(ports.ALL)
+
+
+@pytest.mark.parametrize(
+    ('port', 'depth', 'offered', 'asked'),
+    [
+        (ports.LOAD_CELL_SAMPLES, 1000, 'VOLATILE', 'VOLATILE'),
+        (ports.LOAD_CELL_INFO, 1, 'TRANSIENT_LOCAL', 'TRANSIENT_LOCAL'),
+        (ports.VERDICT, 1000, 'TRANSIENT_LOCAL', 'VOLATILE'),
+    ],
+)
+def test_publisher_and_stages_have_the_profiles_of_the_row(
+    port: Port, depth: int, offered: str, asked: str
+):
+    for qos, durability in ((port.qos, offered), (port.stage_qos, asked)):
+        assert qos.depth == depth
+        assert qos.reliability == ReliabilityPolicy.RELIABLE
+        assert qos.durability == DurabilityPolicy[durability]
+
+
+@pytest.mark.parametrize('port', ports.ALL, ids=lambda port: port.name)
+def test_a_stage_takes_what_a_stage_publishes(port: Port):
+    assert ports.fits(port.qos, port.stage_qos)
+
+
+def test_the_table_and_the_conversion_need_no_ros():
+    program = (
+        'import sys; import checkweigher_dsp.ros.conversion; '
+        "sys.exit(any(name.startswith(('rclpy', 'checkweigher_msgs')) for name in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, '-c', program]).returncode == 0
