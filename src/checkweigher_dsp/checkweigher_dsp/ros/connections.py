@@ -55,7 +55,7 @@ class Connections:
     began : float
         s on a clock that never steps back, when the node was started.
     warn : callable
-        Tells of a publisher or subscriber whose QoS does not fit.
+        Takes a warning of a publisher or subscriber whose QoS does not fit.
     """
 
     def __init__(self, node: Node, began: float, warn: Callable[[str], None]) -> None:
@@ -133,7 +133,7 @@ class Connections:
         self._warn(f'another node {does} {name} with a {policy} that does not fit: never connects')
 
     def _clashes(self, end: _End, matched: int) -> Iterator[Concern]:
-        """Yield who offers or asks for another QoS; DDS tells when one comes, not that it went."""
+        """Yield endpoints of another QoS; DDS reports when one comes, not when it goes."""
         if not end.clashed:
             return
         end.clashed = False

@@ -234,7 +234,7 @@ def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
 
 
 def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
-    """Tell whether a publisher and a subscription of these profiles connect."""
+    """Return whether a publisher and a subscription of these profiles connect."""
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 
     compatibility, _ = qos_check_compatible(offered, asked)

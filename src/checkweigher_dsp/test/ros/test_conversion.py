@@ -195,7 +195,7 @@ def test_what_is_not_known_of_a_fault_stays_unknown():
     assert to_record(ports.WEIGH_WINDOW, through_the_wire(message)) == fault
 
 
-def test_a_message_that_nobody_filled_in_is_no_mass_and_no_acceptance():
+def test_a_message_that_was_not_filled_in_is_no_mass_and_no_acceptance():
     assert to_record(ports.MASS_ESTIMATE, messages.MassEstimate()).reasons == ('Unknown',)
     weighed = messages.MassEstimate(status=1, mass=float('nan'))
     assert to_record(ports.MASS_ESTIMATE, weighed).reasons == ('Unknown',)
