@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from ruamel.yaml import YAML
+import yaml
 
 from checkweigher_dsp.records import Eye
 from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
@@ -184,11 +184,9 @@ def test_a_bag_of_several_files_is_read(messages, recording, write_foreign, writ
     for number, name in enumerate(names):
         part = messages[number::3]
         write_mcap(folder / name, [(message, message.stamp) for message in part])
-    yaml = YAML(typ='safe')
-    content = yaml.load((folder / 'metadata.yaml').read_text())
+    content = yaml.safe_load((folder / 'metadata.yaml').read_text())
     content['rosbag2_bagfile_information']['relative_file_paths'] = names
-    with (folder / 'metadata.yaml').open('w') as file:
-        yaml.dump(content, file)
+    (folder / 'metadata.yaml').write_text(yaml.safe_dump(content))
 
     assert same(read_bag(folder), recording)
 
