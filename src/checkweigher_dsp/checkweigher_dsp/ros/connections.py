@@ -4,11 +4,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
-from rclpy.qos import qos_policy_name_from_kind as policy_name
 from rclpy.subscription import Subscription
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, RecentValues, conclude
@@ -24,7 +22,7 @@ TAKERS = {
 }
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _End:
     """One end of a topic: the subscription or publisher of this node."""
 
@@ -32,7 +30,6 @@ class _End:
     endpoint: Subscription | Publisher
     qos: QoSProfile
     partner: str  # the node at the other end, empty if it need not be there
-    clashed: bool = False  # whether an endpoint with another QoS was there
 
     @property
     def is_input(self) -> bool:
@@ -66,17 +63,13 @@ class Connections:
         self._refused = RecentValues()
         self._refusal = ''
 
-    def input_events(self, name: str) -> SubscriptionEventCallbacks:
-        """Return what a subscription of a topic has to be made with."""
-        return SubscriptionEventCallbacks(
-            incompatible_qos=lambda event: self._on_clash(name, event, is_input=True)
-        )
+    def input_events(self, name: str) -> Any:
+        """Return None: rclpy's own callbacks log a QoS that does not fit."""
+        return None
 
-    def output_events(self, name: str) -> PublisherEventCallbacks:
-        """Return what a publisher of a topic has to be made with."""
-        return PublisherEventCallbacks(
-            incompatible_qos=lambda event: self._on_clash(name, event, is_input=False)
-        )
+    def output_events(self, name: str) -> Any:
+        """Return None: rclpy's own callbacks log a QoS that does not fit."""
+        return None
 
     def add_input(
         self, name: str, subscription: Subscription, qos: QoSProfile, *, needed: bool
@@ -125,29 +118,21 @@ class Connections:
             found.append(Concern(Level.WARN, text, hint))
         return conclude('Connections', 'all there', found, values)
 
-    def _on_clash(self, name: str, event: Any, *, is_input: bool) -> None:
-        for end in self._ends:
-            end.clashed |= end.name == name and end.is_input == is_input
-        policy = policy_name(event.last_policy_kind)
-        does = 'publishes' if is_input else 'subscribes to'
-        self._warn(f'another node {does} {name} with a {policy} that does not fit: never connects')
-
     def _clashes(self, end: _End, matched: int) -> Iterator[Concern]:
-        """Yield endpoints of another QoS; DDS reports when one comes, not when it goes."""
-        if not end.clashed:
+        """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""
+        name, node = end.endpoint.topic_name, self._node
+        known = node.count_publishers(name) if end.is_input else node.count_subscribers(name)
+        if known <= matched:
             return
-        end.clashed = False
-        name = end.endpoint.topic_name
         if end.is_input:
-            others = self._node.get_publishers_info_by_topic(name)
+            others = node.get_publishers_info_by_topic(name)
         else:
-            others = self._node.get_subscriptions_info_by_topic(name)
+            others = node.get_subscriptions_info_by_topic(name)
         for other in others:
             pair = (other.qos_profile, end.qos) if end.is_input else (end.qos, other.qos_profile)
             compatibility, reason = qos_check_compatible(*pair)
             if compatibility != QoSCompatibility.ERROR:
                 continue
-            end.clashed = True
             who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
             does = 'publishes' if end.is_input else 'subscribes to'
             why = reason.replace('ERROR: ', '').strip('; ').lower()
