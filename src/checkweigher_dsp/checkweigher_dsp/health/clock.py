@@ -11,12 +11,12 @@ _RATE_SPAN = 10.0  # s, over which rates are taken
 _SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
 # Stamps that run slower or faster than the machine's clock by more are those of a replay.
 _REPLAY = 0.1
-_CLOCK_BIN = 5.0  # s; the least delay of each tells the clock, the others the load
+_CLOCK_BIN = 5.0  # s; the least delay in each is that of the clock, the others come from the load
 _CLOCK_SPAN = 300.0  # s
 _DRIFT_LIMIT = 500e-6  # a crystal is right to 100e-6
 _DRIFT_BINS = 6  # least number for a drift
 _PACE_BINS = 3
-_JITTER_LIMIT = 0.5  # s; what less does to the verdicts, the margin of these tells
+_JITTER_LIMIT = 0.5  # s; less shows in the margin of the verdicts where it matters
 _START = 5.0  # s, in which nodes that start keep each other waiting
 _EYE_OFFSET_LIMIT = 0.1  # s
 _FEWEST_EDGES = 4
@@ -43,9 +43,9 @@ class ClockWatch:
         self._delays = RecentValues(_RATE_SPAN)
         self._bins = RecentValues(_CLOCK_SPAN)
         self._edge_delays = RecentValues(MINUTE)
-        self.begin_anew()
+        self.restart()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Forget the clock of the stream before."""
         self._origin = None
         self._edges.clear()
@@ -61,7 +61,7 @@ class ClockWatch:
             _, stamp, index = self._blocks[-1]
             expected = stamp + (block.first_index - index) * NANOSECONDS / self._rate
             if abs(block.stamp - expected) > _CLOCK_STEP * NANOSECONDS:
-                self.begin_anew()
+                self.restart()
         if self._origin is None:
             self._origin, self._began = block.stamp, came
         self._blocks.append((came, block.stamp, block.first_index))

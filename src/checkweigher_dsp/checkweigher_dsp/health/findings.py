@@ -1,21 +1,21 @@
 """What a technician is told of the line: findings with a level, and what was seen lately.
 
-Times are seconds on a clock that never steps back; the caller has it, nothing here does.
+Times are seconds on a clock that never steps back, which the caller reads.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import takewhile
 import math
-from operator import itemgetter
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 MINUTE = 60.0  # s, what is called lately
 _MAX_VALUES = 10_000
-_value = itemgetter(1)
 
 
 class Level(IntEnum):
@@ -77,41 +77,39 @@ def conclude(
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
 
 
-class RecentValues:
-    """The values of the last `duration` seconds, at most `limit` of them.
+T = TypeVar('T')
 
-    Parameters
-    ----------
-    duration : float
-        s.
-    limit : int
-        Values.
-    """
 
-    def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
+class Recent(Generic[T]):
+    """What was seen in the last `duration` seconds, at most `limit` of it."""
+
+    def __init__(self, duration: float, limit: int) -> None:
         self._duration = duration
-        self._entries: deque[tuple[float, float]] = deque(maxlen=limit)
-        self._slope: float | None = None  # of these entries
+        self._entries: deque[tuple[float, T]] = deque(maxlen=limit)
 
     def __len__(self) -> int:
         return len(self._entries)
-
-    def add(self, time: float, value: float) -> None:
-        """Take a value seen at `time`, s; one that is not finite is passed over."""
-        if math.isfinite(value):
-            self._entries.append((time, value))
-            self._slope = None
 
     def forget(self, now: float) -> None:
         """Drop what is older than the duration at `now`, s."""
         while self._entries and self._entries[0][0] <= now - self._duration:
             self._entries.popleft()
-            self._slope = None
 
     def clear(self) -> None:
         """Drop all."""
         self._entries.clear()
-        self._slope = None
+
+
+class RecentValues(Recent[float]):
+    """The values of the last `duration` seconds; without any their statistics are NaN."""
+
+    def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
+        super().__init__(duration, limit)
+
+    def add(self, time: float, value: float) -> None:
+        """Take a value seen at `time`, s; one that is not finite is passed over."""
+        if math.isfinite(value):
+            self._entries.append((time, value))
 
     @property
     def span(self) -> float:
@@ -120,57 +118,44 @@ class RecentValues:
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """The values, the oldest first."""
-        return np.array(list(map(_value, self._entries)))
+        """The values, (n,), the oldest first."""
+        return np.array([value for _, value in self._entries])
 
     @property
     def oldest(self) -> float:
-        """The oldest value, NaN without any."""
+        """The oldest value."""
         return self._entries[0][1] if self._entries else math.nan
 
     @property
     def total(self) -> float:
-        """Sum of the values."""
-        return math.fsum(map(_value, self._entries))
+        """Sum of the values, 0 without any."""
+        return math.fsum(value for _, value in self._entries)
 
     @property
     def median(self) -> float:
-        """Median of the values, NaN without any."""
+        """Median of the values."""
         return self.quantile(0.5)
 
     @property
     def largest(self) -> float:
-        """Largest value, NaN without any."""
-        return max(map(_value, self._entries), default=math.nan)
+        """Largest value."""
+        return self.quantile(1.0)
 
     @property
     def smallest(self) -> float:
-        """Smallest value, NaN without any."""
-        return min(map(_value, self._entries), default=math.nan)
+        """Smallest value."""
+        return self.quantile(0.0)
 
     def quantile(self, share: float) -> float:
-        """Return the value that a share of all does not exceed, NaN without any.
-
-        Between two values it is interpolated. Of some hundred numpy would take ten times as long.
-        """
-        if not self._entries:
-            return math.nan
-        ordered = sorted(map(_value, self._entries))
-        below, part = divmod(share * (len(ordered) - 1), 1.0)
-        low = ordered[int(below)]
-        return low + part * (ordered[int(below) + 1] - low) if part else low
+        """Return the value that a share of all does not exceed, interpolated between two values."""
+        return float(np.quantile(self.values, share)) if self._entries else math.nan
 
     @property
     def slope(self) -> float:
         """Change of the values in a second, the median over all pairs; NaN with fewer than two.
 
-        Of Theil and Sen: up to 29 % of the values may be anything.
+        The estimator of Theil and Sen: up to 29 % of the values may be wrong by any amount.
         """
-        if self._slope is None:
-            self._slope = self._new_slope()
-        return self._slope
-
-    def _new_slope(self) -> float:
         if len(self._entries) < 2:
             return math.nan
         times, values = np.array(self._entries).T
@@ -182,13 +167,7 @@ class RecentValues:
         return float(np.median((values[second] - values[first])[moved] / elapsed[moved]))
 
 
-@dataclass(frozen=True, slots=True)
-class _Outcome:
-    time: float
-    reasons: tuple[str, ...]
-
-
-class RecentItems:
+class RecentItems(Recent[tuple[str, ...]]):
     """What became of the last items, and why those that failed did.
 
     Parameters
@@ -200,41 +179,24 @@ class RecentItems:
     """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
-        self._duration = duration
-        self._items: deque[_Outcome] = deque(maxlen=count)
-
-    def __len__(self) -> int:
-        return len(self._items)
+        super().__init__(duration, count)
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
         """Take an item and why it failed; with no reason it did not."""
-        self._items.append(_Outcome(time, tuple(reasons)))
-
-    def forget(self, now: float) -> None:
-        """Drop what is older than the duration at `now`, s."""
-        while self._items and self._items[0].time <= now - self._duration:
-            self._items.popleft()
+        self._entries.append((time, tuple(reasons)))
 
     @property
     def failed(self) -> int:
         """How many of them failed."""
-        return sum(bool(item.reasons) for item in self._items)
+        return sum(bool(reasons) for _, reasons in self._entries)
 
     @property
     def failed_in_a_row(self) -> int:
         """How many failed since the last one that did not."""
-        count = 0
-        for item in reversed(self._items):
-            if not item.reasons:
-                break
-            count += 1
-        return count
+        return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self._entries)))
 
     @property
     def main_reason(self) -> str:
         """The first reason of most of those that failed, empty if none did."""
-        counts: dict[str, int] = {}
-        for item in self._items:
-            for reason in item.reasons[:1]:
-                counts[reason] = counts.get(reason, 0) + 1
-        return max(counts, key=lambda reason: counts[reason], default='')
+        firsts = Counter(reasons[0] for _, reasons in self._entries if reasons)
+        return firsts.most_common(1)[0][0] if firsts else ''

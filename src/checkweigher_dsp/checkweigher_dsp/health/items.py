@@ -1,5 +1,6 @@
 """What becomes of the items at each stage: faults, convergence, time taken, verdicts in time."""
 
+from collections import Counter
 from collections.abc import Sequence
 import math
 
@@ -32,7 +33,7 @@ _NO_MASSES = 3  # items in a row
 
 
 def reason_hint(reason: str) -> str:
-    """Return what to look at for a reason, also for one that is not of ours."""
+    """Return what to look at for a reason, also for one that is not in `Reason`."""
     return Reason(reason).hint if reason in list(Reason) else 'see docs/interfaces.md, Reasons'
 
 
@@ -54,14 +55,13 @@ class FaultWatch:
     def __init__(self) -> None:
         self._items = RecentItems()
         self._count = 0
-        self._reasons: dict[str, int] = {}
+        self._reasons: Counter[str] = Counter()
 
     def add(self, now: float, reasons: Sequence[str]) -> None:
         """Take an item and its reasons."""
         self._count += 1
         self._items.add(now, reasons)
-        for reason in reasons:
-            self._reasons[reason] = self._reasons.get(reason, 0) + 1
+        self._reasons.update(reasons)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Items."""
@@ -177,7 +177,7 @@ class VerdictWatch:
         self._margin = RecentValues()
         self._late = RecentValues()
         self._masses = RecentItems()
-        self._counts: dict[str, int] = {}
+        self._counts: Counter[str] = Counter()
 
     def add_edge(self, now: float, stamp: int) -> None:
         """Take the arrival of an outfeed edge at `now`, s."""
@@ -187,8 +187,7 @@ class VerdictWatch:
 
     def add(self, now: float, verdict: Verdict) -> None:
         """Take a verdict that was published at `now`, s."""
-        for name in (verdict.decision.name, *verdict.reasons):
-            self._counts[name] = self._counts.get(name, 0) + 1
+        self._counts.update((verdict.decision.name, *verdict.reasons))
         missing = () if verdict.estimate_id else (Reason.NO_ESTIMATE.value,)
         self._masses.add(now, missing)
         if verdict.late:

@@ -19,8 +19,8 @@ _UPDATE_PATIENCE = 120.0  # s of products without a reading of the empty belt
 _SPECTRUM = 1024  # points
 _FEWEST_SAMPLES = 64
 _LOWEST_FREQUENCY = 2.0  # Hz; what is slower is drift
-_RECENT_STRETCHES = 5
-_USUAL_STRETCHES = 300
+_RECENT_SEGMENTS = 5
+_USUAL_SEGMENTS = 300
 _FEWEST_USUAL = 20
 _NOISY = 3.0  # times the usual noise; half the belt speed is half of it
 
@@ -133,13 +133,13 @@ class BeltNoiseWatch:
     def __init__(self, sample_rate: float, limit: float) -> None:
         self._rate = sample_rate
         self._limit = limit
-        self._recent = RecentValues(10 * MINUTE, _RECENT_STRETCHES)
-        self._usual = RecentValues(_HOUR, _USUAL_STRETCHES)
+        self._recent = RecentValues(10 * MINUTE, _RECENT_SEGMENTS)
+        self._usual = RecentValues(_HOUR, _USUAL_SEGMENTS)
         self._power = np.zeros(_SPECTRUM // 2 + 1)
-        self._memory = 1.0 - 1.0 / _RECENT_STRETCHES
+        self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
     def add(self, now: float, force: NDArray[np.float64]) -> None:
-        """Take a stretch of empty belt, (n,) kg; a short one tells nothing."""
+        """Take a segment of empty belt, (n,) kg; a short one is passed over."""
         if len(force) < _FEWEST_SAMPLES:
             return
         force = force[-_SPECTRUM:]
@@ -174,7 +174,7 @@ class BeltNoiseWatch:
         if self._limit and noise > self._limit:
             text = f'{_GRAMS * noise:.2f} g, above max_belt_noise of {_GRAMS * self._limit:.2f} g'
             found.append(Concern(Level.WARN, text, hint))
-        elif noise > _NOISY * usual and len(self._recent) == _RECENT_STRETCHES:
+        elif noise > _NOISY * usual and len(self._recent) == _RECENT_SEGMENTS:
             text = f'{_GRAMS * noise:.2f} g, {noise / usual:.1f} times the usual'
             found.append(Concern(Level.WARN, text, hint))
         well = 'not known yet' if math.isnan(noise) else f'{_GRAMS * noise:.2f} g'

@@ -1,4 +1,4 @@
-"""What the segmenter knows of the health of the line: samples, clock, eyes, zero, noise, items."""
+"""Health of the line as the segmenter sees it: samples, clock, eyes, zero, noise, items."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +48,9 @@ class SegmenterWatch:
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
         """Expect another stream, of this load cell."""
         self._end, self._stream_began = None, now
-        self._eyes.begin_anew()
+        self._eyes.restart()
         if load_cell == self._load_cell:
-            self._samples.begin_anew()
+            self._samples.restart()
             return
         self._load_cell = load_cell
         self._samples = SampleWatch(load_cell)

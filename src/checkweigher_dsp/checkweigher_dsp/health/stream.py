@@ -23,8 +23,8 @@ _ONE_EYED = 10  # edges of one eye while the other shows none
 class SampleWatch:
     """Follow the blocks of samples: how many come, what is missing, and by which clock.
 
-    Taking a block is an append, so that it costs the stream nothing, from whatever thread;
-    `look` does the rest, once a second.
+    Any thread may add a block. That is an append, so that it costs the stream nothing; `look` does
+    the rest, once a second.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ class SampleWatch:
         """Take a block that came at `now`, s."""
         self._inbox.append((now, block))
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Expect another stream: its index and clock need not go on from this one."""
         self._inbox.clear()
         self._end = None
-        self.clock.begin_anew()
+        self.clock.restart()
 
     def look(self, now: float) -> None:
         """Work through what has come."""
         blocks = [self._inbox.popleft() for _ in range(len(self._inbox))]
         if len(blocks) == _MAX_INBOX:  # some fell out, that is no gap of the stream
-            self.begin_anew()
+            self.restart()
         for came, block in blocks:
             if len(block.counts):
                 self._take(came, block)
@@ -87,7 +87,7 @@ class SampleWatch:
                 return
             else:
                 self.restarts += self._note('restarts', came, 1)
-                self.clock.begin_anew()
+                self.clock.restart()
         self._end, self._last_stamp = first + size, block.stamp
         self.clock.add(came, block)
 
@@ -148,7 +148,7 @@ class SampleWatch:
             hint = 'check whether two drivers run, and the network between driver and segmenter'
             found.append(Concern(Level.WARN, text, hint))
         if lately['restarts']:
-            text = f'the source began anew {lately["restarts"]} times in the last minute'
+            text = f'the source started again {lately["restarts"]} times in the last minute'
             hint = 'check the power of the load cell, and whether two drivers run'
             found.append(Concern(Level.WARN, text, hint))
         if lately['saturated']:
@@ -177,7 +177,7 @@ class EyeWatch:
         """Take an edge that came at `now`, s, from any thread."""
         self._inbox.append((now, edge))
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Forget which eyes are blocked: another stream need not say that they are free."""
         self._inbox.clear()
         self._blocked.clear()

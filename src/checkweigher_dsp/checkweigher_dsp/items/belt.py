@@ -69,50 +69,28 @@ class Belt:
         How long items take.
     count : int
         Items that were there before.
-
-    Attributes
-    ----------
-    count : int
-        Number of items so far.
-    items : list of Item
-        Those that are ENTERING or ON_BELT, in the order of their entry.
-    at_infeed, at_outfeed : Item or None
-        The item that blocks the eye. One that is longer than the belt blocks both.
-    covered : bool
-        Whether the outfeed eye is blocked by an item from before the clock changed.
-    given_up, abandoned : deque of Item
-        Those in the states of these names, in the order in which they may come.
-    entered_last, left_last : Item or None
-        The last item that was put on the belt, and the last one that began to leave.
-    begun : Item or None
-        The item of the last t1, also after its clock has gone.
-    freed : int or None
-        ns, when something unknown had left.
-    cleared_first : int or None
-        ns, when the infeed eye cleared that was never seen to be blocked.
-    clock_is_new : bool
-        Whether no edge of the infeed eye has come by the present clock.
-    runs_on : bool
-        Whether the belt still carries what was abandoned: the clock alone has jumped.
     """
 
     def __init__(self, eyes: Eyes, transit: UsualTransit, count: int) -> None:
         self.eyes = eyes
         self.transit = transit
         self.count = count
+        # Items by their state: ENTERING or ON_BELT, in the order of their entry, and the two that
+        # the outfeed eye may see yet.
         self.items: list[Item] = []
-        self.at_infeed: Item | None = None
-        self.at_outfeed: Item | None = None
-        self.covered = False
         self.given_up: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self.abandoned: deque[Item] = deque()
+        # What blocks an eye; an item that is longer than the belt blocks both.
+        self.at_infeed: Item | None = None
+        self.at_outfeed: Item | None = None
+        self.covered = False  # the outfeed eye, by an item from before the clock changed
         self.entered_last: Item | None = None
         self.left_last: Item | None = None
-        self.begun: Item | None = None
-        self.freed: int | None = None
-        self.cleared_first: int | None = None
-        self.clock_is_new = False
-        self.runs_on = False
+        self.begun: Item | None = None  # the item of the last t1, also where its clock has gone
+        self.freed: int | None = None  # ns, when something unknown had left
+        self.cleared_first: int | None = None  # ns, the infeed eye, before it was ever blocked
+        self.clock_is_new = False  # no edge of the infeed eye has come by this clock
+        self.runs_on = False  # the belt, with what was abandoned: the clock alone has jumped
         self._recent: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
         self._finished: list[Item] = []
 

@@ -48,6 +48,10 @@ class Eyes:
         ns, when the stream began: an eye that clears then shows its state.
     newest : int or None
         ns, stamp of the youngest edge.
+    youngest : dict of Eye to EyeEdge
+        The youngest edge of each eye.
+    latest : dict of Eye to EyeEdge
+        The edge of each eye that came last.
     """
 
     def __init__(self, debounce: int, max_transit: int) -> None:
@@ -56,14 +60,14 @@ class Eyes:
         self.newest: int | None = None
         self._max_transit = max_transit
         self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # the latest, a set
-        self._youngest: dict[Eye, EyeEdge] = {}
-        self._latest: dict[Eye, EyeEdge] = {}  # by arrival
+        self.youngest: dict[Eye, EyeEdge] = {}
+        self.latest: dict[Eye, EyeEdge] = {}
         self._first: dict[Eye, int] = {}
 
     @property
     def any_blocked(self) -> bool:
         """Whether an eye is blocked."""
-        return any(edge.blocked for edge in self._youngest.values())
+        return any(edge.blocked for edge in self.youngest.values())
 
     def knows(self, edge: EyeEdge) -> bool:
         """Tell whether an edge has come before."""
@@ -79,26 +83,12 @@ class Eyes:
             self._known.popitem(last=False)
         return True
 
-    def youngest(self, eye: Eye) -> EyeEdge | None:
-        """Return the youngest edge of an eye."""
-        return self._youngest.get(eye)
-
     def take(self, edge: EyeEdge) -> EyeEdge | None:
         """Take an edge as the youngest of its eye; return the one that was so before."""
-        previous = self._youngest.get(edge.eye)
-        self._youngest[edge.eye] = self._latest[edge.eye] = edge
+        previous = self.youngest.get(edge.eye)
+        self.youngest[edge.eye] = self.latest[edge.eye] = edge
         self._first.setdefault(edge.eye, edge.stamp)
         return previous
-
-    def take_late(self, edge: EyeEdge) -> EyeEdge | None:
-        """Take an edge after a younger one; return the one of its eye that came last before it."""
-        previous = self._latest.get(edge.eye)
-        self._latest[edge.eye] = edge
-        return previous
-
-    def set_youngest(self, edge: EyeEdge) -> None:
-        """Have an edge that came late be the youngest of its eye."""
-        self._youngest[edge.eye] = edge
 
     def flickers(self, switch: Switch) -> bool:
         """Tell whether an edge is chatter; where the one between was lost, for twice as long."""
@@ -127,7 +117,7 @@ class Eyes:
         Whether an eye is blocked still holds, but no edge is chatter of it.
         """
         self._known.clear()
-        self._latest.clear()
-        for eye, edge in self._youngest.items():
-            self._youngest[eye] = replace(edge, stamp=_LONG_AGO)
+        self.latest.clear()
+        for eye, edge in self.youngest.items():
+            self.youngest[eye] = replace(edge, stamp=_LONG_AGO)
         self.newest = None

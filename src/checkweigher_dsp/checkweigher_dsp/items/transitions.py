@@ -382,9 +382,10 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
-    if belt.eyes.flickers(Switch(edge.stamp, belt.eyes.take_late(edge), None, edge.blocked)):
+    youngest, latest = belt.eyes.youngest.get(edge.eye), belt.eyes.latest.get(edge.eye)
+    belt.eyes.latest[edge.eye] = edge
+    if belt.eyes.flickers(Switch(edge.stamp, latest, None, edge.blocked)):
         return
-    youngest = belt.eyes.youngest(edge.eye)
     if edge.eye == Eye.INFEED and _complete_entry(belt, edge, youngest):
         return
     if youngest is None or edge.stamp >= youngest.stamp:
@@ -411,7 +412,7 @@ def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool
         item = last  # it may have left meanwhile
         item.t2, belt.at_infeed = edge.stamp, None
         belt.move(item, State.ON_BELT)
-        belt.eyes.set_youngest(edge)
+        belt.eyes.youngest[edge.eye] = edge
     else:
         item = belt.without_t2(edge.stamp)
         if item is not None:

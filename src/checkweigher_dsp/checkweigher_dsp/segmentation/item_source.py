@@ -39,27 +39,12 @@ class ItemSource:
         self._buffer = buffer
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
         self._queue = EdgeQueue(self._lateness)
-        self._tracker = ItemTracker(
+        self.tracker = ItemTracker(
             round(NANOSECONDS * parameters.debounce_time),
             parameters.max_transit(load_cell.weigh_length),
             item_count,
             load_cell.weigh_length / parameters.product_length if known else 0.0,
         )
-
-    @property
-    def count(self) -> int:
-        """Number of the last item that entered."""
-        return self._tracker.count
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no item is on the belt and both eyes are clear."""
-        return self._tracker.is_empty
-
-    @property
-    def empty_since(self) -> int | None:
-        """When the last item had left, ns; None if none was there."""
-        return self._tracker.empty_since
 
     def add(self, edge: EyeEdge) -> list[Item]:
         """Take an edge and return the items whose last edge the samples have reached."""
@@ -68,7 +53,7 @@ class ItemSource:
 
     def advance(self) -> list[Item]:
         """Return the items that more samples have reached, and those that must have left by now."""
-        buffer, tracker = self._buffer, self._tracker
+        buffer, tracker = self._buffer, self.tracker
         tracker.begin(buffer.origin)
         items = self._reached()
         now = buffer.last_stamp if tracker.overdue_after is not None else None
@@ -90,7 +75,7 @@ class ItemSource:
 
     def give_up(self, reason: Reason) -> list[Item]:
         """Return the items on the belt, with `reason`: nothing more will come of them."""
-        return [item.snapshot() for item in self._tracker.give_up(reason)]
+        return [item.snapshot() for item in self.tracker.give_up(reason)]
 
     def edges_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
         """Take out the edges of a clock that jumps to `stamp`, ns, forward or back."""
@@ -99,7 +84,7 @@ class ItemSource:
     def change_clock(self, edges: Iterable[EyeEdge], *, forward: bool) -> None:
         """Go on by another clock, with those of its edges that have come already."""
         self._queue.put_back(edges)
-        self._tracker.forget(backwards=not forward)
+        self.tracker.forget(backwards=not forward)
 
     def _reached(self) -> list[Item]:
         buffer = self._buffer
@@ -109,4 +94,4 @@ class ItemSource:
         return self._track(self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= end))
 
     def _track(self, edges: Iterable[EyeEdge]) -> list[Item]:
-        return [item.snapshot() for edge in edges for item in self._tracker.add(edge)]
+        return [item.snapshot() for edge in edges for item in self.tracker.add(edge)]

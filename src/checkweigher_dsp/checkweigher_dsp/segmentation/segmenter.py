@@ -80,7 +80,7 @@ class Segmenter:
     @property
     def item_count(self) -> int:
         """Number of the last item that entered."""
-        return self._source.count
+        return self._source.tracker.count
 
     def take(self, record: SampleBlock | EyeEdge) -> list[WeighWindow]:
         """Take a block of samples or an edge and return the windows that it completes."""
@@ -184,9 +184,9 @@ class Segmenter:
     def _empty_span(self) -> Span | None:
         """Return the samples of a belt that surely is empty and settled; None if it is not."""
         buffer = self._buffer
-        if buffer.empty or not self._source.is_empty:
+        if buffer.empty or not self._source.tracker.is_empty:
             return None
-        begin, left = buffer.start, self._source.empty_since
+        begin, left = buffer.start, self._source.tracker.empty_since
         if left is not None:
             begin = max(begin, buffer.index_at(left + self._settle_time))
         return begin, buffer.end - self._late
