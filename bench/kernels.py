@@ -22,7 +22,8 @@ from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters, identify_passes
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.records import Reference, WeighWindow
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
 
 BAGS = Path(__file__).parent.parent / 'bags'

@@ -19,7 +19,7 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
 # Of the mass. The masses and their sums differ by more; without disturbances a window that is
 # whole is far better.

@@ -14,7 +14,8 @@ from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, Ident
 from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import Reference, SampleBlock
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
 
 BAGS = Path(__file__).parents[3] / 'bags'

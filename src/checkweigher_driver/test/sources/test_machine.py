@@ -16,7 +16,8 @@ from checkweigher_dsp.estimation.identifier import Identifier
 from checkweigher_dsp.parameters import Parameters
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, SampleBlock
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 

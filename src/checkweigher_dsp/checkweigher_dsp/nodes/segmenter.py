@@ -26,7 +26,8 @@ from checkweigher_dsp.ros.conversion import (
 )
 from checkweigher_dsp.ros.held_publisher import HeldPublisher
 from checkweigher_dsp.ros.stage_node import StageNode, run
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Samples and edges that come before load_cell/info are kept: it is latched and soon there.
 _MAX_EARLY = 10_000

@@ -18,7 +18,8 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_dsp.rejection.parameters import SHARED_WITH_SEGMENTER, RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting')

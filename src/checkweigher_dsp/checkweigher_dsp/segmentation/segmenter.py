@@ -19,8 +19,6 @@ from checkweigher_dsp.segmentation.window_cutter import WindowCutter
 from checkweigher_dsp.segmentation.zero_keeper import Span, ZeroAnswer, ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 
-__all__ = ['Segmenter', 'SegmenterParameters']
-
 _LONGEST_PIECE = NANOSECONDS  # of a block that is taken at once, ns
 
 

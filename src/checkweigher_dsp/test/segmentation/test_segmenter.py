@@ -8,7 +8,8 @@ import pytest
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 DEFAULT = SegmenterParameters()
 

@@ -9,7 +9,8 @@ import pytest
 
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 DEFAULT = SegmenterParameters()
 LATENESS = 0.3

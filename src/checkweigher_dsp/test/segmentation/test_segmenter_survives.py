@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '300'))
 MS = 1_000_000

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 
 @pytest.fixture(scope='module')

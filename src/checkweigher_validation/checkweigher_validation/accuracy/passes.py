@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.records import NANOSECONDS, LoadCell, Reference, WeighWindow
-from checkweigher_dsp.segmentation.segmenter import Segmenter, SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.recording import Event
 
 # A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.

@@ -8,7 +8,7 @@ from joblib import delayed
 import numpy as np
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches

@@ -10,7 +10,7 @@ import pytest
 
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.records import Eye, EyeEdge, Reference, WeighWindow
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.passes import (
     KnownPass,

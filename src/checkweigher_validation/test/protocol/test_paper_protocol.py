@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.errors import average, coverage
 from checkweigher_validation.protocol.paper_protocol import (
     MASSES,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
     IMPACT_DURATION,

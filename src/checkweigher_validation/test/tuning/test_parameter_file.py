@@ -6,7 +6,7 @@ import re
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.passes import group_by_speed, known_passes
 from checkweigher_validation.tuning.parameter_file import parameter_file

@@ -10,7 +10,7 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.fir_model import fit_fir
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes

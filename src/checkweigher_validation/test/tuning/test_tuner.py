@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.segmentation.segmenter import SegmenterParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
