@@ -59,13 +59,7 @@ def join(
 
 
 class _Run:
-    """Blocks that follow each other without a gap.
-
-    Parameters
-    ----------
-    sample_rate, longest : float
-        Hz, and s of signal that are joined at most.
-    """
+    """Blocks that follow each other without a gap and are to become one."""
 
     def __init__(self, sample_rate: float, longest: float) -> None:
         self._sample_rate = sample_rate
@@ -157,15 +151,7 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
 
 
 def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
-    """Return the numbers of the blocks that begin a joined block.
-
-    Parameters
-    ----------
-    blocks : BlockColumns
-        In canonical order.
-    sample_rate, longest : float
-        Hz, and s of signal that are joined at most.
-    """
+    """Return the numbers of the blocks, in canonical order, that begin a joined block."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
     # A difference of unsigned numbers may have gone around.

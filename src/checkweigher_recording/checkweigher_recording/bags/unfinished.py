@@ -217,40 +217,32 @@ def _places(data: bytes) -> Iterator[tuple[int, int]]:
 
 
 def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
-    """Tell whether the length of a record agrees with the lengths in what is there of it.
+    """Tell whether the length that a record states agrees with the lengths inside it.
 
-    A wrong length would hide all that is behind it: the file would seem to be cut there.
-
-    Parameters
-    ----------
-    data : bytes
-        Of the file.
-    begin, length : int
-        Position of the record, and the length that it states.
-    size : int
-        Bytes of the file that have been written.
+    A wrong length would hide all records behind it: the file would seem to be cut there. Of `data`
+    the first `size` bytes have been written, so the end of the record may be missing.
     """
 
     def number(offset: int, width: int) -> int:
         return int.from_bytes(data[position + offset : position + offset + width], 'little')
 
     opcode, position = data[begin], begin + _HEAD_SIZE
-    there = size - position
+    available = size - position
     if opcode not in _DATA_OPCODES:
         return False
     if opcode == Opcode.CHUNK:
         # Two log times, size and check sum; length of the name of a compression, name; length, data
-        name = number(28, 4) if there >= 32 else 0
+        name = number(28, 4) if available >= 32 else 0
         head = 32 + name + 8
-        if there < head:
+        if available < head:
             return name <= 16 and length >= head
         return length == head + number(head - 8, 8)
     if opcode == Opcode.MESSAGE_INDEX:
         # Channel; length, entries
-        return length >= 6 if there < 6 else length == 6 + number(2, 4)
+        return length >= 6 if available < 6 else length == 6 + number(2, 4)
     if opcode == Opcode.DATA_END:
         return length == 4
-    return length <= there or there < _LONGEST
+    return length <= available or available < _LONGEST
 
 
 def _records(record: bytes) -> list[McapRecord]:
