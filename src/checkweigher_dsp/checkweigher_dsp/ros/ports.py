@@ -50,30 +50,30 @@ STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 
 @dataclass(frozen=True)
 class Form:
-    """How a record stands in its message, where that is not field by field under the same names.
+    """How a record stands in its message: field by field under the same names, but for these.
 
     Attributes
     ----------
     message_type : str
         As ROS names it, with ``/msg/`` or ``/srv/``.
     stamp : str
-        Field of the record that is the stamp of the header; ``''`` where the caller gives the
-        stamp. The field stands in the header alone unless `names` has it.
+        Field of the record that is the stamp of the header, and in the header alone unless
+        `names` has it; ``''`` where the caller gives the stamp.
     frame : str or callable
         ``frame_id`` of the header, or how it follows from the record.
     names : mapping of str to str
-        Field of the message by field of the record, where the names differ.
+        Field of the message by field of the record.
     lacks : tuple of str
-        Fields of the record that the message does not have; a record that is read has the default.
+        Last fields of the record that the message does not have; they are read as their defaults.
     derived : mapping of str to callable
         Fields of the message that follow from the record.
     unknown : mapping of str to object
-        What is taken for a value that an enumeration does not have, by field; without an entry
-        such a message is refused.
+        Member that is read for a value that the enumeration of a field does not have; without it
+        the message is refused.
     absent : mapping of str to object
-        Fields of the message that says that there is no such record; empty if there is none.
+        Fields of the message that there is no such record, empty if there is no such message.
     amend : callable, optional
-        Takes a message and its record, and returns the record that is meant.
+        Takes a message and the record that was read of it, and returns the record that is meant.
     """
 
     message_type: str
@@ -94,7 +94,7 @@ def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
 
 
 _WEIGHED = 1  # of MassEstimate.status
-_STOP, _RUN = 0, 1  # of StopRequest.state
+_RUN = 1  # of StopRequest.state; 0 is STOP
 
 FORMS: dict[type, Form] = {
     LoadCell: Form('checkweigher_msgs/msg/LoadCellInfo', stamp='', frame='load_cell'),
@@ -128,7 +128,7 @@ FORMS: dict[type, Form] = {
         frame='rejector',
         unknown={'reason': StopReason.UNKNOWN},
         lacks=('text',),
-        derived={'state': lambda _: _STOP, 'hint': lambda request: request.hint},
+        derived={'hint': lambda request: request.hint},
         absent={'state': _RUN},
     ),
     Statistics: Form('checkweigher_msgs/msg/Statistics'),
