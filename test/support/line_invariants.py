@@ -1,4 +1,4 @@
-"""What must hold on every line, however it was spoilt, and counts of what came of it."""
+"""Properties that hold on every spoilt line, and counts of what came of it."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -225,7 +225,7 @@ def _candidates(
         # A verdict does not tell t2; without an estimate it may be any.
         numbers |= {n for (name, _), of_it in products.items() if name == 't2' for n in of_it}
     if verdict.t1 is None and t2 is None:
-        # Which of those that left had been seen to enter nothing tells.
+        # Which of those that left had been seen to enter is not known.
         shown = {n for (name, _), of_it in products.items() if name in ('t1', 't2') for n in of_it}
         numbers |= set().union(*products.values()) - shown
     return numbers
@@ -249,8 +249,8 @@ def _without_partner(candidates: Sequence[set[int]]) -> list[int]:
 def _sound_product(line: SpoiltLine, item: Verdict | MassEstimate) -> int | None:
     """Return the number of the sound product that left at t3, None if it did not enter at t1.
 
-    Without a known length nothing tells a long product from one that was taken off with its t2 lost
-    and a next one with its t1 lost. What is weighed is the next one, and right.
+    Without a known length a long product looks like one that was taken off with its t2 lost and a
+    next one with its t1 lost. What is weighed is the next one, and right.
     """
     for number, (truth, sound) in enumerate(zip(line.truth, line.sound, strict=True)):
         if not sound or truth.get('t3') != item.t3:

@@ -1,4 +1,4 @@
-"""Lines on which everything goes wrong that can: what really happened, and what the stages hear.
+"""Lines on which everything goes wrong that can: the truth, and what the stages hear of it.
 
 A line is drawn in two steps: what happens to the products (too close, belt stopped or slower, taken
 off), and what happens to the messages (lost, twice, late, in a wrong order, chatter, jumps of clock
@@ -26,7 +26,7 @@ MASSES = (0.11, 0.23, 0.17, 0.31, 0.13, 0.4)  # kg, none within 3 % of another o
 BLOCK = 96  # samples
 DEBOUNCE = 5 * MS  # ns; what comes sooner after another product is one with it
 LEAD_IN, RUN_OUT = 1.0, 1.0  # s
-LATENESS = 2 * NANOSECONDS  # ns; what comes later than that is of a stream that begins anew
+LATENESS = 2 * NANOSECONDS  # ns; what comes later is of a stream that starts again
 NOISE = 1e-4 * np.random.Generator(np.random.PCG64(1)).standard_normal(1 << 17)  # kg
 EDGES = {
     't1': (Eye.INFEED, True),
@@ -102,8 +102,8 @@ class SpoiltLine:
         What the infeed eye has shown to enter, each as the products in it: more than one where the
         edges between them were lost. Edges that came after a younger one of that eye show nothing.
     sound : tuple of bool
-        Whether a product was alone on the belt from t2 to t3, as far as the eyes could know, and
-        the clock one from t1 to t3.
+        Whether a product was alone on the belt from t2 to t3, by what the eyes could know, and
+        the clock was one from t1 to t3.
     alone : tuple of bool
         Whether it really was alone.
     """
@@ -235,7 +235,7 @@ def _entries_shown(
 ) -> tuple[tuple[int, ...], ...]:
     """Return the products that the infeed eye has shown, in one where it has shown one."""
     entries: list[tuple[int, ...]] = []
-    cleared = True  # behind the product before, as far as the eye has shown
+    cleared = True  # behind the product before, by what the eye has shown
     for number, stamps in enumerate(truth):
         edges = [EyeEdge(stamps[name], *EDGES[name]) for name in ('t1', 't2') if name in stamps]
         heard = [edge for edge in edges if edge in came]
@@ -273,7 +273,7 @@ def _is_sound(
     number: int, products: list[Product], truth: Sequence[dict[str, int]], came: dict[EyeEdge, int],
     jumps: int,
 ) -> bool:  # fmt: skip
-    """Tell whether a product could be weighed, as far as the eyes knew when its window closed."""
+    """Tell whether a product could be weighed, by what the eyes knew when its window closed."""
     product = products[number]
     if product.t2 is None or product.t3 is None or product.t1 < jumps < product.t3:
         return False
@@ -281,7 +281,7 @@ def _is_sound(
     def place(of: int, name: str) -> int:
         return came.get(EyeEdge(truth[of].get(name, 0), *EDGES[name]), _NEVER)
 
-    # An item that the eye showed as one with another nobody could know of.
+    # An item that the eye showed as one with another could not be known.
     apart = {entry[0] for entry in _entries_shown(truth, came)}
     return not any(
         min(place(other, 't1'), place(other, 't2')) < place(number, 't3')
@@ -301,7 +301,7 @@ def _edges(
                 edges.append((time, EyeEdge(stamp(time), eye, blocked)))
     for number, name, flickers, width in plan.chatter:
         time = products[number].at(name) if number < len(products) else None
-        # An edge that is lost but for its flicker only comes late, which nobody could know.
+        # An edge that is lost but for its flicker only comes late, which could not be known.
         if time is None or (number, name) in plan.lost:
             continue
         eye, blocked = EDGES[name]
@@ -316,7 +316,7 @@ def _edges(
         last = time + 2 * flickers * width * MS
         jumps = plan.jump.block * BLOCK * NANOSECONDS / RATE if plan.jump else last
         if time < jumps < last or stamp(last) - stamp(time) != last - time:
-            continue  # nor does the source begin anew meanwhile
+            continue  # nor does the source start again meanwhile
         for k in range(2 * flickers):
             when = time + (k + 1) * width * MS
             edges.append((when, EyeEdge(stamp(when), eye, blocked ^ (k % 2 == 0))))

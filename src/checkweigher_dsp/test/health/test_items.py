@@ -35,7 +35,7 @@ def test_faults_are_an_error_once_nothing_else_comes():
     assert watch.finding(601.0).values['items'] == 54
 
 
-def test_a_reason_that_nobody_knows_has_a_hint_as_well():
+def test_an_unknown_reason_has_a_hint_as_well():
     watch = FaultWatch()
     for _ in range(5):
         watch.add(0.0, ('of another make',))

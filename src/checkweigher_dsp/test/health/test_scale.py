@@ -66,7 +66,7 @@ def test_an_idle_line_needs_no_reading_of_the_empty_belt():
 
 
 def shaking(amplitude, frequency=24.0, *, rate=960.0, samples=480):
-    """A line of which the standard deviation is amplitude / sqrt(2), kg."""
+    """Return a sine with a standard deviation of amplitude / sqrt(2), kg."""
     return 0.1 + amplitude * np.sin(2 * np.pi * frequency * np.arange(samples) / rate)
 
 
@@ -79,7 +79,7 @@ def test_noise_and_its_frequency_are_those_of_the_signal():
     assert finding.level == Level.OK
 
 
-def test_a_stretch_of_few_samples_tells_nothing():
+def test_a_segment_of_few_samples_is_passed_over():
     watch = BeltNoiseWatch(960.0, 0.001)
     watch.add(0.0, shaking(1.0, samples=63))
     assert watch.finding(0.0).text == 'not known yet'
@@ -93,7 +93,7 @@ def test_noise_above_the_parameter_or_its_own_past_is_warned_of():
     for second in range(60):
         watch.add(second, shaking(0.001))
     for second in range(60, 63):
-        assert watch.finding(second).level == Level.OK  # two stretches may be an accident
+        assert watch.finding(second).level == Level.OK  # two segments may be an accident
         watch.add(second, shaking(0.004, 9.0))
     finding = watch.finding(63.0)
     assert finding.level == Level.WARN

@@ -48,7 +48,7 @@ def test_a_steady_stream_is_well():
     assert samples.values['received_blocks_per_s'] == pytest.approx(96.0, rel=1e-9)
     assert samples.values['sample_rate_by_stamps_hz'] == pytest.approx(960.0, rel=1e-6)
     assert samples.values['age_of_last_block_s'] == pytest.approx(0.01, abs=1e-9)
-    assert clock.values['drift_ppm'] != clock.values['drift_ppm']  # after 20 s nobody knows
+    assert clock.values['drift_ppm'] != clock.values['drift_ppm']  # after 20 s it is not known
     assert clock.values['stamps_behind_this_machine_s'] == pytest.approx(100.0 - 1.7e9, rel=1e-12)
 
 
@@ -86,7 +86,7 @@ def test_blocks_that_come_twice_or_late_are_no_gap():
     assert (values['blocks_doubled_or_late'], values['gaps']) == (2, 1)
 
 
-def test_a_source_that_begins_anew_is_told_apart_from_a_late_block():
+def test_a_source_that_starts_again_is_told_apart_from_a_late_block():
     watch, _ = watched(range(100))
     for number in range(10):
         stamp = START + 5 * NANOSECONDS + round(number * SIZE * NANOSECONDS / 960)
@@ -175,7 +175,7 @@ def test_eyes_on_another_clock_than_the_samples_are_found(offset, level):
     assert finding.level == level
 
 
-def test_eyes_of_which_one_is_blind_or_stays_blocked_are_found():
+def test_an_eye_that_is_blind_or_stays_blocked_is_found():
     eyes = EyeWatch()
     for second in range(6):
         for blocked in (True, False):

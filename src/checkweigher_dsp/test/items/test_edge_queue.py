@@ -1,4 +1,4 @@
-"""Edges wait for the samples in the order of their stamps, whatever order they came in."""
+"""Edges in any order of arrival wait for the samples in the order of their stamps."""
 
 from checkweigher_dsp.items.edge_queue import EdgeQueue
 from checkweigher_dsp.records import Eye, EyeEdge

@@ -1,4 +1,4 @@
-"""Pairing edges to items, whatever the eyes miss: the tests know which product each edge is of."""
+"""Pairing edges to items where eyes miss some: the tests know which product each edge is of."""
 
 from dataclasses import replace
 
@@ -198,12 +198,12 @@ def test_an_item_taken_off_costs_itself_and_at_most_the_next(make_line, spacing)
 
 
 def test_an_item_taken_off_before_any_was_whole_is_forgotten_in_a_pause(make_line):
-    # Nothing tells yet how long an item takes, so all that follow look like two on the belt.
+    # How long an item takes is not known yet, so all that follow look like two on the belt.
     line = make_line((0.1,) * 5, spacing=(0.6, 0.6, 2.5, 0.6))
 
     items = _track(line.edges(without=[(0, 't3'), (0, 't4')]))
 
-    # After the pause nothing tells whether the first edge is of the one that was given up.
+    # After the pause the first edge may be of the one that was given up.
     _assert_whole_but(items, line.products, {0, 1, 2, 3})
 
 

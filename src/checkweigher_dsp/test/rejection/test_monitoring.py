@@ -100,7 +100,7 @@ def test_as_many_rejects_in_a_row_as_allowed_and_no_more(decisions, limit):
         assert monitor.request.item_id == position + limit
 
 
-def test_the_first_reason_stays_until_the_reset_and_counting_begins_anew():
+def test_the_first_reason_stays_until_the_reset_and_counting_starts_again():
     monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=2))
     for number in range(1, 6):
         monitor.add_verdict(_verdict(number))
@@ -114,7 +114,7 @@ def test_the_first_reason_stays_until_the_reset_and_counting_begins_anew():
     assert monitor.request.item_id == 7
 
 
-def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_somebody_resets_it():
+def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_the_request_is_reset():
     monitor = RejectMonitor(RejectParameters())
     monitor.hear_driver('')
     assert monitor.request is None

@@ -1,4 +1,4 @@
-"""Every item that the eyes show has one verdict, with a mass or without, whatever comes when."""
+"""Every item that the eyes show has one verdict, with or without a mass, in any order."""
 
 from dataclasses import replace
 import math
@@ -152,7 +152,7 @@ def test_a_segmenter_started_with_an_item_on_the_belt_makes_no_two_of_it():
     stage = RejectStage(PARAMETERS, BELT)
     edges, estimate = _item(1)
     verdicts = []
-    # It began anew between t2 and t3: it gave the item up, and then saw it leave.
+    # It started again between t2 and t3: it gave the item up, and then saw it leave.
     first = replace(estimate, t3=None, reasons=('SourceRestarted',), mass=math.nan)
     second = replace(
         estimate, item_id=2, t1=None, t2=None, reasons=('MissingEdge', 'StartUp'), mass=math.nan
@@ -224,7 +224,7 @@ def test_a_senseless_number_is_not_taken_up(number):
 
 def test_an_item_taken_off_the_belt_has_one_verdict_too():
     stage = RejectStage(PARAMETERS, BELT)
-    # After a whole one, which tells how long an item takes.
+    # After a whole one, which shows how long an item takes.
     taken_off, _ = _item(1)
     others = [_item(0)[0], *(_item(number)[0] for number in range(5, 8))]  # 2 s later: given up
     timed = sorted(
@@ -301,7 +301,7 @@ def test_edges_before_the_load_cell_is_known_are_not_lost():
 
 
 @given(st.data())
-def test_every_item_has_exactly_one_verdict_whatever_comes_when(data):
+def test_every_item_has_exactly_one_verdict_in_any_order_of_arrival(data):
     count = data.draw(st.integers(1, 6))
     timed = []
     for number in range(1, count + 1):

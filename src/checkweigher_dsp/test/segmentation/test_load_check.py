@@ -62,7 +62,7 @@ def test_a_belt_that_was_never_seen_empty_for_long_is_taken_for_one_that_does_no
         assert not LoadCheck().is_steady(_window(0.12), belt, ZERO)
 
 
-def test_a_short_stretch_counts_until_a_longer_one_is_seen():
+def test_a_short_segment_counts_until_a_longer_one_is_seen():
     check = LoadCheck()
     swing = 0.3 * LOAD * np.sin(5 * np.pi * np.arange(SIZE - 1) / SIZE)
     shaking = np.rint(ZERO + swing).astype(np.int32)

@@ -99,7 +99,7 @@ def test_time_and_index_of_a_block():
     assert buffer.index_at(25_000_000) == 120  # yet to come
 
 
-def test_each_block_ties_the_index_to_the_clock_anew():
+def test_each_block_ties_the_index_to_the_clock_again():
     buffer = SampleBuffer(1000.0, 1.0)
     buffer.append(SampleBlock(0, 0, np.zeros(10, np.int32)))
     # The source's crystal is slow: the second block is 0.4 ms late.
@@ -199,7 +199,7 @@ def test_a_block_later_in_time_but_not_in_index_is_a_restart(first, late, restar
         (960, 5000, False),  # not of the first second: a late one
     ],
 )
-def test_the_beginning_again_is_a_restart_whatever_its_time(first, end, restart):
+def test_the_beginning_again_is_a_restart_at_any_time(first, end, restart):
     buffer = _filled((0, end))
     block = SampleBlock(_stamp(first), first, np.zeros(10, np.int32))
 

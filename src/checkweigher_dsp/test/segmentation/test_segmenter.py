@@ -67,17 +67,17 @@ def test_a_window_begins_at_or_after_t2_and_ends_before_t3(
         (0.35, [], 850, 450),  # t1 = 1.35 s
         (0.8, [], 1300, 0),
         (2.0, [], 2500, 0),
-        (0.6, [(0, 't4')], 1100, 300),  # as far as is known: twice its length after t3 = 1.2 s
+        (0.6, [(0, 't4')], 1100, 300),  # at the latest: twice its length after t3 = 1.2 s
     ],
 )
-def test_a_window_tells_its_time_and_from_when_on_the_belt_was_empty(
+def test_a_window_has_its_time_and_from_when_on_the_belt_was_empty(
     make_line, cut, milli_cell, spacing, lost, first, empty_begin
 ):
     line = make_line((0.2, 0.1), spacing=spacing, load_cell=milli_cell)
 
     windows = cut(line, without=lost)
 
-    # 0.5 s before t1; before the first item nobody has seen anything leave.
+    # 0.5 s before t1; before the first item the eyes have seen nothing leave.
     assert [window.first_index for window in windows] == [500, first]
     assert [window.stamp - line.start for window in windows] == [500_000_000, first * 1_000_000]
     assert [window.empty_begin for window in windows] == [0, empty_begin]
@@ -87,7 +87,7 @@ def test_a_window_tells_its_time_and_from_when_on_the_belt_was_empty(
     ('spacing', 'lost', 'empty_begin'),
     [
         (0.25, [], 550),  # it left at 1.3 s, which is 0.05 s after the second one began to enter
-        (0.32, [(0, 't4')], 580),  # as far as is known: twice its length after t3 = 1.2 s
+        (0.32, [(0, 't4')], 580),  # at the latest: twice its length after t3 = 1.2 s
     ],
 )
 def test_an_item_that_enters_while_another_leaves_is_alone_later(

@@ -309,7 +309,7 @@ def test_no_spoilt_stream_loses_an_item_or_makes_a_wrong_window(
 
 
 @pytest.mark.parametrize('duration', [1.0, 30.0])  # within what is kept of the signal, and beyond
-def test_a_recording_played_in_a_loop_begins_anew_each_time(make_line, run_segmenter, duration):
+def test_a_recording_played_in_a_loop_starts_again_each_time(make_line, run_segmenter, duration):
     line = make_line((0.1, 0.2), first_entry=3.0, after=duration)
     events = line.events()
     # The second time it is broken off with the second product on the belt.

@@ -10,7 +10,7 @@ from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTr
 # Every reading is credited with a variance of 1e-8 of the initial one at least, which in these
 # examples is up to 3e-6 of its own.
 LEAST_NOISE = 1e-5
-RATE = 40.0  # at which four samples are the shortest stretch that is averaged
+RATE = 40.0  # at which four samples are the shortest segment that is averaged
 
 
 def _counts(*values):
@@ -39,7 +39,7 @@ def test_two_steps_of_the_filter():
     assert second.std_dev == pytest.approx(math.sqrt(2.5 * (1 - gain)), rel=LEAST_NOISE)
 
 
-def test_the_ends_of_a_stretch_count_less():
+def test_the_ends_of_a_segment_count_less():
     tracker = ZeroTracker(0.0, 1e6, 0.0, RATE)
 
     zero = tracker.update(0.0, _counts(10, 0, 0, 0))
@@ -48,7 +48,7 @@ def test_the_ends_of_a_stretch_count_less():
     assert zero.counts == pytest.approx(10 * math.sin(math.pi / 5) ** 2 / 2.5, rel=1e-6)
 
 
-def test_a_stretch_too_short_to_average_counts_with_its_whole_variance():
+def test_a_segment_too_short_to_average_counts_with_its_whole_variance():
     tracker = ZeroTracker(0.0, 2.0, 0.0, 300.0)
 
     zero = tracker.update(0.0, _counts(1, 5, 1, 5))
@@ -189,14 +189,14 @@ def test_a_zero_beyond_the_range_is_not_to_be_trusted(level, trusted):
     assert tracker.update(0.0, _counts(*[level] * 8)).trusted == trusted
 
 
-def test_a_stretch_that_is_not_at_rest_is_passed_over():
+def test_a_segment_that_is_not_at_rest_is_passed_over():
     tracker = ZeroTracker(9.0, 2.0, 0.0, RATE, ZeroLimits(stability=5.0))
 
     assert tracker.update(0.0, _counts(10, 10, 16, 16)) == Zero(9.0, 2.0)
     assert tracker.update(1.0, _counts(10, 10, 14, 14)).counts > 9.0
 
 
-def test_a_stretch_is_at_rest_if_all_its_parts_are():
+def test_a_segment_is_at_rest_if_all_its_parts_are():
     # At 40 Hz parts are 4 samples: both halves of this are 12.
     tracker = ZeroTracker(9.0, 2.0, 0.0, 40.0, ZeroLimits(stability=5.0))
 
