@@ -14,7 +14,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from checkweigher_bringup.replaying import write_parameter_file
+from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_dsp.ros.executor import make_executor
 from checkweigher_dsp.ros.ports import NODES
 

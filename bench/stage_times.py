@@ -21,7 +21,7 @@ from typing import Any
 from graph import parameters, write_line
 
 from checkweigher_bringup import line
-from checkweigher_bringup.replaying import write_parameter_file
+from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_dsp.nodes.denoise import DenoiseNode

@@ -1,13 +1,10 @@
-"""The graph that plays a bag: in this process or in one process per node."""
+"""The graph that plays a bag, in this process or in one process a node, and what comes of it."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 import queue
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from typing import Any
@@ -15,12 +12,18 @@ from typing import Any
 from checkweigher_msgs.msg import StreamStatus
 from rclpy.duration import Duration
 from rclpy.node import Node
-import yaml
 
 from checkweigher_bringup.errors import LineError, UserError
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
-from checkweigher_bringup.spinning import Spinner, ros_arguments, spinning
+from checkweigher_bringup.spinning import (
+    Process,
+    Spinner,
+    node_command,
+    running_processes,
+    spinning,
+    write_parameter_file,
+)
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 from checkweigher_dsp.ros import ports
@@ -147,10 +150,17 @@ def replay(plan: Replay) -> Iterator[Weighing]:
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
             raise collector.conflict()
-        children: list[subprocess.Popen[bytes]] = []
+        children: list[Process] = []
         nodes: list[Node] = []
         if plan.processes:
-            children = stack.enter_context(_processes(plan))
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='checkweigher-'))
+            file = Path(folder, 'parameters.yaml')
+            write_parameter_file(file, plan.node_parameters())
+            commands = {
+                name: node_command(ports.NODES[name], plan.namespace, file)
+                for name in ('driver', *ports.STAGES)
+            }
+            children += stack.enter_context(running_processes(commands)).values()
         else:
             values = plan.node_parameters()
             nodes += [make_stage(values[name]) for name, make_stage in STAGE_NODES.items()]
@@ -164,7 +174,7 @@ def replay(plan: Replay) -> Iterator[Weighing]:
 
 
 def _results(
-    collector: Collector, children: Sequence[subprocess.Popen[bytes]], spinner: Spinner
+    collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
         # Asked before the queue is emptied: what comes last is in the queue by then.
@@ -192,41 +202,3 @@ def _wait_until_taken(nodes: Sequence[Node]) -> None:
     for node in nodes:
         for publisher in node.publishers:
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
-
-
-@contextmanager
-def _processes(plan: Replay) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run each node in a process; all are ended at the end."""
-    children: list[subprocess.Popen[bytes]] = []
-    with tempfile.TemporaryDirectory(prefix='checkweigher-') as folder:
-        file = Path(folder, 'parameters.yaml')
-        write_parameter_file(file, plan.node_parameters())
-        try:
-            for node in (*ports.STAGES, 'driver'):
-                module = ports.NODES[node]
-                command = [sys.executable, '-m', module, '--ros-args', '--params-file', str(file)]
-                children.append(subprocess.Popen([*command, *ros_arguments(plan.namespace)]))
-            yield children
-        finally:
-            for child in children:
-                child.send_signal(signal.SIGINT)
-            for child in children:
-                try:
-                    child.wait(timeout=5)
-                except subprocess.TimeoutExpired:
-                    child.kill()
-                    child.wait()
-
-
-def write_parameter_file(path: Path, parameters: dict[str, dict[str, object]]) -> None:
-    """Write a ROS parameter file with a section for each node."""
-    content = {
-        f'/**/{node}': {
-            'ros__parameters': {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in values.items()
-            }
-        }
-        for node, values in parameters.items()
-    }
-    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')

@@ -1,8 +1,7 @@
-"""What `run` does: keep the processes of a live line running and show what comes out of it."""
+"""A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 import queue
 import signal
@@ -16,61 +15,33 @@ from typing import Any
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import Table
-from checkweigher_bringup.replaying import write_parameter_file
-from checkweigher_bringup.spinning import ros_arguments, spinning
-from checkweigher_bringup.supervision import CANNOT_START, Action, Patience, Supervision
+from checkweigher_bringup.spinning import (
+    Process,
+    end_process,
+    node_command,
+    spinning,
+    write_parameter_file,
+)
+from checkweigher_bringup.supervision import CANNOT_START, Action, Supervision
 from checkweigher_dsp.ros import ports
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
-_END_PATIENCE = 5.0  # s, for a process to end by itself
 LINE = {'line': 'checkweigher_bringup.line'}
-
-
-@dataclass(frozen=True)
-class Run:
-    """What line to run and how.
-
-    Attributes
-    ----------
-    params : Path or None
-        ROS parameter file.
-    namespace : str
-        Of the lane.
-    processes : bool
-        Whether each node has a process of its own.
-    overrides : mapping
-        Parameters that win over the file, for each node.
-    patience : Patience
-        Of the supervision.
-    """
-
-    params: Path | None = None
-    namespace: str = ''
-    processes: bool = False
-    overrides: Mapping[str, dict[str, object]] = field(default_factory=dict)
-    patience: Patience = field(default_factory=Patience)
-
-    @property
-    def modules(self) -> dict[str, str]:
-        """Name and module of each process."""
-        return ports.NODES if self.processes else LINE
 
 
 class _Process:
     """One process of the line under supervision."""
 
-    def __init__(self, name: str, command: Sequence[str], patience: Patience) -> None:
-        self.name = name
+    def __init__(self, name: str, command: Sequence[str]) -> None:
+        self._name = name
         self._command = command
-        self._supervision = Supervision(patience)
-        self._child: subprocess.Popen[bytes] | None = None
-
-    def heard(self, now: float) -> None:
-        self._supervision.heard(now)
+        self._supervision = Supervision()
+        self._child: Process | None = None
+        self.heard = self._supervision.heard
 
     def look(self, now: float) -> bool:
-        """Do what has to be done; return whether the line can go on."""
+        """Start or kill the process if that is due; return whether the line can go on."""
         if self._child is not None and (status := self._child.poll()) is not None:
             self._child = None
             self._supervision.ended(now, status)
@@ -80,7 +51,7 @@ class _Process:
             self._child = subprocess.Popen(self._command, process_group=0)
             away = self._supervision.started(now)
             if self._supervision.reason:
-                _say(f'{self.name}: {self._supervision.reason}; started again after {away:.1f} s')
+                _say(f'{self._name}: {self._supervision.reason}; started again after {away:.1f} s')
         elif action is Action.KILL and self._child is not None:
             self._child.kill()
         return action is not Action.GIVE_UP
@@ -90,18 +61,12 @@ class _Process:
             self._child.send_signal(signal.SIGINT)
 
     def wait(self) -> None:
-        if self._child is None:
-            return
-        try:
-            self._child.wait(timeout=_END_PATIENCE)
-        except subprocess.TimeoutExpired:
-            _say(f'{self.name}: does not end; killed')
-            self._child.kill()
-            self._child.wait()
+        if self._child is not None and not end_process(self._child):
+            _say(f'{self._name}: did not end; killed')
 
 
 class _Listener(EchoNode):
-    """Listens to results and to the diagnostics of the lane."""
+    """Listen to the results and the diagnostics of the lane."""
 
     def __init__(self, alive: Callable[[str], None]) -> None:
         super().__init__()
@@ -116,12 +81,29 @@ class _Listener(EchoNode):
                 self._alive(name.split(':')[0])
 
     def has_driver(self) -> bool:
-        """Tell whether somebody publishes samples in this lane."""
+        """Return whether a node publishes samples in this lane."""
         return self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)) > 0
 
 
-def run_line(plan: Run) -> int:
+def run_line(
+    params: Path | None,
+    namespace: str,
+    driver: Mapping[str, object],
+    *,
+    one_process: bool,
+) -> int:
     """Run the line until SIGINT or SIGTERM and return the exit status.
+
+    Parameters
+    ----------
+    params : Path or None
+        ROS parameter file.
+    namespace : str
+        Of the lane.
+    driver : mapping
+        Parameters of the driver that win over the file.
+    one_process : bool
+        Whether all nodes share a process.
 
     Raises
     ------
@@ -134,9 +116,17 @@ def run_line(plan: Run) -> int:
 
     signal.signal(signal.SIGTERM, end)
     with tempfile.TemporaryDirectory(prefix='checkweigher-') as folder:
-        processes = _processes(plan, Path(folder, 'overrides.yaml'))
+        files = [] if params is None else [params]
+        if driver:
+            files.append(Path(folder, 'driver.yaml'))
+            write_parameter_file(files[-1], {'driver': driver})
+        modules = LINE if one_process else ports.NODES
+        processes = {
+            name: _Process(name, node_command(module, namespace, *files))
+            for name, module in modules.items()
+        }
         try:
-            with spinning(plan.namespace) as spinner:
+            with spinning(namespace) as spinner:
                 heard: queue.SimpleQueue[str] = queue.SimpleQueue()
                 node = _Listener(heard.put)
                 spinner.add(node)
@@ -152,23 +142,6 @@ def run_line(plan: Run) -> int:
                     _end(processes)
         except KeyboardInterrupt:
             return 130
-
-
-def _processes(plan: Run, overrides: Path) -> dict[str, _Process]:
-    arguments = ['--ros-args']
-    if plan.params is not None:
-        arguments += ['--params-file', str(plan.params)]
-    if plan.overrides:
-        write_parameter_file(overrides, dict(plan.overrides))
-        arguments += ['--params-file', str(overrides)]
-    return {
-        name: _Process(
-            name,
-            [sys.executable, '-m', module, *arguments, *ros_arguments(plan.namespace)],
-            plan.patience,
-        )
-        for name, module in plan.modules.items()
-    }
 
 
 def _supervise(

@@ -1,17 +1,25 @@
-"""Running nodes beside the command that uses them."""
+"""Nodes beside the command that uses them: in its process, or in processes of their own."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
+import signal
+import subprocess
+import sys
 import threading
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+import yaml
 
 from checkweigher_dsp.ros.delivery import Delivery, delivering
 from checkweigher_dsp.ros.executor import make_executor
 
+Process = subprocess.Popen[bytes]
+
+_PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
 _PATIENCE = 10.0  # s
 _END_PATIENCE = 2.0  # s
 
@@ -105,3 +113,50 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
 def ros_arguments(namespace: str) -> list[str]:
     """Return the ROS arguments that put nodes into a namespace."""
     return ['--ros-args', '-r', f'__ns:=/{namespace}'] if namespace else []
+
+
+def node_command(module: str, namespace: str = '', *parameter_files: Path) -> list[str]:
+    """Return the command that runs the nodes of a module, with the parameters of files."""
+    files = [word for file in parameter_files for word in ('--params-file', str(file))]
+    arguments = ['--ros-args', *files, *ros_arguments(namespace)]
+    return [sys.executable, '-m', module, *arguments]
+
+
+def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
+    """Write a ROS parameter file with a section for each node."""
+    content = {
+        f'/**/{node}': {
+            'ros__parameters': {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in values.items()
+            }
+        }
+        for node, values in parameters.items()
+    }
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+
+
+@contextmanager
+def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
+    """Run commands for as long as the block lasts; SIGINT ends them, in their order."""
+    started: dict[str, Process] = {}
+    try:
+        for name, words in commands.items():
+            started[name] = subprocess.Popen(words)
+        yield started
+    finally:
+        for process in started.values():
+            process.send_signal(signal.SIGINT)
+        for process in started.values():
+            end_process(process)
+
+
+def end_process(process: Process) -> bool:
+    """Wait until a process has ended, and kill it if it does not; return whether it ended."""
+    try:
+        process.wait(timeout=_PROCESS_PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return False
+    return True

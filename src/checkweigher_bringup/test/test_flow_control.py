@@ -9,13 +9,13 @@ import time
 from typing import Any
 
 from graph import make_stages, wait_for
-from processes import command, parameter_file, started
+from processes import parameter_file
 import pytest
 from rclpy.node import Node
 from running import BAGS
 from verdicts import offline_verdicts
 
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner, node_command, running_processes, spinning
 from checkweigher_dsp.records import Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_record
@@ -71,10 +71,10 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
         tmp_path / 'driver.yaml',
         {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
     )
-    driver = command(ports.NODES['driver'], file, NAMESPACE)
+    driver = node_command(ports.NODES['driver'], NAMESPACE, file)
     driver += ['-r', 'photo_eyes:=camera/photo_eyes']
     expected = offline_verdicts(read_bag(BAG))
-    with started({'driver': driver}):
+    with running_processes({'driver': driver}):
         wait_for(lambda: len(witness.verdicts) == len(expected), timeout=60.0)
     found = sorted(witness.verdicts, key=lambda verdict: verdict.item_id)
     assert [json.loads(json.dumps(asdict(verdict))) for verdict in found] == expected

@@ -11,11 +11,12 @@ import time
 from typing import Any
 
 from hosts import Hosts, two_hosts
-from processes import command, parameter_file, started
+from processes import parameter_file
 import pytest
 from running import BAGS, PATIENCE, ROOT
 from verdicts import offline_verdicts
 
+from checkweigher_bringup.spinning import node_command, running_processes
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye
 from checkweigher_dsp.ros import ports
 from checkweigher_recording.bags.reading import read_bag
@@ -78,10 +79,13 @@ def lines(
     for lane, nodes in HOSTS.items():
         file = parameter_file(folder / f'{lane}.yaml', values[lane])
         for node, host in nodes.items():
-            commands[f'{lane}/{node}'] = [*hosts[host], *command(ports.NODES[node], file, lane)]
+            commands[f'{lane}/{node}'] = [
+                *hosts[host],
+                *node_command(ports.NODES[node], lane, file),
+            ]
     witness = Witness(hosts, 'a')
     try:
-        with started(commands) as processes:
+        with running_processes(commands) as processes:
             yield witness
             ended = [name for name, process in processes.items() if process.poll() is not None]
             assert not ended

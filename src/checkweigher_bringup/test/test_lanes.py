@@ -8,7 +8,7 @@ from typing import Any
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
 from graph import wait_for
-from processes import LINE, command, parameter_file, started
+from processes import LINE, parameter_file
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from running import PATIENCE
 from std_srvs.srv import Trigger
 
-from checkweigher_bringup.spinning import spinning
+from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.production.audit_log import read_log
 from checkweigher_dsp.records import Reference, Verdict
@@ -65,7 +65,7 @@ class Lane:
                 'product': {'recipes': str(recipes), 'audit_log': str(self.log)},
             },
         )
-        self.command = command(LINE, self.file, namespace)
+        self.command = node_command(LINE, namespace, self.file)
         self.node = Node('operator', namespace=namespace)
         self.verdicts: list[Verdict] = []
         self.statistics: list[tuple[str, str]] = []
@@ -115,7 +115,7 @@ def lanes(tmp_path: Path) -> Iterator[dict[str, Lane]]:
         found = {namespace: Lane(namespace, tmp_path) for namespace in MASSES}
         for lane in found.values():
             spinner.add(lane.node)
-        with started({namespace: lane.command for namespace, lane in found.items()}):
+        with running_processes({namespace: lane.command for namespace, lane in found.items()}):
             yield found
 
 

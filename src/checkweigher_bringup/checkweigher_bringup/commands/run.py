@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the line until interrupted; 2 if it cannot start."""
-    from checkweigher_bringup.running_line import Run, run_line
+    from checkweigher_bringup.running_line import run_line
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.devices import DriverParameters
 
@@ -35,11 +35,4 @@ def run(arguments: argparse.Namespace) -> int:
         driver['source'] = DriverParameters(source=arguments.source or 'bag').source
     if arguments.bag:
         driver['bag.path'] = str(arguments.bag.absolute())
-    return run_line(
-        Run(
-            arguments.params,
-            namespace,
-            arguments.processes,
-            {'driver': driver} if driver else {},
-        )
-    )
+    return run_line(arguments.params, namespace, driver, one_process=not arguments.processes)

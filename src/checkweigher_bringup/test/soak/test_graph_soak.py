@@ -11,12 +11,12 @@ from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
 import numpy as np
-from processes import LINE, Process, command, parameter_file, started
+from processes import LINE, parameter_file
 import pytest
 from rclpy.node import Node
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import spinning
+from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
@@ -108,7 +108,9 @@ def line(folder: Path, count: int, *, one_process: bool) -> Iterator[dict[str, P
         },
     )
     modules = {'line': LINE} if one_process else ports.NODES
-    with started({name: command(module, file) for name, module in modules.items()}) as processes:
+    with running_processes(
+        {name: node_command(module, '', file) for name, module in modules.items()}
+    ) as processes:
         yield processes
 
 
