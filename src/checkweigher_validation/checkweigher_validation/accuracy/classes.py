@@ -73,13 +73,42 @@ class AccuracyClass:
     in_service: bool = False
 
     def __post_init__(self) -> None:
-        _check_class(self.name)
+        if self.name not in _MEAN_ERROR_STEPS:
+            raise ValueError(f'class {self.name!r} is none of {", ".join(CLASSES)}')
         _check_positive(self.factor, 'class factor x')
         _check_positive(self.interval, 'verification scale interval e')
 
     def __str__(self) -> str:
         occasion = 'in service' if self.in_service else 'initial verification'
         return f'{self.name}({self.factor:g}), e = {1000 * self.interval:g} g, {occasion}'
+
+    def max_mean_error(self, mass: float) -> float:
+        """Return the largest magnitude of the mean error at a load, kg.
+
+        NaN for a load above what the class goes up to; ValueError for one that is not positive.
+        """
+        _check_positive(mass, 'mass')
+        for bound, steps in zip(_MEAN_ERROR_STEPS[self.name], (0.5, 1.0, 1.5), strict=True):
+            if mass <= bound * self.interval * _ON_BOUND:
+                return steps * self.interval * (2 if self.in_service else 1)
+        return math.nan
+
+    def max_std_dev(self, mass: float) -> float:
+        """Return the largest standard deviation of the error at a load, kg.
+
+        That of a load above 0.3 kg is quoted from memory and not checked against the standard's
+        text. ValueError for a load that is not positive.
+        """
+        _check_positive(mass, 'mass')
+        _, kind, initial, service = next(row for row in _STD_DEV_ROWS if mass <= row[0] * _ON_BOUND)
+        limit = service if self.in_service else initial
+        return self.factor * limit * (mass if kind is _SHARE else 1.0)
+
+
+def weighings_required(mass: float) -> int:
+    """Return how many weighings of a load in kg a verification takes at least."""
+    _check_positive(mass, 'mass')
+    return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,93 +148,10 @@ class Judgement:
         return self.within_limits and self.enough_weighings
 
 
-def max_mean_error(
-    mass: float, interval: float = 0.1e-3, class_name: str = 'XIII', in_service: bool = False
-) -> float:
-    """Return the largest mean error that a class allows, as a magnitude.
-
-    Parameters
-    ----------
-    mass : float
-        Load, kg, above 0.
-    interval : float
-        Verification scale interval e, kg.
-    class_name : str
-        XI, XII, XIII or XIV.
-    in_service : bool
-        In service it is twice that at initial verification.
-
-    Returns
-    -------
-    float
-        kg; NaN for a load above what the class goes up to.
-
-    Raises
-    ------
-    ValueError
-        If there is no such class, or a number is not positive.
-    """
-    _check_class(class_name)
-    _check_positive(mass, 'mass')
-    _check_positive(interval, 'verification scale interval e')
-    steps = _MEAN_ERROR_STEPS[class_name]
-    for bound, intervals in zip(steps, (0.5, 1.0, 1.5), strict=True):
-        if mass <= bound * interval * _ON_BOUND:
-            return intervals * interval * (2 if in_service else 1)
-    return math.nan
-
-
-def max_std_dev(mass: float, factor: float = 1.0, in_service: bool = False) -> float:
-    """Return the largest standard deviation of the error that a class factor allows.
-
-    Parameters
-    ----------
-    mass : float
-        Load, kg, above 0. What is returned for loads above 0.3 kg is quoted from memory and not
-        checked against the standard's text.
-    factor : float
-        Class factor x.
-    in_service : bool
-        Whether in service or at initial verification.
-
-    Returns
-    -------
-    float
-        kg.
-
-    Raises
-    ------
-    ValueError
-        If a number is not positive.
-    """
-    _check_positive(mass, 'mass')
-    _check_positive(factor, 'class factor x')
-    _, kind, initial, service = next(row for row in _STD_DEV_ROWS if mass <= row[0] * _ON_BOUND)
-    limit = service if in_service else initial
-    return factor * limit * (mass if kind is _SHARE else 1.0)
-
-
-def weighings_required(mass: float) -> int:
-    """Return how many weighings of a load in kg a verification takes at least."""
-    _check_positive(mass, 'mass')
-    return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
-
-
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
-    """Hold a condition to the limits of a class.
-
-    Passes that got no mass are no weighings; how many there were says `ConditionResult.faults`.
-
-    Parameters
-    ----------
-    condition : ConditionResult
-        Passes at one mass.
-    accuracy_class : AccuracyClass
-        Class, class factor, e and occasion.
-    """
-    mass, in_service = condition.mass, accuracy_class.in_service
-    mean_limit = max_mean_error(mass, accuracy_class.interval, accuracy_class.name, in_service)
-    std_dev_limit = max_std_dev(mass, accuracy_class.factor, in_service)
+    """Hold a condition to the limits of a class; a pass that got no mass is no weighing."""
+    mean_limit = accuracy_class.max_mean_error(condition.mass)
+    std_dev_limit = accuracy_class.max_std_dev(condition.mass)
     return Judgement(
         max_mean_error=mean_limit,
         max_std_dev=std_dev_limit,
@@ -213,13 +159,8 @@ def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgemen
         mean_error_passed=abs(condition.mean_error) <= mean_limit,
         std_dev_passed=condition.std_dev <= std_dev_limit,
         weighings=condition.count,
-        weighings_required=weighings_required(mass),
+        weighings_required=weighings_required(condition.mass),
     )
-
-
-def _check_class(name: str) -> None:
-    if name not in _MEAN_ERROR_STEPS:
-        raise ValueError(f'class {name!r} is none of {", ".join(CLASSES)}')
 
 
 def _check_positive(value: float, name: str) -> None:

@@ -10,8 +10,6 @@ from checkweigher_validation.accuracy.classes import (
     CLASSES,
     AccuracyClass,
     judge,
-    max_mean_error,
-    max_std_dev,
     weighings_required,
 )
 
@@ -30,8 +28,8 @@ EXACT = 1e-12  # relative
     ],
 )
 def test_limits_of_class_xiii_1_are_those_of_table_2_of_the_paper(mass, mean_error, std_dev):
-    assert max_mean_error(mass) == pytest.approx(mean_error, rel=EXACT)
-    assert max_std_dev(mass) == pytest.approx(std_dev, rel=EXACT)
+    assert AccuracyClass().max_mean_error(mass) == pytest.approx(mean_error, rel=EXACT)
+    assert AccuracyClass().max_std_dev(mass) == pytest.approx(std_dev, rel=EXACT)
 
 
 @pytest.mark.parametrize(
@@ -45,9 +43,10 @@ def test_limits_of_class_xiii_1_are_those_of_table_2_of_the_paper(mass, mean_err
 )
 @pytest.mark.parametrize('interval', [1e-4, 2e-4, 5e-3])
 def test_the_mean_error_steps_right_after_its_loads(name, loads, interval):
+    limits = AccuracyClass(name, interval=interval)
     for steps, load in zip((0.5, 1.0, 1.5), loads, strict=False):
-        assert max_mean_error(load * interval, interval, name) == pytest.approx(steps * interval)
-        above = max_mean_error((load + 1e-3) * interval, interval, name)
+        assert limits.max_mean_error(load * interval) == pytest.approx(steps * interval)
+        above = limits.max_mean_error((load + 1e-3) * interval)
         if steps == 1.5:
             assert math.isnan(above)
         else:
@@ -55,7 +54,7 @@ def test_the_mean_error_steps_right_after_its_loads(name, loads, interval):
 
 
 def test_class_xi_has_no_largest_load():
-    assert max_mean_error(1e6, 1e-4, 'XI') == pytest.approx(1.5e-4)
+    assert AccuracyClass('XI', interval=1e-4).max_mean_error(1e6) == pytest.approx(1.5e-4)
 
 
 @pytest.mark.parametrize(
@@ -75,27 +74,31 @@ def test_class_xi_has_no_largest_load():
     ],
 )
 def test_standard_deviations_of_each_row_are_those_worked_by_hand(mass, initial, in_service):
-    assert max_std_dev(mass) == pytest.approx(initial, rel=EXACT)
-    assert max_std_dev(mass, in_service=True) == pytest.approx(in_service, rel=EXACT)
+    assert AccuracyClass().max_std_dev(mass) == pytest.approx(initial, rel=EXACT)
+    assert AccuracyClass(in_service=True).max_std_dev(mass) == pytest.approx(in_service, rel=EXACT)
 
 
 @pytest.mark.parametrize('in_service', [False, True])
 @pytest.mark.parametrize('bound', [0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 10.0])
 def test_the_standard_deviation_has_no_jump_up_to_15_kg(bound, in_service):
     # A percentage up to a bound meets the constant after it, and the other way round.
-    below = max_std_dev(bound, in_service=in_service)
-    above = max_std_dev(bound * (1 + 1e-6), in_service=in_service)
+    limits = AccuracyClass(in_service=in_service)
+    below = limits.max_std_dev(bound)
+    above = limits.max_std_dev(bound * (1 + 1e-6))
 
     assert above == pytest.approx(below, rel=2e-6)
 
 
 def test_in_service_the_mean_error_may_be_twice_as_large():
-    assert max_mean_error(0.1645, in_service=True) == pytest.approx(0.2e-3, rel=EXACT)
+    assert AccuracyClass(in_service=True).max_mean_error(0.1645) == pytest.approx(0.2e-3, rel=EXACT)
 
 
 @given(st.floats(1e-3, 50), st.floats(0.1, 10))
 def test_the_class_factor_scales_the_standard_deviation_alone(mass, factor):
-    assert max_std_dev(mass, factor) == pytest.approx(factor * max_std_dev(mass), rel=EXACT)
+    scaled = AccuracyClass(factor=factor)
+    expected = factor * AccuracyClass().max_std_dev(mass)
+    assert scaled.max_std_dev(mass) == pytest.approx(expected, rel=EXACT)
+    assert scaled.max_mean_error(0.1) == AccuracyClass().max_mean_error(0.1)
 
 
 @pytest.mark.parametrize(
@@ -171,9 +174,9 @@ def test_a_load_above_the_class_does_not_pass(make_condition, errors_with):
         lambda: AccuracyClass('X'),
         lambda: AccuracyClass(factor=0),
         lambda: AccuracyClass(interval=math.nan),
-        lambda: max_mean_error(0.1, class_name='xiii'),
-        lambda: max_mean_error(0.0),
-        lambda: max_std_dev(-0.1),
+        lambda: AccuracyClass('xiii'),
+        lambda: AccuracyClass().max_mean_error(0.0),
+        lambda: AccuracyClass().max_std_dev(-0.1),
         lambda: weighings_required(math.inf),
     ],
 )
