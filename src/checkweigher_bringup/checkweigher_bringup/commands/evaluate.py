@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Weigh, show the table and write the files that are asked for."""
     from checkweigher_bringup.evaluation import evaluate_bags, evaluate_simulation
     from checkweigher_recording.whole_file import write_whole
-    from checkweigher_validation.accuracy.tables import text_table, write_csv, write_json
+    from checkweigher_validation.accuracy.tables import csv_text, json_text, text_table
     from checkweigher_validation.tuning.parameter_file import parameter_file
 
     _check(arguments)
@@ -76,13 +76,13 @@ def run(arguments: argparse.Namespace) -> int:
     evaluation, tuned = evaluate(arguments)
     print(text_table(evaluation, accuracy_class))
     if arguments.html:
-        from checkweigher_validation.report.page import write_report
+        from checkweigher_validation.report.page import render
 
-        write_report(arguments.html, evaluation, accuracy_class, nominal)
+        write_whole(arguments.html, render(evaluation, accuracy_class, nominal))
     if arguments.csv:
-        write_csv(arguments.csv, evaluation, accuracy_class)
+        write_whole(arguments.csv, csv_text(evaluation, accuracy_class))
     if arguments.json:
-        write_json(arguments.json, evaluation)
+        write_whole(arguments.json, json_text(evaluation))
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
         write_whole(arguments.tuned, parameter_file(tuned, source))

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import csv
 from dataclasses import dataclass
 import math
@@ -25,12 +25,6 @@ from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import ReferenceMasses
 
 GRAMS = 1000.0  # in a kilogram
-
-CSV_COLUMNS = (
-    'item_id', 't1', 't2', 't3', 't4', 'belt_speed_m_per_s', 'mass_g', 'std_dev_g', 'decision',
-    'reasons', 'reference_g', 'estimator', 'zero_g', 'product_length_m', 'a1', 'a2', 'b1_g',
-    'natural_frequency_hz', 'damping_ratio', 'lower_limit_g', 'upper_limit_g', 'reject_at',
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,34 +112,9 @@ def weigh(
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
     """Write results as CSV: one row an item, empty where a value is not known."""
     writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(CSV_COLUMNS)
+    writer.writerow(_COLUMNS)
     for result in results:
-        writer.writerow(_csv_row(result))
-
-
-def _csv_row(result: ItemResult) -> list[str]:
-    estimate, verdict = result.estimate, result.verdict
-    return [
-        str(estimate.item_id),
-        *(_time(stamp) for stamp in (estimate.t1, estimate.t2, estimate.t3, result.t4)),
-        _number(estimate.belt_speed),
-        _number(GRAMS * estimate.mass, 9),
-        _number(GRAMS * estimate.std_dev, 9),
-        verdict.decision.name,
-        ';'.join(verdict.reasons),
-        _number(GRAMS * result.reference),
-        estimate.estimator,
-        _number(GRAMS * estimate.zero),
-        _number(estimate.product_length),
-        _number(estimate.a1, 9),
-        _number(estimate.a2, 9),
-        _number(GRAMS * estimate.b1, 9),
-        _number(estimate.natural_frequency),
-        _number(estimate.damping_ratio),
-        _limit(verdict.lower_limit),
-        _limit(verdict.upper_limit),
-        _time(verdict.reject_at),
-    ]
+        writer.writerow([value(result) for value in _COLUMNS.values()])
 
 
 def _time(stamp: int | None) -> str:
@@ -163,6 +132,31 @@ def _number(value: float, digits: int = 6) -> str:
 def _limit(value: float) -> str:
     return '' if math.isinf(value) else _number(GRAMS * value)
 
+
+_COLUMNS: dict[str, Callable[[ItemResult], str]] = {
+    'item_id': lambda item: str(item.estimate.item_id),
+    't1': lambda item: _time(item.estimate.t1),
+    't2': lambda item: _time(item.estimate.t2),
+    't3': lambda item: _time(item.estimate.t3),
+    't4': lambda item: _time(item.t4),
+    'belt_speed_m_per_s': lambda item: _number(item.estimate.belt_speed),
+    'mass_g': lambda item: _number(GRAMS * item.estimate.mass, 9),
+    'std_dev_g': lambda item: _number(GRAMS * item.estimate.std_dev, 9),
+    'decision': lambda item: item.verdict.decision.name,
+    'reasons': lambda item: ';'.join(item.verdict.reasons),
+    'reference_g': lambda item: _number(GRAMS * item.reference),
+    'estimator': lambda item: item.estimate.estimator,
+    'zero_g': lambda item: _number(GRAMS * item.estimate.zero),
+    'product_length_m': lambda item: _number(item.estimate.product_length),
+    'a1': lambda item: _number(item.estimate.a1, 9),
+    'a2': lambda item: _number(item.estimate.a2, 9),
+    'b1_g': lambda item: _number(GRAMS * item.estimate.b1, 9),
+    'natural_frequency_hz': lambda item: _number(item.estimate.natural_frequency),
+    'damping_ratio': lambda item: _number(item.estimate.damping_ratio),
+    'lower_limit_g': lambda item: _limit(item.verdict.lower_limit),
+    'upper_limit_g': lambda item: _limit(item.verdict.upper_limit),
+    'reject_at': lambda item: _time(item.verdict.reject_at),
+}
 
 TABLE_HEADER = (
     f'{"item":>6} {"t1 s":>9} {"m/min":>6} {"mass g":>10} {"+- g":>7} {"reference":>10} '

@@ -5,9 +5,7 @@ import csv
 import io
 import json
 import math
-from pathlib import Path
 
-from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     ConditionResult,
@@ -31,41 +29,12 @@ CSV_COLUMNS = (
 LEVELS = (0.68, 0.95)
 
 
-def write_csv(
-    path: Path, evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()
-) -> None:
-    """Write one row for each condition, empty where a value is not known.
-
-    Parameters
-    ----------
-    path : Path
-        Of the file.
-    evaluation : Evaluation
-        What is written.
-    accuracy_class : AccuracyClass
-        Whose limits stand beside it; ``within_class`` is 1 if both are kept by enough weighings.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    write_whole(path, csv_text(evaluation, accuracy_class))
-
-
-def write_json(path: Path, evaluation: Evaluation) -> None:
-    """Write title, provenance and one object for each condition with every error, in SI units.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
-    write_whole(path, json_text(evaluation))
-
-
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return the content of `write_csv`."""
+    """Return one row for each condition as CSV, empty where a value is not known.
+
+    Beside it stand the limits of the class; ``within_class`` is 1 if both are kept by enough
+    weighings.
+    """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator='\n')
     writer.writerow(CSV_COLUMNS)
@@ -86,7 +55,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
 
 
 def json_text(evaluation: Evaluation) -> str:
-    """Return the content of `write_json`."""
+    """Return title, provenance and each condition with every error as JSON, in SI units."""
     content = {
         'title': evaluation.title,
         'provenance': [list(pair) for pair in evaluation.provenance],

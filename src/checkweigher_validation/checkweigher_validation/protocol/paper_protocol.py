@@ -43,50 +43,36 @@ class Run:
     simulation: SimulationParameters
 
 
-def run_protocol(
-    profile: str, speed: float, passes: int, seed: int, segmenter: SegmenterParameters
-) -> Run:
-    """Simulate one speed of the protocol as one line that does not stop.
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """Profile of the machine, passes of each mass at each speed, seed, and speeds in m/s."""
+
+    profile: str = 'paper'
+    passes: int = PASSES
+    seed: int = 1
+    speeds: tuple[float, ...] = SPEEDS
+
+
+def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
+    """Simulate one speed, m/s, of a protocol as one line that does not stop.
 
     The masses come in random order, each as often in the first half as in the second: what a
-    product leaves behind on the belt must not depend on which one follows.
-
-    Parameters
-    ----------
-    profile : str
-        Of the simulated machine.
-    speed : float
-        m/s.
-    passes : int
-        Of each mass; half of them train.
-    seed : int
-        Of all that is random; every speed draws numbers of its own.
-    segmenter : SegmenterParameters
-        How items are told apart.
+    product leaves behind on the belt must not depend on which one follows. Each speed draws random
+    numbers of its own.
     """
-    half = passes // 2
-    order = np.random.default_rng((seed, round(1000 * speed)))
+    half = protocol.passes // 2
+    order = np.random.default_rng((protocol.seed, round(1000 * speed)))
     masses = np.concatenate(
         [order.permutation(np.repeat(MASSES, half)), order.permutation(np.repeat(MASSES, half))]
     )
     parameters = SimulationParameters(
-        profile=profile, speed=speed, masses=tuple(float(mass) for mass in masses),
+        profile=protocol.profile, speed=speed, masses=tuple(float(mass) for mass in masses),
         count=len(masses), seed=int(order.integers(2**31)),
     )  # fmt: skip
     simulation = Simulation(parameters)
     known = known_passes(simulation.load_cell, simulation, segmenter)
     trained = half * len(MASSES)
     return Run(speed, tuple(known[:trained]), tuple(known[trained:]), parameters)
-
-
-@dataclass(frozen=True, slots=True)
-class Protocol:
-    """What is simulated."""
-
-    profile: str = 'paper'
-    passes: int = PASSES
-    seed: int = 1
-    speeds: tuple[float, ...] = SPEEDS
 
 
 def evaluate_protocol(
@@ -120,12 +106,7 @@ def evaluate_protocol(
         By estimator.
     """
     runs = run_jobs(
-        [
-            delayed(run_protocol)(
-                protocol.profile, speed, protocol.passes, protocol.seed, base.segmenter
-            )
-            for speed in protocol.speeds
-        ],
+        [delayed(run_protocol)(protocol, speed, base.segmenter) for speed in protocol.speeds],
         n_jobs,
         'simulating',
     )

@@ -1,6 +1,5 @@
 """Figures of accuracy: A by algorithm, mass and speed, and its averages."""
 
-from itertools import starmap
 import math
 from typing import Any, cast
 
@@ -42,7 +41,9 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
             axes.set_xlabel('mass, g')
     for axes in panels[len(speeds) :]:
         axes.axis('off')
-    panels[len(speeds)].legend(handles=_handles(evaluation), loc='center', handlelength=2.6)
+    lines = [_line(*entry) for entry in enumerate(looks_of(evaluation.estimators).values())]
+    handles = [Line2D([], [], **line) for line in (*lines, _BOUND)]
+    panels[len(speeds)].legend(handles=handles, loc='center', handlelength=2.6)
     return figure
 
 
@@ -61,7 +62,7 @@ def _draw_speed(axes: Axes, evaluation: Evaluation, speed: float, part: str) -> 
             evaluation.select(estimator=name, speed=speed, part=part), key=lambda one: one.mass
         )
         masses = [GRAMS * one.mass for one in there]
-        _line(axes, masses, [GRAMS * one.index for one in there], number, look)
+        axes.plot(masses, [GRAMS * one.index for one in there], **_line(number, look))
     bounds = {one.mass: one.bound for one in evaluation.select(speed=speed, part=part)}
     masses = sorted(bounds)
     axes.plot(
@@ -78,7 +79,7 @@ def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
             GRAMS * average(evaluation.select(estimator=name, speed=speed, part=part)).index
             for speed in speeds
         ]
-        _line(axes, shown, means, number, look)
+        axes.plot(shown, means, **_line(number, look))
     bounds = [
         3 * GRAMS * average(evaluation.select(speed=speed, part=part)).bound for speed in speeds
     ]
@@ -126,23 +127,12 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
     axes.set_title('Average over everything' + (', hollow: the paper' if paper_shown else ''))
 
 
-def _line(axes: Axes, x: list[float], y: list[float], number: int, look: Look) -> None:
-    axes.plot(
-        x, y, color=stand_in(number), marker=look.marker, ms=5.5, mec=SURFACE, mew=0.6, lw=1.2,
-        label=look.label,
-    )  # fmt: skip
-
-
-def _handles(evaluation: Evaluation) -> list[Line2D]:
-    looks = looks_of(evaluation.estimators).values()
-    return [*starmap(_handle, enumerate(looks)), Line2D([], [], **_BOUND)]
-
-
-def _handle(number: int, look: Look) -> Line2D:
-    return Line2D(
-        [], [], color=stand_in(number), marker=look.marker, ms=5.5, mec=SURFACE, mew=0.6, lw=1.2,
-        label=look.label,
-    )  # fmt: skip
+def _line(number: int, look: Look) -> dict[str, Any]:
+    """Return how matplotlib is to draw the curve of an estimator."""
+    return {
+        'color': stand_in(number), 'marker': look.marker, 'ms': 5.5, 'mec': SURFACE, 'mew': 0.6,
+        'lw': 1.2, 'label': look.label,
+    }  # fmt: skip
 
 
 def _logarithmic(axes: Axes) -> None:

@@ -32,7 +32,7 @@ NONE = '–'
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table: its text and a smaller note after it; `state` is passed, failed or empty."""
+    """A cell of a table: a text, a smaller note after it, a state: passed, failed or empty."""
 
     text: str
     note: str = ''

@@ -6,16 +6,17 @@ serves a light and a dark page and paper. Text stays text, in the font of the pa
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import escape
 import io
 import re
 from typing import Any
 
 import matplotlib
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 # Stand-ins and the CSS variables they become.
 INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
+_SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
 # Any: matplotlib's own type of it is a list of all names that there are.
@@ -78,31 +79,23 @@ def to_inline_svg(figure: Figure, name: str, description: str) -> str:
     figure : Figure
         Drawn within `house_style`.
     name : str
-        Of its own on the page: all ids within the figure begin with it.
+        Prefix of all ids within the figure, which have to be unique on the page.
     description : str
-        What it shows, for those who cannot see it.
+        Text for readers who cannot see the figure.
     """
-    FigureCanvasSVG(figure)
     file = io.StringIO()
-    with matplotlib.rc_context(_STYLE):
-        figure.savefig(file, format='svg', transparent=True, metadata={'Date': None})
+    with house_style():
+        # None of its metadata, and so none of the names in it.
+        figure.savefig(
+            file, format='svg', metadata=dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
+        )
     text = file.getvalue()
-    text = text[text.index('<svg') :]
-    text = re.sub(r'<metadata>.*?</metadata>', '', text, count=1, flags=re.S)
-    text = re.sub(r'\bid="', f'id="{name}-', text)
-    text = re.sub(r'(xlink:href="#|url\(#)', rf'\g<1>{name}-', text)
-    text = re.sub(r'\n\s*', '\n', text)
     # The size is up to the page; its font, too.
-    head, rest = text.split('>', 1)
+    head, rest = text[text.index('<svg') :].split('>', 1)
     head = re.sub(r' (width|height)="[^"]*"', '', head)
     rest = re.sub(r'(font: [^;\"]*?[\d.]+px) [^;\"]*', r'\g<1> var(--font)', rest)
-    label = description.replace('&', '&amp;').replace('"', '&quot;').replace('<', '&lt;')
-    return _with_variables(f'{head} role="img" aria-label="{label}">{rest}').strip()
-
-
-def _with_variables(text: str) -> str:
+    rest = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf'\g<1>{name}-', rest)
     for color, variable in _VARIABLES.items():
-        text = text.replace(color, f'var(--{variable})')
-    return re.sub(
-        r'#f1e2([0-9a-f]{2})', lambda found: f'var(--series-{int(found.group(1), 16)})', text
-    )
+        rest = rest.replace(color, f'var(--{variable})')
+    rest = _SERIES.sub(lambda found: f'var(--series-{int(found[1], 16)})', rest)
+    return f'{head} role="img" aria-label="{escape(description)}">{rest}'.strip()

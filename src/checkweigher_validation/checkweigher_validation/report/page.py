@@ -2,14 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from checkweigher_dsp.production import prepackages
-from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.examples import Example
@@ -26,31 +24,6 @@ class Picture:
 
     svg: Markup
     caption: str
-
-
-def write_report(
-    path: Path,
-    evaluation: Evaluation,
-    accuracy_class: AccuracyClass = AccuracyClass(),
-    nominal: float | None = None,
-) -> None:
-    """Write the report, in place of one that is there.
-
-    Parameters
-    ----------
-    path : Path
-        Of the HTML file.
-    evaluation, accuracy_class, nominal
-        As in `render`.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written; what was there before then stays.
-    ValueError
-        As in `render`.
-    """
-    write_whole(path, render(evaluation, accuracy_class, nominal))
 
 
 def render(

@@ -18,7 +18,7 @@ SEGMENTER = SegmenterParameters()
 
 
 def run(seed=1, speed=1.5, passes=8):
-    return run_protocol('paper', speed, passes, seed, SEGMENTER)
+    return run_protocol(Protocol(passes=passes, seed=seed), speed, SEGMENTER)
 
 
 def masses(passes):
