@@ -39,7 +39,7 @@ def masses_of(path: Path) -> list[tuple[object, ...]]:
 
 
 def as_ros2_records(source: Path, path: Path) -> None:
-    """Write a file anew as the recorder of ROS 2 does: with check sums of the chunks only."""
+    """Copy a file as the recorder of ROS 2 writes it: with check sums of the chunks only."""
     with source.open('rb') as file, path.open('xb') as new:
         writer = Writer(new, CHUNK, CompressionType.ZSTD)
         writer.start(profile='ros2')
@@ -106,19 +106,19 @@ def _range(data: bytes, chance: random.Random) -> tuple[int, int]:
 
 
 def zeroed(data: bytes, chance: random.Random) -> bytes:
-    """Return the data with a stretch of zeros, as a lost sector leaves it."""
+    """Return the data with zeros in a range, as a lost sector leaves them."""
     begin, end = _range(data, chance)
     return data[:begin] + bytes(end - begin) + data[end:]
 
 
 def doubled(data: bytes, chance: random.Random) -> bytes:
-    """Return the data with a stretch twice."""
+    """Return the data with a range twice."""
     begin, end = _range(data, chance)
     return data[:end] + data[begin:]
 
 
 def removed(data: bytes, chance: random.Random) -> bytes:
-    """Return the data without a stretch."""
+    """Return the data without a range."""
     begin, end = _range(data, chance)
     return data[:begin] + data[end:]
 
