@@ -42,9 +42,7 @@ class DriverParameters(Parameters):
 
     node: ClassVar[str] = 'driver'
 
-    source: str = parameter(
-        'simulator', 'where samples and edges come from', choices=tuple(SOURCES)
-    )
+    source: str = parameter('simulator', 'source of samples and edges', choices=tuple(SOURCES))
     eyes: str = parameter(
         NONE, 'photo-eyes that are read beside the load cell; none where the source has them',
         choices=tuple(EYES),
@@ -67,7 +65,7 @@ class DriverParameters(Parameters):
         unit='s', minimum=0, maximum=1,
     )  # fmt: skip
     outputs: str = parameter(
-        NONE, 'what rejector and stop are connected to', choices=tuple(OUTPUTS)
+        NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
     )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'

@@ -42,7 +42,7 @@ class DynamicSettingParameters(Parameters):
 
     folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
     estimator: str = parameter(
-        'iswd_eksi', 'what is trained, and selected by machine.yaml', choices=tuple(ESTIMATORS)
+        'iswd_eksi', 'estimator to train and to select in machine.yaml', choices=tuple(ESTIMATORS)
     )
     budget: int = parameter(240, 'evaluations at each speed', minimum=1, maximum=1_000_000)
     parameters: str = parameter(

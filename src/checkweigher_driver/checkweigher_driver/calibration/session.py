@@ -35,13 +35,13 @@ class CalibrationParameters(Parameters):
         'source, and the services write it; empty for none',
     )  # fmt: skip
     duration: float = parameter(
-        5.0, 'for which each mass is read', unit='s', minimum=0.5, maximum=600
+        5.0, 'time for which each mass is read', unit='s', minimum=0.5, maximum=600
     )
     tolerance: float = parameter(
-        1e-4, 'by which a load at rest may still move', unit='kg', minimum=1e-9, maximum=1e6
+        1e-4, 'largest change of a load at rest', unit='kg', minimum=1e-9, maximum=1e6
     )
     patience: float = parameter(
-        30.0, 'after which a load that does not come to rest is given up', unit='s',
+        30.0, 'time after which a load that does not come to rest is given up', unit='s',
         minimum=1, maximum=3600,
     )  # fmt: skip
 

@@ -38,7 +38,7 @@ class GpioEyesParameters(Parameters):
     outfeed: int = parameter(1, 'offset of the line of the outfeed eye', minimum=0)
     infeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
     outfeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
-    bias: str = parameter('as_is', 'of both lines', choices=tuple(_BIASES))
+    bias: str = parameter('as_is', 'bias of both lines', choices=tuple(_BIASES))
     debounce: float = parameter(
         0.0, 'for which a line has to keep its state, done by the kernel; edges come later by it',
         unit='s', minimum=0, maximum=1,

@@ -28,7 +28,7 @@ class _DeviceParameters(Parameters):
     port: int = parameter(502, 'TCP port of the device', minimum=1, maximum=65535)
     device_id: int = parameter(1, 'unit of the device behind a gateway', minimum=0, maximum=255)
     timeout: float = parameter(
-        0.2, 'for connecting and for each answer', unit='s', minimum=0.01, maximum=60
+        0.2, 'longest time for connecting and for each answer', unit='s', minimum=0.01, maximum=60
     )
 
     def __post_init__(self) -> None:
@@ -54,21 +54,17 @@ class ModbusEyesParameters(_DeviceParameters):
     infeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
     outfeed_inverted: bool = parameter(False, 'the input is on while the eye is clear')
     poll_period: float = parameter(
-        0.002, 'from one reading of the eyes to the next', unit='s', minimum=0, maximum=1
+        0.002, 'time from one reading of the eyes to the next', unit='s', minimum=0, maximum=1
     )
     delay: float = parameter(
-        0.0,
-        'from an eye to the input that is read: filter and cycle',
-        unit='s',
-        minimum=0,
-        maximum=1,
+        0.0, 'delay of an input by filter and cycle', unit='s', minimum=0, maximum=1
     )
     max_uncertainty: float = parameter(
-        0.01, 'an edge whose time is less certain counts as eyes lost', unit='s',
+        0.01, 'largest uncertainty of the time of an edge; more counts as eyes lost', unit='s',
         minimum=1e-4, maximum=1,
     )  # fmt: skip
     longest_gap: float = parameter(
-        0.05, 'without a reading, after which a product may have passed unseen', unit='s',
+        0.05, 'longest time without a reading; after it a product may have passed unseen', unit='s',
         minimum=1e-3, maximum=1,
     )  # fmt: skip
 

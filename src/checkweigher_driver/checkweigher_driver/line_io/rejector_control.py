@@ -25,18 +25,18 @@ class OutputParameters(Parameters):
     node: ClassVar[str] = 'rejector'
 
     pulse: float = parameter(
-        0.1, 'how long the rejector acts for one product', unit='s', minimum=0.001, maximum=60
+        0.1, 'time for which the rejector acts for one product', unit='s', minimum=0.001, maximum=60
     )
     min_pause: float = parameter(
         0.02, 'shortest pause of the rejector; pulses that are closer become one', unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     late_tolerance: float = parameter(
-        0.01, 'a rejected product whose pulse begins later may have passed: stop', unit='s',
+        0.01, 'largest delay of a pulse; later a rejected product may have passed: stop', unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     belt_margin: float = parameter(
-        0.05, 'by which a pulse is longer at both ends if the belt stopped before it', unit='s',
+        0.05, 'longer pulse at both ends, by this, if the belt stopped before it', unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     verdict_timeout: float = parameter(

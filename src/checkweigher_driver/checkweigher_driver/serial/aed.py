@@ -27,7 +27,7 @@ class AedParameters(SerialParameters):
     node: ClassVar[str] = 'aed'
 
     address: int = parameter(
-        -1, 'on the bus (S command); -1: the only device, none is selected', minimum=-1, maximum=31
+        -1, 'address on the bus (S command); -1: the only device', minimum=-1, maximum=31
     )
     trailer: str = parameter(
         'auto', 'whether CR LF ends each frame; auto finds out', choices=TRAILERS

@@ -24,8 +24,7 @@ class AsciiParameters(SerialParameters):
     node: ClassVar[str] = 'ascii'
 
     pattern: str = parameter(
-        r'S([+-]\d{7})',
-        'regular expression of a whole line; its first group is the value',
+        r'S([+-]\d{7})', 'regular expression of a whole line; its first group is the value'
     )
     decimals: int = parameter(
         0, 'digits after the point: one of the last of them is a count', minimum=0, maximum=9
@@ -34,8 +33,8 @@ class AsciiParameters(SerialParameters):
         11, 'length of a line with its end, to see whether baud_rate is enough', minimum=2,
         maximum=256,
     )  # fmt: skip
-    start_command: str = parameter('', 'sent to begin; empty if the device sends unasked')
-    stop_command: str = parameter('', 'sent at the end')
+    start_command: str = parameter('', 'command to begin; empty if the device sends unasked')
+    stop_command: str = parameter('', 'command at the end')
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -34,7 +34,7 @@ class SerialParameters(Parameters):
 
     port: str = parameter('', 'device file, best one of /dev/serial/by-id')
     baud_rate: int = parameter(
-        115_200, 'as the device is set; 8 data bits, no parity, 1 stop bit', unit='Bd',
+        115_200, 'baud rate of the device, with 8 data bits, no parity, 1 stop bit', unit='Bd',
         minimum=300, maximum=4_000_000,
     )  # fmt: skip
     sample_rate: float = parameter(
@@ -45,14 +45,10 @@ class SerialParameters(Parameters):
         0.01, 'signal in one block', unit='s', minimum=0.001, maximum=1.0
     )
     timeout: float = parameter(
-        1.0,
-        'without a value before the device is started again',
-        unit='s',
-        minimum=0.1,
-        maximum=60.0,
+        1.0, 'time without a value before it is started again', unit='s', minimum=0.1, maximum=60.0
     )
     delay: float = parameter(
-        0.0, 'by which the filter of the device delays the signal', unit='s', minimum=0.0,
+        0.0, 'delay of the signal by the filter of the device', unit='s', minimum=0.0,
         maximum=10.0,
     )  # fmt: skip
     counts_per_kg: float = parameter(
@@ -70,10 +66,10 @@ class SerialParameters(Parameters):
         maximum=2**31 - 1,
     )  # fmt: skip
     capacity: float = parameter(
-        0.0, 'of the load cell, must be given', unit='kg', minimum=0.0, maximum=1e6
+        0.0, 'capacity of the load cell, must be given', unit='kg', minimum=0.0, maximum=1e6
     )
     weigh_length: float = parameter(
-        0.0, 'from the infeed eye to the outfeed eye, must be given', unit='m', minimum=0.0,
+        0.0, 'distance between infeed and outfeed eye, must be given', unit='m', minimum=0.0,
         maximum=100.0,
     )  # fmt: skip
 

@@ -72,14 +72,14 @@ class DenoiseParameters(Parameters):
         minimum=0,
     )  # fmt: skip
     threshold_unit: float = parameter(
-        1e-7, 'what one unit of the thresholds is on this load cell', unit='kg',
+        1e-7, 'one unit of the thresholds on this load cell', unit='kg',
         minimum=0, maximum=1e3,
     )  # fmt: skip
     surround: str = parameter(
-        'continuation', 'what stands around the window in the stretch', choices=PADDINGS
+        'continuation', 'padding around the window, up to the length of stretch', choices=PADDINGS
     )
     stretch: int = parameter(
-        1024, 'length of the stretch that is denoised, at least', unit='samples',
+        1024, 'shortest length of the padded signal that is denoised', unit='samples',
         minimum=2**LEVELS, maximum=2**20,
     )  # fmt: skip
     natural_frequency: tuple[float, ...] = parameter(
@@ -91,18 +91,18 @@ class DenoiseParameters(Parameters):
         minimum=0, maximum=0.99,
     )  # fmt: skip
     moving_mass: float = parameter(
-        2.5, 'of the empty platform, for continuation: what a product is added to', unit='kg',
+        2.5, 'moving mass of the empty platform, for continuation; a product adds to it', unit='kg',
         minimum=1e-3, maximum=1e4,
     )  # fmt: skip
     prediction_order: int = parameter(
         40, 'order of the model that continues the disturbance', minimum=0, maximum=1000
     )
     iterations: int = parameter(
-        1, 'how often the level that is taken out for continuation is found anew', minimum=0,
+        1, 'number of times that the level taken out for continuation is refined', minimum=0,
         maximum=100,
     )  # fmt: skip
     edge_uncertainty: float = parameter(
-        0.0, 'by which t1 and t2 may be off, for continuation; 0: they are exact', unit='s',
+        0.0, 'largest error of t1 and t2, for continuation; 0: they are exact', unit='s',
         minimum=0, maximum=0.1,
     )  # fmt: skip
 

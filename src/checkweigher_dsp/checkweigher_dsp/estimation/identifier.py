@@ -38,13 +38,13 @@ class IdentifierParameters(Parameters):
 
     node: ClassVar[str] = 'identifier'
 
-    estimator: str = parameter('iswd_eksi', 'method that makes the mass', choices=tuple(ESTIMATORS))
+    estimator: str = parameter('iswd_eksi', 'method that weighs', choices=tuple(ESTIMATORS))
     max_relative_std_dev: float = parameter(
-        0.25, 'NoConvergence above this standard deviation, relative to the mass',
+        0.25, 'largest standard deviation relative to the mass, above it NoConvergence',
         minimum=0, maximum=1e9,
     )  # fmt: skip
     speed_tolerance: float = parameter(
-        0.03, 'SpeedNotTrained beyond the speeds of the training passes by more, relative',
+        0.03, 'largest relative distance from the trained speeds, beyond it SpeedNotTrained',
         minimum=0, maximum=1e9,
     )  # fmt: skip
     mean: MeanParameters = MeanParameters()

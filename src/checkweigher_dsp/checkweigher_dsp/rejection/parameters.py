@@ -34,27 +34,27 @@ class RejectParameters(Parameters):
         math.inf, 'UpperToleranceLimit: heavier is OVER; .inf for none', unit='kg'
     )
     rejector_distance: float = parameter(
-        0.5, 'from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
+        0.5, 'distance from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
     )
     actuator_delay: float = parameter(
-        0.0, 'from telling the rejector to its action', unit='s', minimum=0, maximum=10
+        0.0, 'time from telling the rejector to its action', unit='s', minimum=0, maximum=10
     )
     verdict_margin: float = parameter(
-        0.05, 'how long before its reject time an item has its verdict', unit='s',
+        0.05, 'time before its reject time at which an item has its verdict', unit='s',
         minimum=0, maximum=10,
     )  # fmt: skip
     deadlines: bool = parameter(
-        True, 'what has no mass by then is NoEstimate; false waits for every mass, as a replay does'
+        True, 'an item without a mass by then is NoEstimate; false waits for every mass'
     )
     min_belt_speed: float = _shared('min_belt_speed')
     debounce_time: float = _shared('debounce_time')
     edge_lateness: float = _shared('edge_lateness')
     confirmation_time: float = parameter(
-        0.0, 'how far from its reject time a rejected item passes reject_eye; 0 without that eye',
+        0.0, 'largest time between reject time and reject_eye; 0 without that eye',
         unit='s', minimum=0, maximum=60,
     )  # fmt: skip
     max_rejects_in_a_row: int = parameter(
-        0, 'so many raise a stop request; 0 for none', minimum=0, maximum=1_000_000
+        0, 'rejects in a row that raise a stop request; 0 for none', minimum=0, maximum=1_000_000
     )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
@@ -74,7 +74,7 @@ class RejectParameters(Parameters):
         math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any',
         unit='m/s', minimum=0,
     )  # fmt: skip
-    product: str = parameter('', 'whose limits these are; the node product sets it')
+    product: str = parameter('', 'product of these limits; the node product sets it')
     needs_product: bool = parameter(
         False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
     )

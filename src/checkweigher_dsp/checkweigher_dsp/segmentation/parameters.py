@@ -31,7 +31,7 @@ class SegmenterParameters(Parameters):
         minimum=0, maximum=60,
     )  # fmt: skip
     zero_initial_std_dev: float = parameter(
-        0.005, 'how far the zero may have drifted since calibration', unit='kg',
+        0.005, 'drift of the zero since calibration, standard deviation', unit='kg',
         minimum=1e-9, maximum=1e6,
     )  # fmt: skip
     zero_random_walk: float = parameter(
@@ -44,7 +44,7 @@ class SegmenterParameters(Parameters):
         unit='s', minimum=0, maximum=60,
     )  # fmt: skip
     zero_range: float = parameter(
-        0.3, 'ZeroOutOfRange further than this from the zero of calibration; 4 % of Max, OIML R 51',
+        0.3, 'largest distance from the zero of calibration; 4 % of Max in OIML R 51',
         unit='kg', minimum=0, maximum=1e6,
     )  # fmt: skip
     zero_rate: float = parameter(
@@ -56,7 +56,7 @@ class SegmenterParameters(Parameters):
         minimum=0, maximum=1e6,
     )  # fmt: skip
     max_belt_noise: float = parameter(
-        0.0, 'standard deviation of the empty belt that is warned of in the diagnostics; 0: none',
+        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: none',
         unit='kg', minimum=0, maximum=1e6,
     )  # fmt: skip
     min_belt_speed: float = parameter(
@@ -67,7 +67,7 @@ class SegmenterParameters(Parameters):
         3.0, 'fastest belt', unit='m/s', minimum=1e-3, maximum=100
     )  # fmt: skip
     min_product_length: float = parameter(
-        0.005, 'anything shorter is no product', unit='m', minimum=0, maximum=100
+        0.005, 'shortest product; a shorter one is a fault', unit='m', minimum=0, maximum=100
     )
     product_length: float = parameter(
         0.0, 'length of the products; 0: not known, not checked', unit='m', minimum=0, maximum=100
@@ -77,26 +77,30 @@ class SegmenterParameters(Parameters):
         minimum=0, maximum=100,
     )  # fmt: skip
     length_tolerance: float = parameter(
-        0.01, 'how far the length from the eyes may be off product_length', unit='m',
+        0.01, 'largest difference between the length from the eyes and product_length', unit='m',
         minimum=0, maximum=100,
     )  # fmt: skip
     speed_tolerance: float = parameter(
-        0.2, 'how far the belt speed may be off that of the items before, relative; 0: not checked',
+        0.2, 'largest relative change of belt speed from item to item; 0: not checked',
         minimum=0, maximum=100,
     )  # fmt: skip
     debounce_time: float = parameter(
-        0.005, 'an eye that clears for less has chattered', unit='s', minimum=0, maximum=10
+        0.005,
+        'shortest time for which an eye clears; less is chatter',
+        unit='s',
+        minimum=0,
+        maximum=10,
     )
     edge_lateness: float = parameter(
-        2.0, 'how far edges may arrive behind the samples of the same time', unit='s',
+        2.0, 'largest delay of edges behind the samples of the same time', unit='s',
         minimum=0, maximum=60,
     )  # fmt: skip
     sample_lateness: float = parameter(
-        10.0, 'how far samples may arrive behind the edges of the same time', unit='s',
+        10.0, 'largest delay of samples behind the edges of the same time', unit='s',
         minimum=0.1, maximum=600,
     )  # fmt: skip
     clock_tolerance: float = parameter(
-        0.02, 'how far the stamp of a block may be off what its index says', unit='s',
+        0.02, 'largest difference between the stamp of a block and the time of its index', unit='s',
         minimum=1e-6, maximum=60,
     )  # fmt: skip
     min_window: int = parameter(

@@ -70,7 +70,7 @@ class ImportParameters(Parameters):
     )
     capacity: float = parameter(10.0, 'of the load cell', unit='kg', minimum=1e-6)
     weigh_length: float = parameter(
-        0.2, 'from the infeed eye to the outfeed eye', unit='m', minimum=0.001, maximum=100.0
+        0.2, 'distance between infeed and outfeed eye', unit='m', minimum=0.001, maximum=100.0
     )
     model: str = parameter('', 'of the load cell')
     serial_number: str = parameter('', 'of the load cell')

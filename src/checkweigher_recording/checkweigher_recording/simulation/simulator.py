@@ -135,14 +135,14 @@ class SimulationParameters(Parameters):
     )
     count: int = parameter(25, 'number of products; 0 is an endless line', minimum=0)
     spacing: float = parameter(
-        0.66, 'from leading edge to leading edge of successive products', unit='m',
+        0.66, 'distance between the leading edges of successive products', unit='m',
         minimum=0.01, maximum=100.0,
     )  # fmt: skip
     product_length: float = parameter(
         0.1, 'length of a product along the belt', unit='m', minimum=0.001, maximum=10.0
     )
     weigh_length: float = parameter(
-        0.2, 'from the infeed eye to the outfeed eye', unit='m', minimum=0.01, maximum=10.0
+        0.2, 'distance between infeed and outfeed eye', unit='m', minimum=0.01, maximum=10.0
     )
     zero_drift: float = parameter(
         0.0, 'drift of the empty belt', unit='kg/s', minimum=-0.01, maximum=0.01

@@ -82,14 +82,14 @@ class AdaptiveParameters(EstimatorParameters):
     """The prefilter."""
 
     iterations: tuple[float, ...] = parameter(
-        (2.0,), 'times that the platform is identified, rounded; 1 is without a prefilter',
+        (2.0,), 'number of identifications of the platform, rounded; 1 is without a prefilter',
         minimum=1, maximum=20,
     )  # fmt: skip
     max_order: tuple[float, ...] = parameter(
         (2.0,), 'highest order of the prefilter, rounded', minimum=0, maximum=100
     )
     lowpass_cutoff: tuple[float, ...] = parameter(
-        (480.0,), 'of the fixed low-pass; none from 0.36 times the sample rate on', unit='Hz',
+        (480.0,), 'cut-off of the fixed low-pass; none from 0.36 of the sample rate on', unit='Hz',
         minimum=1, maximum=1e6,
     )  # fmt: skip
 

@@ -45,7 +45,7 @@ class EstimatorParameters(Parameters):
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
-    training: str = parameter('', 'what they were: bags, passes, speeds')
+    training: str = parameter('', 'training passes: bags, number, speeds')
     speeds: tuple[float, ...] = parameter(
         (1.0,), 'belt speeds of the lists below, ascending', unit='m/s', minimum=1e-3, maximum=100
     )
@@ -58,10 +58,10 @@ class EstimatorParameters(Parameters):
         unit='kg', minimum=0, maximum=1e3,
     )  # fmt: skip
     relative_std_dev: tuple[float, ...] = parameter(
-        (0.0,), 'the part in proportion to the mass', minimum=0, maximum=10
+        (0.0,), 'standard deviation in proportion to the mass', minimum=0, maximum=10
     )
     zero_std_dev: tuple[float, ...] = parameter(
-        (0.0,), 'what the zero was good for on training passes, as the segmenter stated it',
+        (0.0,), 'standard deviation of the zero on training passes, as the segmenter stated it',
         unit='kg', minimum=0, maximum=1e3,
     )  # fmt: skip
 

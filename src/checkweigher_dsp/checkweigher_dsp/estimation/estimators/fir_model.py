@@ -38,7 +38,7 @@ class FirModelParameters(EstimatorParameters):
 
     node: ClassVar[str] = 'identifier.fir_model'
 
-    knots: int = parameter(_KNOTS, 'of the curve', minimum=2, maximum=512)
+    knots: int = parameter(_KNOTS, 'number of knots of the curve', minimum=2, maximum=512)
     weights: tuple[float, ...] = parameter(
         _HANN, 'values of the curve: `knots` values for each speed', minimum=-1e6, maximum=1e6
     )

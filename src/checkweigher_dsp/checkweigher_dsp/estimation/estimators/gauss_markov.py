@@ -52,7 +52,7 @@ class GaussMarkovParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.gauss_markov'
 
     sample_rate: float = parameter(
-        0.0, 'of the noise model; 0: no model, the empty belt before each item has to do',
+        0.0, 'sample rate of the noise model; 0: no model but the empty belt before each item',
         unit='Hz', minimum=0, maximum=1e6,
     )  # fmt: skip
     natural_frequency: float = parameter(
@@ -63,11 +63,11 @@ class GaussMarkovParameters(EstimatorParameters):
         2.5, 'of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
     )
     entry_begin: float = parameter(
-        0.0, 'where the load begins to come on, behind the infeed eye', unit='m',
+        0.0, 'position at which the load begins to come on, behind the infeed eye', unit='m',
         minimum=-1, maximum=1,
     )  # fmt: skip
     entry_end: float = parameter(
-        0.0, 'where all of the load is on, behind the position at t2', unit='m',
+        0.0, 'position at which all of the load is on, behind that at t2', unit='m',
         minimum=-1, maximum=1,
     )  # fmt: skip
     impact: tuple[float, ...] = parameter(
@@ -78,10 +78,10 @@ class GaussMarkovParameters(EstimatorParameters):
         0.4, 'signal before t1 that is used, at most', unit='s', minimum=0, maximum=60
     )
     max_misfit: float = parameter(
-        4.0, 'no mass where the signal is further from the model, as a multiple of the noise',
+        4.0, 'largest misfit of signal and model as a multiple of the noise, above it no mass',
         minimum=1, maximum=1e9,
     )  # fmt: skip
-    order: int = parameter(1, 'of the autoregression', minimum=1, maximum=1000)
+    order: int = parameter(1, 'order of the autoregression', minimum=1, maximum=1000)
     reflection: tuple[float, ...] = parameter(
         (0.0,), 'reflection coefficients: `order` values for each speed', minimum=-1, maximum=1
     )

@@ -34,16 +34,16 @@ class TvlpfParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.tvlpf'
 
     sections: tuple[float, ...] = parameter(
-        (2.0,), 'first-order sections, rounded', minimum=1, maximum=8
+        (2.0,), 'number of first-order sections, rounded', minimum=1, maximum=8
     )
     initial_cutoff: tuple[float, ...] = parameter(
         (50.0,), 'cut-off at t2', unit='Hz', minimum=0, maximum=1e5
     )
     final_cutoff: tuple[float, ...] = parameter(
-        (3.0,), 'what the cut-off falls to', unit='Hz', minimum=0, maximum=1e5
+        (3.0,), 'cut-off at the end', unit='Hz', minimum=0, maximum=1e5
     )
     half_life: tuple[float, ...] = parameter(
-        (0.1,), 'in which the cut-off comes half of the way down, share of the window',
+        (0.1,), 'time in which the cut-off falls by half of the way, as a share of the window',
         minimum=1e-4, maximum=1e3,
     )  # fmt: skip
 
