@@ -24,13 +24,7 @@ Result = tuple[Evaluation, Mapping[str, Tuned]]
 
 
 def evaluate_simulation(arguments: argparse.Namespace) -> Result:
-    """Run the protocol of the paper on a simulated machine.
-
-    Raises
-    ------
-    UserError
-        If an option cannot be used.
-    """
+    """Run the protocol of the paper on a simulated machine."""
     if arguments.profile not in PROFILES:
         raise UserError(f'--profile {arguments.profile}: is none of {", ".join(PROFILES)}')
     if arguments.passes < 2 or arguments.passes % 2:
@@ -63,13 +57,7 @@ def evaluate_simulation(arguments: argparse.Namespace) -> Result:
 
 
 def evaluate_bags(arguments: argparse.Namespace) -> Result:
-    """Weigh the passes of known mass in bags, after tuning if there are bags to train on.
-
-    Raises
-    ------
-    UserError
-        If an option cannot be used or a bag has no known masses.
-    """
+    """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
     base = line_parameters(arguments.params, None)
     estimators = estimator_names(
         arguments.estimator,
@@ -133,8 +121,5 @@ def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
 
 
 def _versions() -> tuple[tuple[str, str], ...]:
-    names = ('numpy', 'scipy', 'PyWavelets')
-    return (
-        ('Python', platform.python_version()),
-        *((name, version(name)) for name in names),
-    )
+    libraries = ((name, version(name)) for name in ('numpy', 'scipy', 'PyWavelets'))
+    return ('Python', platform.python_version()), *libraries

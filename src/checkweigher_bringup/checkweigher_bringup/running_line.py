@@ -86,29 +86,12 @@ class _Listener(EchoNode):
 
 
 def run_line(
-    params: Path | None,
-    namespace: str,
-    driver: Mapping[str, object],
-    *,
-    one_process: bool,
+    params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool
 ) -> int:
     """Run the line until SIGINT or SIGTERM and return the exit status.
 
-    Parameters
-    ----------
-    params : Path or None
-        ROS parameter file.
-    namespace : str
-        Of the lane.
-    driver : mapping
-        Parameters of the driver that win over the file.
-    one_process : bool
-        Whether all nodes share a process.
-
-    Raises
-    ------
-    UserError
-        If there is a line already in this lane.
+    The parameters of the `driver` win over the file `params`. A UserError says that there is a line
+    already in this lane.
     """
 
     def end(number: int, frame: FrameType | None) -> None:

@@ -18,11 +18,6 @@ def line_parameters(
     """Return the parameters of a file, or the defaults, with the estimator of the command line.
 
     `lane` is the namespace that is meant, where the file is for several.
-
-    Raises
-    ------
-    ParameterError
-        If the file or a value in it cannot be used, or the estimator does not exist.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)

@@ -40,19 +40,9 @@ class Action(Enum):
 
 
 class Supervision:
-    """What is known of one process, and what to do about it.
+    """State of one process, and what to do about it; times are s on a clock that never steps back.
 
-    Times are s on a clock that never steps back.
-
-    Parameters
-    ----------
-    patience : Patience
-        When to do it.
-
-    Attributes
-    ----------
-    reason : str
-        Why the process ended last.
+    `reason` says why the process ended last.
     """
 
     def __init__(self, patience: Patience | None = None) -> None:
@@ -85,9 +75,8 @@ class Supervision:
             self._delay = longer if at_once and self.reason else self._patience.delay
         # Once it has worked, its parameters are good and it is worth another try.
         self._cannot_start = status == CANNOT_START and not self._was_up
-        self.reason = f'hung: no diagnostics for {self._patience.silence:g} s' if self._hung else (
-            _reason(status)
-        )  # fmt: skip
+        silence = f'hung: no diagnostics for {self._patience.silence:g} s'
+        self.reason = silence if self._hung else _reason(status)
         self._started, self._ended = None, now
 
     def due(self, now: float) -> Action:

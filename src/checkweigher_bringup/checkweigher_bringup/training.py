@@ -86,26 +86,9 @@ def train(
 ) -> None:
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
-    Parameters
-    ----------
-    bags : sequence of Path
-    output : Path
-        The parameter file; one that exists is replaced.
-    estimators : sequence of str
-        Names; the file selects the first one.
-    base : LineParameters
-        The parameters that are not tuned.
-    budget : int
-        Evaluations of each estimator at each speed, at most.
-    lane : str or None
-        Namespace to take from bags that hold several.
-    jobs : int or None
-        Processes; None for one on each core.
-
-    Raises
-    ------
-    BagError, UserError, TuningError, OutputError
-        If a bag cannot be read or has too few passes, or the file cannot be written.
+    The file holds `base` besides, and selects the first estimator. `budget` is the largest number
+    of evaluations of each estimator at each speed; `jobs` is the number of processes, one for each
+    core by default.
     """
     n_jobs = jobs or ALL_CORES
     passes, source = read_passes(bags, lane, base.segmenter, n_jobs)

@@ -22,49 +22,46 @@ RESPAWN_DELAY = 1.0  # s
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 
 
+# Name, default and description.
+ARGUMENTS = (
+    ('namespace', '', 'of the lane'),
+    (
+        'params_file',
+        PathJoinSubstitution([FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']),
+        'parameters of all nodes',
+    ),
+    (
+        'source',
+        '',
+        'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file',
+    ),
+    ('bag', '', 'bag to play'),
+    (
+        'rate',
+        '',
+        'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in params_file',
+    ),
+    ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
+    (
+        'respawn',
+        'true',
+        'whether a process that has ended is started again; false ends the launch with it',
+    ),
+    (
+        'log_level',
+        'info',
+        'lowest severity that the nodes log: debug, info, warn, error or fatal',
+    ),
+)
+
+
 def generate_launch_description():
     """Return the arguments and the line."""
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument('namespace', default_value='', description='of the lane'),
-            DeclareLaunchArgument(
-                'params_file',
-                default_value=PathJoinSubstitution(
-                    [FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']
-                ),
-                description='parameters of all nodes',
-            ),
-            DeclareLaunchArgument(
-                'source',
-                default_value='',
-                description='simulator or bag; empty: bag with bag:=..., else as in params_file',
-            ),
-            DeclareLaunchArgument('bag', default_value='', description='bag to play'),
-            DeclareLaunchArgument(
-                'rate',
-                default_value='',
-                description='pace of a bag or of the simulator; 0 as fast as nothing is lost; '
-                'empty: as in params_file',
-            ),
-            DeclareLaunchArgument(
-                'one_process',
-                default_value='true',
-                description='whether all nodes share one process; false gives each its own',
-            ),
-            DeclareLaunchArgument(
-                'respawn',
-                default_value='true',
-                description='whether a process that has ended is started again; '
-                'false ends the launch with it',
-            ),
-            DeclareLaunchArgument(
-                'log_level',
-                default_value='info',
-                description='lowest severity that the nodes log: debug, info, warn, error or fatal',
-            ),
-            OpaqueFunction(function=make_line),
-        ]
-    )
+    arguments = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, default, text in ARGUMENTS
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=make_line)])
 
 
 def make_line(context):

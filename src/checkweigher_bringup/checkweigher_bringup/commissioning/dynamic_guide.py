@@ -23,13 +23,7 @@ _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Guide through the speeds, train, and write the parameter file.
-
-    Raises
-    ------
-    UserError
-        If an option is missing or cannot be, or passes are missing in the end.
-    """
+    """Guide through the speeds, train, and write the parameter file."""
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')

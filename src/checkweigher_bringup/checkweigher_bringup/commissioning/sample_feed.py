@@ -24,13 +24,7 @@ _Message = LoadCell | SampleBlock | str
 
 
 class SampleFeed:
-    """Blocks as they come, put in by another thread.
-
-    Parameters
-    ----------
-    name : str
-        Where they come from, for errors.
-    """
+    """Blocks of samples from another thread; `name` says in errors where they come from."""
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""What `calibrate` does: it asks for masses one after the other and waits until each is at rest."""
+"""The static calibration with a technician: known masses at rest, one after another."""
 
 from collections.abc import Callable, Sequence
 import sys
@@ -29,12 +29,8 @@ def read_at_rest(
 ) -> StaticReading:
     """Return the reading of a load as soon as it has been at rest for long enough.
 
-    Raises
-    ------
-    UserError
-        If samples stay away.
-    CalibrationError
-        If the load does not come to rest, or the converter is at its limit.
+    A UserError says that no samples come, a CalibrationError that the load does not come to rest or
+    that the converter is at its limit.
     """
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
@@ -64,18 +60,10 @@ def _grams(counts: float, load_cell: LoadCell) -> float:
 def guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Ask for an empty belt, each mass, and the empty belt again, and read each.
+    """Ask for an empty belt, each mass in kg, and the empty belt again, and read each.
 
-    Parameters
-    ----------
-    feed : SampleFeed
-        Where the samples come from.
-    masses : sequence of float
-        kg; without any only the empty belt is read, once.
-    mass_uncertainty : float
-        kg, standard uncertainty of each.
-    steadiness : Steadiness
-        When a load is at rest.
+    Without masses the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
+    each mass, kg.
     """
     load_cell = feed.wait_for_load_cell()
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
