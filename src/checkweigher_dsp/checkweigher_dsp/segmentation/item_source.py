@@ -55,15 +55,12 @@ class ItemSource:
         """Return the items that more samples have reached, and those that must have left by now."""
         buffer, tracker = self._buffer, self.tracker
         tracker.begin(buffer.origin)
+        self._queue.admit_strays()  # these samples are of the clock of those before
         items = self._reached()
         now = buffer.last_stamp if tracker.overdue_after is not None else None
         if now is not None:
             items += [item.snapshot() for item in tracker.expire(now - self._lateness)]
         return items
-
-    def admit_strays(self) -> None:
-        """Take edges that are far behind the others for late ones: the clock has not changed."""
-        self._queue.admit_strays()
 
     def give_up_before(self, limit: int) -> list[Item]:
         """Return the items of edges before `limit`, ns, for which no samples come any more."""

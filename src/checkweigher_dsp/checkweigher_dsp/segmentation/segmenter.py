@@ -42,8 +42,6 @@ class Segmenter:
     ----------
     samples, edges : int
         Taken so far, those included that came twice.
-    items : int
-        Windows returned so far.
     """
 
     def __init__(
@@ -63,7 +61,6 @@ class Segmenter:
         self._cutter = WindowCutter(load_cell, parameters, self._buffer, self._zero)
         self.samples = 0
         self.edges = 0
-        self.items = 0
 
     @property
     def zero(self) -> Zero:
@@ -74,6 +71,11 @@ class Segmenter:
     def zero_answer(self) -> ZeroAnswer | None:
         """What became of the last `request_zero`; None while it waits for the empty belt."""
         return self._zero.answer
+
+    @property
+    def items(self) -> int:
+        """Windows returned so far."""
+        return self._cutter.count
 
     @property
     def item_count(self) -> int:
@@ -89,12 +91,11 @@ class Segmenter:
     def add_samples(self, block: SampleBlock) -> list[WeighWindow]:
         """Take a block of samples and return the windows that it completes."""
         windows = self._restart_if_new(block)
-        self._source.admit_strays()
         self.samples += len(block.counts)
         for piece in self._pieces(block):
             self._buffer.append(piece)
             self._cutter.take(self._source.advance())
-            windows += self._cut()
+            windows += self._cutter.cut()
             if self._zero.is_requested:
                 # No edge of the time that is read can come any more.
                 self._zero.try_to_set(self._empty_span(), self._parameters.zero_time)
@@ -104,7 +105,7 @@ class Segmenter:
         """Take a photo-eye edge and return the windows that it completes."""
         self.edges += 1
         self._cutter.take(self._source.add(edge))
-        return self._give_up_without_samples(edge.stamp) + self._cut()
+        return self._give_up_without_samples(edge.stamp) + self._cutter.cut()
 
     def request_zero(self) -> None:
         """Zero on the next empty belt at rest, before an item or when none comes."""
@@ -124,15 +125,10 @@ class Segmenter:
     def give_up(self, reason: Reason) -> list[WeighWindow]:
         """Return what is still on the belt, as faults with `reason`."""
         self._cutter.take(self._source.finish_edges())
-        windows = self._cut(wait=False)
+        windows = self._cutter.cut(wait=False)
         self._cutter.fault_waiting(reason)
         self._cutter.take(self._source.give_up(reason))
-        return windows + self._cut(wait=False)
-
-    def _cut(self, *, wait: bool = True) -> list[WeighWindow]:
-        windows = self._cutter.cut(wait=wait)
-        self.items += len(windows)
-        return windows
+        return windows + self._cutter.cut(wait=False)
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
         """Empty the buffer where the source or its clock starts again; return what that costs."""
@@ -177,7 +173,7 @@ class Segmenter:
         limit = stamp - self._sample_lateness
         self._cutter.take(self._source.give_up_before(limit))
         late = self._cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
-        return self._cut(wait=False) if late else []
+        return self._cutter.cut(wait=False) if late else []
 
     def _empty_span(self) -> Span | None:
         """Return the samples of a belt that surely is empty and settled; None if it is not."""

@@ -31,6 +31,11 @@ class WindowCutter:
         The samples.
     zero : ZeroKeeper
         Follows the empty belt before each item.
+
+    Attributes
+    ----------
+    count : int
+        Windows cut so far.
     """
 
     def __init__(
@@ -53,6 +58,7 @@ class WindowCutter:
         self._lead = round(parameters.lead_time * load_cell.sample_rate)
         self._trail = round(parameters.trail_time * load_cell.sample_rate)
         self._waiting: list[Item] = []
+        self.count = 0
 
     def forget_speed(self) -> None:
         """Forget the speed of the belt: the source has started again."""
@@ -87,6 +93,7 @@ class WindowCutter:
             else:
                 windows.append(window)
         self._waiting = still_waiting
+        self.count += len(windows)
         return windows
 
     def _cut(self, item: Item, *, wait: bool) -> WeighWindow | None:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 import math
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,25 +162,25 @@ class ZeroTracker:
 
     def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
         """Tell whether a segment is stable and nothing stood on the belt for a part of it."""
-        means = self._parts(counts, _SHORTEST_AVERAGE).tolist()
+        means = self._parts(counts, _SHORTEST_AVERAGE)
         if max(means) - min(means) > self._limits.stability:
             return False
         if self._number(counts, _PART) < _FEWEST_PARTS:
             return True
         parts = self._parts(counts, _PART)
-        off = np.abs(parts - np.median(parts))
+        usual = median(parts)
+        off = [abs(part - usual) for part in parts]
         least = _LEAST_OUTLYING * math.sqrt(self._initial_variance)
-        most = _OUTLYING * float(np.median(off)) + least
-        return bool(np.maximum.reduce(off) <= most)
+        return max(off) <= _OUTLYING * median(off) + least
 
-    def _parts(self, counts: NDArray[np.float64], duration: float) -> NDArray[np.float64]:
+    def _parts(self, counts: NDArray[np.float64], duration: float) -> list[float]:
         """Return the means of parts of a segment that last `duration`, or of its halves."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
-            return np.zeros(1)
+            return [0.0]
         parts = counts[len(counts) - number * size :].reshape(number, size)
-        means: NDArray[np.float64] = hann_mean(parts)
+        means: list[float] = hann_mean(parts).tolist()
         return means
 
     def _number(self, counts: NDArray[np.float64], duration: float) -> int:
