@@ -5,7 +5,7 @@ import sys
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
-from checkweigher_dsp.ros.stage_node import run
+from checkweigher_dsp.ros.running import run
 
 
 class Echo(Node):

@@ -11,11 +11,11 @@ import sys
 import time
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_bringup.spinning import write_parameter_file
-from checkweigher_dsp.ros.executor import make_executor
 from checkweigher_dsp.ros.ports import NODES
 
 HERE = Path(__file__).parent
@@ -105,7 +105,7 @@ class Listener:
     def __init__(self) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.node = Node('bench')
-        self._executor = make_executor()
+        self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
     def spin_until(self, condition: Callable[[], bool], patience: float) -> None:

@@ -10,7 +10,7 @@ from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.records import Eye, EyeEdge, SampleBlock
-from checkweigher_dsp.ros.stage_node import run_all
+from checkweigher_dsp.ros.running import run_all
 from checkweigher_recording.recording import Event
 
 
@@ -26,13 +26,13 @@ class StampingDriver(DriverNode):
         self._last_block = 0
         super().__init__()
 
-    def _publish(self, event: Event) -> None:
+    def _note(self, event: Event) -> None:
         now = time.monotonic_ns()
         if isinstance(event, SampleBlock):
             self._last_block = now
         elif isinstance(event, EyeEdge) and event.eye == Eye.OUTFEED and event.blocked:
             self._stamps.append((event.stamp, self._last_block))
-        super()._publish(event)
+        super()._note(event)
 
     def destroy_node(self) -> None:
         """Write the notes down as well."""

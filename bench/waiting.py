@@ -4,23 +4,20 @@ from importlib import import_module
 import sys
 import time
 
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from checkweigher_dsp.ros.cached_executor import CachedExecutor
 
+class PrintingExecutor(SingleThreadedExecutor):
+    """Print the time when a node is added."""
 
-class _Printing:
-    """Stands in front of the method that adds a node to the executor."""
-
-    def __init__(self) -> None:
-        self._add = CachedExecutor.add_node
-
-    def __call__(self, executor: CachedExecutor, node: Node) -> bool:
+    def add_node(self, node: Node) -> bool:
+        """Serve a node."""
         print(time.monotonic(), flush=True)
-        return self._add(executor, node)
+        return bool(super().add_node(node))
 
 
 if __name__ == '__main__':
-    printing = _Printing()
-    CachedExecutor.add_node = lambda self, node: printing(self, node)  # type: ignore[method-assign]
+    spinner = import_module('checkweigher_dsp.ros.spinner')
+    spinner.SingleThreadedExecutor = PrintingExecutor
     import_module(sys.argv[1]).main([sys.argv[0], *sys.argv[2:]])

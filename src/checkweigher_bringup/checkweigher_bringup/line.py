@@ -14,7 +14,7 @@ from checkweigher_dsp.nodes.identifier import IdentifierNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.ros.stage_node import run_all
+from checkweigher_dsp.ros.running import run_all
 
 STAGE_NODES = {
     'segmenter': SegmenterNode,
@@ -25,9 +25,10 @@ STAGE_NODES = {
 
 
 def make_line() -> list[Node]:
-    """Make all nodes of the line, in the order opposite to that in which they shut down.
+    """Make all nodes of the line, in the order in which they start and take a record.
 
-    The driver ends first, so that the items on the belt still get their verdict, and reject last.
+    They shut down in the opposite order: the driver first, so that the items on the belt still get
+    their verdict, and reject last. Reject hears of an edge before the estimate that rests on it.
     """
     return [*(STAGE_NODES[name]() for name in reversed(STAGE_NODES)), ProductNode(), DriverNode()]
 

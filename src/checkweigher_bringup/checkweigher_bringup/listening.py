@@ -1,19 +1,17 @@
 """Listeners to the results of a running graph."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 import queue
 import time
 from typing import Any
 
-from rclpy.node import Node
-
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
-from checkweigher_dsp.ros.delivery import current
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
@@ -24,7 +22,7 @@ _MAX_REFERENCES = 100
 _MAX_UNPAIRED = 1000
 
 
-class ResultListener(Node):
+class ResultListener(PortNode):
     """Pair the estimates and verdicts of a lane.
 
     Parameters
@@ -46,22 +44,16 @@ class ResultListener(Node):
         self.heard = time.monotonic()
         self.judged = 0
         self._from_start = from_start
-        self._delivery = current()
         self._estimates: dict[int, MassEstimate] = {}
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
 
-    def listen(self, topic: Port, callback: Any) -> None:
-        """Subscribe to a topic of the lane."""
-        qos = topic.qos if self._from_start else topic.stage_qos
-        if self._delivery is not None:
-            self._delivery.subscribe(self, topic.type, topic.name, callback, qos)
-        else:
-            self.create_subscription(topic.type, topic.name, callback, qos)
+    def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
+        """Have a callback called with each record of a port of the lane."""
+        self.subscribe(port, callback, qos=port.qos if self._from_start else port.stage_qos)
 
-    def _on_estimate(self, message: Any) -> None:
-        estimate = to_record(ports.MASS_ESTIMATE, message)
+    def _on_estimate(self, estimate: MassEstimate) -> None:
         if estimate.item_id in self._verdicts:
             _, verdict = self._verdicts.pop(estimate.item_id)
             self._pair(estimate, verdict)
@@ -69,8 +61,7 @@ class ResultListener(Node):
             self._estimates[estimate.item_id] = estimate
             _forget_oldest(self._estimates)
 
-    def _on_verdict(self, message: Any) -> None:
-        verdict = to_record(ports.VERDICT, message)
+    def _on_verdict(self, verdict: Verdict) -> None:
         if not verdict.estimate_id:
             self._pair(_estimate_of(verdict), verdict)
         elif verdict.estimate_id in self._estimates:
@@ -124,10 +115,7 @@ class EchoNode(ResultListener):
         super().__init__('echo', from_start=False)
         self.create_timer(_ESTIMATE_PATIENCE / 2, lambda: self.pair_overdue(_ESTIMATE_PATIENCE))
         self._references: deque[Reference] = deque(maxlen=_MAX_REFERENCES)
-        self.listen(ports.REFERENCE_MASS, self._on_reference)
-
-    def _on_reference(self, message: Any) -> None:
-        self._references.append(to_record(ports.REFERENCE_MASS, message))
+        self.listen(ports.REFERENCE_MASS, self._references.append)
 
     def result(self, weighing: Weighing) -> ItemResult:
         """Return a weighing with its known mass, if there is one."""

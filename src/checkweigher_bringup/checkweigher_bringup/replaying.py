@@ -7,9 +7,7 @@ from pathlib import Path
 import queue
 import tempfile
 import time
-from typing import Any
 
-from checkweigher_msgs.msg import StreamStatus
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -26,6 +24,7 @@ from checkweigher_bringup.spinning import (
 )
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
+from checkweigher_dsp.records import StreamState, StreamStatus
 from checkweigher_dsp.ros import ports
 
 _PATIENCE = 30.0  # s without any sign of life
@@ -98,16 +97,16 @@ class Collector(ResultListener):
         """Whether every item has its verdict, or the replay has failed."""
         return self.failure is not None or self._expected == self.judged
 
-    def _on_segmenter(self, message: Any) -> None:
+    def _on_segmenter(self, status: StreamStatus) -> None:
         self.heard = time.monotonic()
-        self._samples_taken = int(message.samples)
+        self._samples_taken = status.samples
         self._waits &= self._samples_taken == 0
-        if message.state == StreamStatus.FINISHED:
-            self._expected = int(message.items)
+        if status.state is StreamState.FINISHED:
+            self._expected = status.items
 
-    def _on_driver(self, message: Any) -> None:
-        if message.state == StreamStatus.FAILED:
-            self.failure = LineError(message.text)
+    def _on_driver(self, status: StreamStatus) -> None:
+        if status.state is StreamState.FAILED:
+            self.failure = LineError(status.text)
 
     def count_drivers(self) -> int:
         """Return how many drivers publish samples in this namespace."""
@@ -146,12 +145,12 @@ def replay(plan: Replay) -> Iterator[Weighing]:
         # One status comes for every quarter of a second of signal.
         patience = _PATIENCE + (1 / plan.rate if plan.rate > 0 else 0)
         collector = Collector(patience, waits=plan.listeners > 0)
-        spinner.add(collector)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
+            collector.destroy_node()
             raise collector.conflict()
         children: list[Process] = []
-        nodes: list[Node] = []
+        nodes: list[Node] = [collector]
         if plan.processes:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='checkweigher-'))
             file = Path(folder, 'parameters.yaml')
@@ -163,10 +162,9 @@ def replay(plan: Replay) -> Iterator[Weighing]:
             children += stack.enter_context(running_processes(commands)).values()
         else:
             values = plan.node_parameters()
-            nodes += [make_stage(values[name]) for name, make_stage in STAGE_NODES.items()]
+            nodes += [make(values[name]) for name, make in reversed(STAGE_NODES.items())]
             nodes.append(DriverNode(values['driver']))
-            for node in nodes:
-                spinner.add(node)
+        spinner.add(*nodes)
         yield from _results(collector, children, spinner)
         if collector.failure is not None:
             raise collector.failure

@@ -1,89 +1,21 @@
 """Nodes beside the command that uses them: in its process, or in processes of their own."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 import signal
 import subprocess
 import sys
-import threading
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 import yaml
 
-from checkweigher_dsp.ros.delivery import Delivery, delivering
-from checkweigher_dsp.ros.executor import make_executor
+from checkweigher_dsp.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
 
 _PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
-_PATIENCE = 10.0  # s
-_END_PATIENCE = 2.0  # s
-
-
-class Spinner:
-    """Spins nodes in a thread.
-
-    Parameters
-    ----------
-    delivery : Delivery
-        Hands messages over between the nodes.
-    """
-
-    def __init__(self, delivery: Delivery) -> None:
-        self._delivery = delivery
-        self._executor = make_executor(delivery=delivery)
-        self._nodes: list[Node] = []
-        self._stopping = False
-        self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
-        self._thread.start()
-
-    @property
-    def alive(self) -> bool:
-        """Whether the nodes are still served: an exception in a callback ends that."""
-        return self._thread.is_alive()
-
-    def add(self, node: Node) -> None:
-        """Serve one more node."""
-        self._nodes.append(node)
-        self._executor.add_node(node)
-
-    def remove(self, node: Node) -> None:
-        """Destroy a node before the others."""
-        self._nodes.remove(node)
-        # In the thread that spins: it may be about to wait for what is destroyed here.
-        done = threading.Event()
-
-        def destroy() -> None:
-            self._executor.remove_node(node)
-            node.destroy_node()
-            done.set()
-
-        self._executor.create_task(destroy)
-        if not done.wait(_PATIENCE):
-            raise RuntimeError(f'{node.get_name()}: could not be destroyed')
-
-    def stop(self) -> None:
-        """Stop, and destroy the nodes in the order opposite to that in which they came."""
-        # Shut down only when nobody spins it any more: rclpy takes away what a wait is using.
-        self._executor.create_task(self._end)
-        self._thread.join(timeout=_END_PATIENCE)
-        if not self._thread.is_alive():
-            self._executor.shutdown()
-        with self._delivery.turn():  # a source may still be publishing
-            for node in reversed(self._nodes):
-                node.destroy_node()
-
-    def _end(self) -> None:
-        self._stopping = True
-
-    def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
-            while not self._stopping:
-                self._executor.spin_once(timeout_sec=_PATIENCE)
 
 
 @contextmanager
@@ -100,12 +32,11 @@ def spinning(namespace: str = '') -> Iterator[Spinner]:
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:
-        with delivering() as delivery:
-            spinner = Spinner(delivery)
-            try:
-                yield spinner
-            finally:
-                spinner.stop()
+        spinner = Spinner()
+        try:
+            yield spinner
+        finally:
+            spinner.stop()
     finally:
         rclpy.try_shutdown()
 

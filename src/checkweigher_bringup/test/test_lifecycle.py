@@ -169,7 +169,7 @@ def test_a_stream_begins_when_reject_is_active(spinner: Spinner):
     spinner.add(driver)
     manager = Manager(node, 'reject')
     assert manager.change(CONFIGURE)
-    wait_for(driver._has_listeners)
+    wait_for(driver.stream.has_listeners)
     assert samples.empty()
     assert manager.change(ACTIVATE)
     assert next_of(samples).first_index == 0
@@ -233,8 +233,10 @@ def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
     found: list[Verdict] = []
     judge_until(verdicts, found, Verdict.ACCEPT)
     assert manager.change(DEACTIVATE)
-    begin = driver._memory.edges_sent
-    wait_for(lambda: driver._memory.edges_sent >= begin + 12)  # three items that nobody judges
+    begin = driver.stream.memory.edges_sent
+    wait_for(
+        lambda: driver.stream.memory.edges_sent >= begin + 12
+    )  # three items that nobody judges
     assert manager.change(ACTIVATE)
     judge_until(verdicts, found, Verdict.FAULT)
     judge_until(verdicts, found, Verdict.ACCEPT)

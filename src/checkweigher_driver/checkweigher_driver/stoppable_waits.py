@@ -5,13 +5,19 @@ from contextlib import contextmanager
 import math
 import threading
 import time
+from typing import Any
 
-_PERIOD = 0.02  # s: of some changes nobody tells
+_PERIOD = 0.02  # s: of some changes nothing tells
 _REMINDER = 5.0  # s
 
 
 class StoppableWaits:
     """Waits that end as soon as they need not go on.
+
+    Parameters
+    ----------
+    lock : lock, optional
+        Held while a condition is looked at or something is changed, and free during a wait.
 
     Attributes
     ----------
@@ -19,9 +25,9 @@ class StoppableWaits:
         Whether the thread was told to stop.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lock: Any = None) -> None:
         self.stopping = False
-        self._changed = threading.Condition()
+        self._changed = threading.Condition(lock)
 
     @contextmanager
     def change(self) -> Iterator[None]:
@@ -36,6 +42,11 @@ class StoppableWaits:
             while not self.stopping and (remaining := due - time.monotonic()) > 0:
                 self._changed.wait(timeout=remaining)
             return not self.stopping
+
+    def for_end(self, condition: Callable[[], bool], patience: float) -> bool:
+        """Wait until a condition holds or `patience` s are over, even if told to stop."""
+        with self._changed:
+            return self._changed.wait_for(condition, patience)
 
     def for_condition(
         self,

@@ -1,7 +1,6 @@
 """What the driver remembers of the stream that it sends."""
 
 from collections import deque
-import threading
 
 from checkweigher_dsp.records import EyeEdge, LineHistory, Verdict
 
@@ -11,7 +10,7 @@ _MAX_VERDICTS = 200
 
 
 class StreamMemory:
-    """The latest edges and verdicts of one stream; for any thread.
+    """The latest edges and verdicts of one stream.
 
     Parameters
     ----------
@@ -29,28 +28,24 @@ class StreamMemory:
         self.stream = stream
         self.edges_sent = 0
         self.stamp = 0
-        self._lock = threading.Lock()
         self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
         self._verdicts: deque[Verdict] = deque(maxlen=_MAX_VERDICTS)
 
     def add_edge(self, edge: EyeEdge) -> None:
         """Take an edge that is about to be sent."""
-        with self._lock:
-            self._edges.append(edge)
-            self.edges_sent += 1
+        self._edges.append(edge)
+        self.edges_sent += 1
 
     def add_verdict(self, verdict: Verdict) -> None:
         """Take a verdict that came."""
-        with self._lock:
-            self._verdicts.append(verdict)
+        self._verdicts.append(verdict)
 
     def history(self) -> LineHistory:
         """Return all that is remembered."""
-        with self._lock:
-            return LineHistory(
-                stream=self.stream,
-                stamp=self.stamp,
-                first_edge=self.edges_sent - len(self._edges),
-                edges=tuple(self._edges),
-                verdicts=tuple(self._verdicts),
-            )
+        return LineHistory(
+            stream=self.stream,
+            stamp=self.stamp,
+            first_edge=self.edges_sent - len(self._edges),
+            edges=tuple(self._edges),
+            verdicts=tuple(self._verdicts),
+        )

@@ -1,13 +1,10 @@
 """What the driver says of a stream on load_cell/status."""
 
-import threading
 import time
 
-from checkweigher_msgs.msg import StreamStatus
-from rclpy.publisher import Publisher
-
 from checkweigher_driver.stream_memory import StreamMemory
-from checkweigher_dsp.ros.conversion import header_to
+from checkweigher_dsp.records import StreamState, StreamStatus
+from checkweigher_dsp.ros.outputs import LOCK, Output
 from checkweigher_recording.pacing import FlowControl
 
 # s from the beginning on. A reader that DDS shows to be there may not know the writer yet, and then
@@ -20,7 +17,7 @@ class StreamReport:
 
     Parameters
     ----------
-    publisher : Publisher
+    output : Output
         Of StreamStatus.
     memory : StreamMemory
         Number, stamp and edges of the stream.
@@ -33,10 +30,9 @@ class StreamReport:
         Whether samples flow, so that what is wrong with the machine is of interest.
     """
 
-    def __init__(self, publisher: Publisher, memory: StreamMemory, flow: FlowControl) -> None:
+    def __init__(self, output: Output, memory: StreamMemory, flow: FlowControl) -> None:
         self.open = False
-        self._publisher, self._memory, self._flow = publisher, memory, flow
-        self._order = threading.Lock()
+        self._output, self._memory, self._flow = output, memory, flow
         self._again: list[float] = []
 
     def begin(self) -> None:
@@ -48,21 +44,21 @@ class StreamReport:
         """Say that the stream is running, a few times as long as it is young."""
         if self._again and time.monotonic() > self._again[0]:
             del self._again[0]
-            self.publish(StreamStatus.RUNNING, trouble)
+            self.send(StreamState.RUNNING, trouble)
 
-    def publish(self, state: int, text: str = '') -> None:
-        """Publish how far the stream is; once it has ended, no trouble any more."""
-        with self._order:
-            if text and state == StreamStatus.RUNNING and not self.open:
+    def send(self, state: StreamState, text: str = '') -> None:
+        """Say how far the stream is; once it has ended, no trouble any more."""
+        with LOCK:
+            if text and state == StreamState.RUNNING and not self.open:
                 return
-            self.open &= state == StreamStatus.RUNNING
-            self._publisher.publish(
+            self.open &= state == StreamState.RUNNING
+            self._output.send(
                 StreamStatus(
-                    header=header_to(self._memory.stamp),
-                    stream=self._memory.stream,
-                    state=state,
-                    samples=self._flow.samples_sent,
-                    edges=self._memory.edges_sent,
+                    self._memory.stamp,
+                    self._memory.stream,
+                    state,
+                    self._flow.samples_sent,
+                    self._memory.edges_sent,
                     text=text,
                 )
             )

@@ -162,8 +162,9 @@ def _check_number(name: str, default: object, description: Description, value: o
     return number
 
 
-# Parameters that every ROS node has.
-_COMMON = frozenset({'use_sim_time', 'executor', 'transport'})
+def _is_common(name: str) -> bool:
+    """Return whether any ROS node may have a parameter of this name."""
+    return name == 'use_sim_time' or name.startswith('qos_overrides.')
 
 
 def read_parameter_file(
@@ -212,11 +213,11 @@ def read_parameter_file(
             (shared if node == '**' else own[node]).update(flatten(values))
     known = {node: parameters.entries() for node, parameters in sets.items()}
     for name in shared:
-        if name not in _COMMON.union(*known.values()):
+        if not _is_common(name) and name not in set().union(*known.values()):
             raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')
     return {
         node: {name: value for name, value in shared.items() if name in names}
-        | {name: value for name, value in own[node].items() if name not in _COMMON}
+        | {name: value for name, value in own[node].items() if not _is_common(name)}
         for node, names in known.items()
     }
 

@@ -175,6 +175,8 @@ def test_other_nodes_may_be_addressed_and_are_passed_over(read):
 
 def test_a_parameter_of_every_node_may_stand_in_a_section_of_its_own(read):
     assert read('oven:\n  ros__parameters: {use_sim_time: true}\n')['oven'] == {}
+    qos = 'qos_overrides: {/heat: {publisher: {depth: 5}}}'
+    assert read(f'oven:\n  ros__parameters: {{{qos}}}\n')['oven'] == {}
 
 
 def test_a_node_that_there_is_not_is_refused(read):

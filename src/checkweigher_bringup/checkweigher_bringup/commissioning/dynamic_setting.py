@@ -26,7 +26,8 @@ from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.ros.running import run
+from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.1  # s

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 import time
-from typing import Any
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import WorkloadWatch
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import window_from, window_to
-from checkweigher_dsp.ros.held_publisher import HeldPublisher
-from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.ros.running import run
+from checkweigher_dsp.ros.stage_node import StageNode
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):
@@ -18,7 +17,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DenoiseParameters, overrides=overrides)
-        self._windows = HeldPublisher(self, ports.DENOISED_WINDOW, ports.MASS_ESTIMATE)
+        self._windows = self.held_output(ports.DENOISED_WINDOW, ports.MASS_ESTIMATE)
         self._workload = WorkloadWatch()
         self.on_parameters()
         self.subscribe(ports.WEIGH_WINDOW, self._on_window)
@@ -27,11 +26,12 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         """Begin to use a changed table."""
         self._denoiser = Denoiser(self.parameters)
 
-    def _on_window(self, message: Any) -> None:
+    def _on_window(self, window: WeighWindow) -> None:
         began = time.monotonic()
-        self._windows.publish(window_to(self._denoiser.denoise(window_from(message))))
+        denoised = self._denoiser.denoise(window)
         now = time.monotonic()
         self._workload.add(now, now - began)
+        self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return how long the windows take."""

@@ -2,16 +2,15 @@
 
 from collections.abc import Sequence
 import time
-from typing import Any
 
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import estimate_to, window_from
-from checkweigher_dsp.ros.held_publisher import HeldPublisher
-from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.ros.running import run
+from checkweigher_dsp.ros.stage_node import StageNode
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):
@@ -19,7 +18,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(IdentifierParameters, overrides=overrides)
-        self._estimates = HeldPublisher(self, ports.MASS_ESTIMATE, ports.VERDICT)
+        self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
         self.on_parameters()
         self.subscribe(ports.DENOISED_WINDOW, self._on_window)
@@ -30,19 +29,17 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         # What was usual of the estimator before is not of this one.
         self._convergence = ConvergenceWatch()
 
-    def _on_window(self, message: Any) -> None:
+    def _on_window(self, window: WeighWindow) -> None:
         began = time.monotonic()
-        window = window_from(message)
         estimate = self._identifier.estimate(window)
-        if not window.reasons:  # those the segmenter has told already
-            for reason in estimate.reasons:
-                self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
-        self.count('weighed' if estimate.weighed else 'faults')
-        self._estimates.publish(estimate_to(estimate))
         now = time.monotonic()
         self._workload.add(now, now - began)
-        if not window.reasons:
+        self._estimates.send(estimate)
+        self.count('weighed' if estimate.weighed else 'faults')
+        if not window.reasons:  # those the segmenter has told already
             self._convergence.add(now, estimate)
+            for reason in estimate.reasons:
+                self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return how sure the masses are, and how long they take."""

@@ -18,11 +18,19 @@ from checkweigher_dsp.production.audit_log import AuditError, AuditLog
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
 from checkweigher_dsp.production.statistics import ProductionRecord
-from checkweigher_dsp.records import NANOSECONDS, Statistics
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    LoadCell,
+    MassEstimate,
+    Statistics,
+    Verdict,
+    ZeroChange,
+)
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message, to_record
+from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
-from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.ros.running import run
+from checkweigher_dsp.ros.stage_node import StageNode
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
@@ -62,9 +70,7 @@ class ProductNode(StageNode[ProductParameters]):
         line = LineParametersClient(self, _PATIENCE)
         self._recipe = LineRecipe(line, self.get_logger().warning)
         self._audit = ParameterAudit(self.get_namespace(), line, self._trail, self.warn)
-        self._statistics = self.create_publisher(
-            ports.STATISTICS.type, ports.STATISTICS.name, ports.STATISTICS.qos
-        )
+        self._statistics = self.output(ports.STATISTICS)
         self.subscribe(ports.VERDICT, self._on_verdict)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         # One service at a time, for each waits for other nodes of the line.
@@ -176,18 +182,17 @@ class ProductNode(StageNode[ProductParameters]):
 
     # Statistics
 
-    def _on_verdict(self, message: Any) -> None:
-        verdict = to_record(ports.VERDICT, message)
+    def _on_verdict(self, verdict: Verdict) -> None:
         self._production.current.add(verdict)
         self._publish()
         self._trail.verdict(verdict)
 
-    def _on_estimate(self, message: Any) -> None:
-        if self._production.current.add_estimate(to_record(ports.MASS_ESTIMATE, message)):
-            self.warn(f'item {message.item_id}: length or belt speed is not that of the product')
+    def _on_estimate(self, estimate: MassEstimate) -> None:
+        if self._production.current.add_estimate(estimate):
+            self.warn(f'item {estimate.item_id}: length or belt speed is not that of the product')
 
     def _publish(self) -> None:
-        self._statistics.publish(to_message(ports.STATISTICS, self._production.summary()))
+        self._statistics.send(self._production.summary())
 
     def _on_new_batch(
         self, request: NewBatch.Request, response: NewBatch.Response
@@ -229,13 +234,12 @@ class ProductNode(StageNode[ProductParameters]):
         self._notice_started()
         await self._audit.read_started()
 
-    def _on_load_cell(self, message: Any) -> None:
-        cell = asdict(to_record(ports.LOAD_CELL_INFO, message))
-        self._trail.state(audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name, cell)
+    def _on_load_cell(self, load_cell: LoadCell) -> None:
+        name = ports.LOAD_CELL_INFO.name
+        self._trail.state(audit_trail.CALIBRATION, name, asdict(load_cell))
 
-    def _on_zero_setting(self, message: Any) -> None:
-        change = asdict(to_record(ports.ZERO_SETTING, message))
-        self._trail.state(audit_trail.ZERO, ports.ZERO_SETTING.name, change)
+    def _on_zero_setting(self, change: ZeroChange) -> None:
+        self._trail.state(audit_trail.ZERO, ports.ZERO_SETTING.name, asdict(change))
 
     # Diagnostics
 

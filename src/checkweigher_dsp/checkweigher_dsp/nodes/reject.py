@@ -4,9 +4,7 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
-from checkweigher_msgs.msg import StreamStatus
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
-from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
@@ -16,9 +14,13 @@ from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Eye,
+    EyeEdge,
     LineHistory,
+    LoadCell,
     MassEstimate,
     StopRequest,
+    StreamState,
+    StreamStatus,
     Verdict,
 )
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
@@ -26,18 +28,12 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.rejection.timing import StreamClock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.alarm import Alarm
-from checkweigher_dsp.ros.conversion import (
-    edge_from,
-    estimate_from,
-    history_from,
-    load_cell_from,
-    stop_request_to,
-    verdict_to,
-)
-from checkweigher_dsp.ros.held_publisher import HeldPublisher
+from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
-from checkweigher_dsp.ros.stage_node import run
+from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
+from checkweigher_dsp.ros.outputs import Output
+from checkweigher_dsp.ros.port_node import locked
+from checkweigher_dsp.ros.running import run
 
 _TICK = 0.005  # s, well below verdict_margin
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
@@ -52,7 +48,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(RejectParameters, overrides=overrides)
-        self._verdicts = HeldPublisher(self, ports.VERDICT)
+        self._verdicts = self.held_output(ports.VERDICT)
         self._stage = RejectStage(self.parameters)
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
@@ -62,18 +58,20 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._recall: Recall | None = None
         self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
-        self._stop_requests = self.create_publisher(
-            ports.STOP_REQUEST.type, ports.STOP_REQUEST.name, ports.STOP_REQUEST.qos
-        )
+        self._stop_requests = self.output(ports.STOP_REQUEST)
         self._shown: StopRequest | None = None
         self.create_service(Trigger, ports.RESET_STOP_REQUEST, self._reset)
-        self._alarm = Alarm(self, self._tick)
-        self.subscribe(ports.LOAD_CELL_INFO, self._on_info)
+        self._timer = OneShotTimer(self, self._tick)
+        self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
         self.subscribe(ports.PHOTO_EYES, self._on_edge)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
         self.begin()
+
+    def start(self) -> None:
+        """Activate, or say that the line must not run."""
+        super().start()
         if self.state == 'unconfigured':
             self._show_stop_request()
 
@@ -85,7 +83,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if self._stream:
             self._recall.hear_driver(ended=self._stream_ended)
         self._active = True
-        self._stop_requests.publish(stop_request_to(self._monitor.request))
+        self._stop_requests.send(self._monitor.request)
         self._shown = self._monitor.request
         self._wake()
 
@@ -96,11 +94,11 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if was_active:
             self._settle(None)
             self._publish(self._stage.stop(self._now()))
-        self._alarm.clear()
+        self._timer.clear()
 
-    def last_words(self) -> list[Publisher]:
-        """Return the publishers of the request to stop and of the last verdicts."""
-        return [self._stop_requests, self._verdicts.publisher]
+    def last_words(self) -> list[Output]:
+        """Return the outputs of the request to stop and of the last verdicts."""
+        return [self._stop_requests, self._verdicts]
 
     def on_parameters(self) -> None:
         """Begin to use changed limits."""
@@ -111,33 +109,31 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         """Return the time that deadlines run on, None if there are none."""
         return time.monotonic_ns() if self.parameters.deadlines else None
 
-    def _on_info(self, message: Any) -> None:
-        load_cell = load_cell_from(message)
+    def _on_load_cell(self, load_cell: LoadCell) -> None:
         self.diagnostics.set_hardware(load_cell)
         self._stage.set_weigh_length(load_cell.weigh_length, self._now())
         self._wake()
 
-    def _on_driver_status(self, message: Any) -> None:
-        if message.stream != self._stream:
+    def _on_driver_status(self, status: StreamStatus) -> None:
+        if status.stream != self._stream:
             # The first one heard tells of the stream whose edges may be here already.
             if self._stream:
                 self._settle(None)
                 self._stage.restart(self._now())
                 self._monitor.restart()
                 self._wake()
-            self._stream = int(message.stream)
-        self._stream_ended = message.state != StreamStatus.RUNNING
+            self._stream = status.stream
+        self._stream_ended = status.state != StreamState.RUNNING
         if self._recall is not None:
             self._recall.hear_driver(ended=self._stream_ended)
             self._wake()
-        text = message.text if message.state != StreamStatus.FINISHED else ''
-        failed = message.state == StreamStatus.FAILED
+        text = status.text if status.state != StreamState.FINISHED else ''
+        failed = status.state == StreamState.FAILED
         self._monitor.hear_driver(text or ('its source failed' if failed else ''))
         if self._active:
             self._show_stop_request()
 
-    def _on_edge(self, message: Any) -> None:
-        edge = edge_from(message)
+    def _on_edge(self, edge: EyeEdge) -> None:
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
@@ -149,8 +145,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._publish(self._stage.add_edge(edge, self._now()))
         self._wake()
 
-    def _on_estimate(self, message: Any) -> None:
-        estimate = estimate_from(message)
+    def _on_estimate(self, estimate: MassEstimate) -> None:
         if not self._active:
             return
         if (recall := self._recall) is not None and self._holds_back():
@@ -168,8 +163,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._publish(self._stage.advance(self._now()))
         self._wake()
 
-    def _on_reject_eye(self, message: Any) -> None:
-        edge = edge_from(message)
+    def _on_reject_eye(self, edge: EyeEdge) -> None:
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if self._active:
             self._monitor.add_edge(edge)
@@ -195,7 +189,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if recall.driver_heard and not recall.asked and self._history.service_is_ready():
             recall.asked = True
             answer = self._history.call_async(LineHistoryService.Request())
-            answer.add_done_callback(lambda done: self._on_history(recall, done))
+            answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
         if not recall.released and recall.may_go_on(self._stage.weigh_length):
             recall.released = True
             if not recall.is_over:
@@ -205,7 +199,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_history(self, recall: Recall, answer: Any) -> None:
         try:
-            recall.answer(history_from(answer.result()))
+            recall.answer(to_record(ports.LINE_HISTORY, answer.result()))
         except Exception as error:
             self.warn(f'{ports.LINE_HISTORY.name}: {type(error).__name__}: {error}')
             recall.answer(None)
@@ -220,9 +214,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         else:
             due = self._stage.due if self.parameters.deadlines else None
         if due is None:
-            self._alarm.clear()
+            self._timer.clear()
         else:
-            self._alarm.set_by(due)
+            self._timer.set_by(due)
 
     def _settle(self, history: LineHistory | None) -> None:
         """Judge what was missed, then go on with what was kept back meanwhile."""
@@ -268,7 +262,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _publish(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
-            self._verdicts.publish(verdict_to(verdict))  # before all else: the rejector waits
+            self._verdicts.send(verdict)  # before all else: the rejector waits
             self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
             if not verdict.estimate_id:
@@ -290,7 +284,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if request == self._shown:
             return
         self._shown = request
-        self._stop_requests.publish(stop_request_to(request))
+        self._stop_requests.send(request)
         if request is _NOT_READY:
             self.get_logger().info(f'stop: {request.reason}: {request.reason.hint}')
         elif request is not None:
@@ -303,7 +297,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         known = self.parameters
         watch = self._verdict_watch
         confirmed = known.confirmation_time > 0
-        no_masses = self.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE.name)
+        no_masses = self.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         return [
             watch.verdicts(now, known.verdict_margin, deadlines=known.deadlines),
             watch.line(now, 'identifier' if no_masses else ''),

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import time
 from typing import Any
 
-from checkweigher_msgs.msg import StreamStatus
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -13,19 +12,19 @@ from std_srvs.srv import Trigger
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.segmenter import SegmenterWatch
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.alarm import Alarm
-from checkweigher_dsp.ros.conversion import (
-    edge_from,
-    header_to,
-    load_cell_from,
-    samples_from,
-    window_to,
-    zero_change_to,
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    EyeEdge,
+    LoadCell,
+    SampleBlock,
+    StreamState,
+    StreamStatus,
+    WeighWindow,
 )
-from checkweigher_dsp.ros.held_publisher import HeldPublisher
-from checkweigher_dsp.ros.stage_node import StageNode, run
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
+from checkweigher_dsp.ros.running import run
+from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
@@ -55,23 +54,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._stream = 0
         self._announced = False
         self._end: tuple[int, int] | None = None
-        self._windows = HeldPublisher(self, ports.WEIGH_WINDOW, ports.DENOISED_WINDOW)
-        self._status = self.create_publisher(
-            ports.SEGMENTER_STATUS.type, ports.SEGMENTER_STATUS.name, ports.SEGMENTER_STATUS.qos
-        )
-        self._zero_settings = self.create_publisher(
-            ports.ZERO_SETTING.type, ports.ZERO_SETTING.name, ports.ZERO_SETTING.qos
-        )
-        self.subscribe(ports.LOAD_CELL_INFO, self._on_info)
-        self._inputs = (
-            self.subscribe(ports.LOAD_CELL_SAMPLES, lambda m: self._on_event(samples_from(m))),
-            self.subscribe(ports.PHOTO_EYES, lambda m: self._on_event(edge_from(m))),
+        self._windows = self.held_output(ports.WEIGH_WINDOW, ports.DENOISED_WINDOW)
+        self._status = self.output(ports.SEGMENTER_STATUS)
+        self._zero_settings = self.output(ports.ZERO_SETTING)
+        self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
+        self._events = (
+            self.subscribe(ports.LOAD_CELL_SAMPLES, self._on_event),
+            self.subscribe(ports.PHOTO_EYES, self._on_event),
         )
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
-        self._answer_alarm = Alarm(self, self._answer)
-        self._end_alarm = Alarm(self, self._finish_incomplete)
+        self._answer_timer = OneShotTimer(self, self._answer)
+        self._end_timer = OneShotTimer(self, self._finish_incomplete)
         self._zero_requests: list[Future] = []
-        self._zero_alarm = Alarm(self, self._refuse_zero)
+        self._zero_timer = OneShotTimer(self, self._refuse_zero)
         # A group of its own: samples go on while an answer waits for them.
         self.create_service(Trigger, 'zero', self._on_zero, callback_group=ReentrantCallbackGroup())
 
@@ -81,9 +76,11 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             response.message = 'no load_cell/info has come: not zeroed'
             return response
         answer: Future = Future()
+        # A source completes it in its own thread, while the executor may wait.
+        answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
         self._segmenter.request_zero()
-        self._zero_alarm.set(_in(_ZERO_PATIENCE))
+        self._zero_timer.set(_in(_ZERO_PATIENCE))
         response.success, response.message = await answer
         return response
 
@@ -91,13 +88,12 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_zero(False, f'no answer from the belt within {_ZERO_PATIENCE:g} s: not zeroed')
 
     def _answer_zero(self, done: bool, text: str) -> None:
-        self._zero_alarm.clear()
+        self._zero_timer.clear()
         requests, self._zero_requests = self._zero_requests, []
         for request in requests:
             request.set_result((done, text))
 
-    def _on_info(self, message: Any) -> None:
-        load_cell = load_cell_from(message)
+    def _on_load_cell(self, load_cell: LoadCell) -> None:
         if load_cell == self._load_cell:
             return
         if self._load_cell is not None:
@@ -141,37 +137,39 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
                 or self._blocks_since_report >= _STATUS_BLOCKS
             ):
-                self._publish_status(StreamStatus.RUNNING)
+                self._publish_status(StreamState.RUNNING)
         else:
             self._publish(segmenter.add_edge(event))
         if self._zero_requests and segmenter.zero_answer is not None:
             answer = segmenter.zero_answer
             if answer.change is not None:
-                self._zero_settings.publish(zero_change_to(answer.change))
+                self._zero_settings.send(answer.change)
             self._answer_zero(answer.done, answer.text)
         self._finish_if_ended()
 
-    def _on_driver_status(self, message: Any) -> None:
-        if message.state == StreamStatus.RUNNING:
-            if message.stream == self._stream:
-                if not self._announced:
-                    self._publish_status(StreamStatus.RUNNING)  # the driver asks
-                return
-            self._stream = int(message.stream)
-            self._end = None
-            self._end_alarm.clear()
-            if self._load_cell is not None:
-                self._watch.begin_stream(time.monotonic(), self._load_cell)
-            if self._segmenter is not None and self._segmenter.samples > 0:
-                self._start()
-            self._announced = True
-            self._answer_alarm.set(_in(_ANSWER_PERIOD))
-        else:
-            self._stream = int(message.stream)
-            self._watch.end_stream(well=message.state == StreamStatus.FINISHED, text=message.text)
-            self._end = (int(message.samples), int(message.edges))
-            self._end_alarm.set(_in(_END_PATIENCE))
+    def _on_driver_status(self, status: StreamStatus) -> None:
+        if status.state != StreamState.RUNNING:
+            self._stream = status.stream
+            well = status.state == StreamState.FINISHED
+            self._watch.end_stream(well=well, text=status.text)
+            self._end = (status.samples, status.edges)
+            self._end_timer.set(_in(_END_PATIENCE))
             self._finish_if_ended()
+        elif status.stream != self._stream:
+            self._begin_stream(status.stream)
+        elif not self._announced:
+            self._publish_status(StreamState.RUNNING)  # the driver asks
+
+    def _begin_stream(self, stream: int) -> None:
+        self._stream = stream
+        self._end = None
+        self._end_timer.clear()
+        if self._load_cell is not None:
+            self._watch.begin_stream(time.monotonic(), self._load_cell)
+        if self._segmenter is not None and self._segmenter.samples > 0:
+            self._start()
+        self._announced = True
+        self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
         """Tell the driver that its stream can begin, once nothing of it would be lost.
@@ -179,12 +177,12 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         That its publishers have found these subscriptions the driver knows itself, the other
         direction only this node.
         """
-        if self._segmenter is None or any(s.get_publisher_count() == 0 for s in self._inputs):
-            self._answer_alarm.set(_in(_ANSWER_PERIOD))
+        if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
+            self._answer_timer.set(_in(_ANSWER_PERIOD))
             return
         if self._announced:
             self._announced = False
-            self._publish_status(StreamStatus.RUNNING)
+            self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:
         """Give up what is still on the belt once everything that was sent has been taken."""
@@ -193,7 +191,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (self._segmenter.samples, self._segmenter.edges) == self._end:
             self._finish()
         else:
-            self._end_alarm.set(_in(_END_PATIENCE))
+            self._end_timer.set(_in(_END_PATIENCE))
 
     def _finish_incomplete(self) -> None:
         """Finish although something is missing: it will not come any more."""
@@ -209,13 +207,13 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _finish(self) -> None:
         assert self._segmenter is not None
         self._end = None
-        self._end_alarm.clear()
+        self._end_timer.clear()
         self._publish(self._segmenter.finish())
-        self._publish_status(StreamStatus.FINISHED)
+        self._publish_status(StreamState.FINISHED)
 
     def _publish(self, windows: list[WeighWindow]) -> None:
         for window in windows:
-            self._windows.publish(window_to(window))
+            self._windows.send(window)
             self.count('windows')
             if self._segmenter is not None:
                 self._watch.add_window(time.monotonic(), window, self._segmenter)
@@ -229,19 +227,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._watch.look(now, self._segmenter)
         return self._watch.findings(now, time.time() - time.monotonic())
 
-    def _publish_status(self, state: int) -> None:
+    def _publish_status(self, state: StreamState) -> None:
         if self._segmenter is None:
             return
         self._reported_samples = self._segmenter.samples
         self._blocks_since_report = 0
-        self._status.publish(
+        self._status.send(
             StreamStatus(
-                header=header_to(self._last_stamp),
-                state=state,
-                stream=self._stream,
-                samples=self._segmenter.samples,
-                edges=self._segmenter.edges,
-                items=self._items_before + self._segmenter.items,
+                self._last_stamp,
+                self._stream,
+                state,
+                self._segmenter.samples,
+                self._segmenter.edges,
+                self._items_before + self._segmenter.items,
             )
         )
 

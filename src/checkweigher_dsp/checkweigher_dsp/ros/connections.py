@@ -1,98 +1,44 @@
 """Connections of a node: who publishes and takes its topics, and whose QoS does not fit."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
-from rclpy.subscription import Subscription
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, RecentValues, conclude
-from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.outputs import Input, Output
+from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.ports import Port, fits
 
 _PATIENCE = 5.0  # s, in which the nodes of a line find each other
 
-# The node that has to publish a topic, and those that have to take it.
-MAKERS = {port.name: port.maker for port in ports.ALL if port.maker in port.expected}
-TAKERS = {
-    port.name: ' and '.join(taker for taker in port.takers if taker in port.expected)
-    for port in ports.ALL
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _End:
-    """One end of a topic: the subscription or publisher of this node."""
-
-    name: str
-    endpoint: Subscription | Publisher
-    qos: QoSProfile
-    partner: str  # the node at the other end, empty if it need not be there
-
-    @property
-    def is_input(self) -> bool:
-        return isinstance(self.endpoint, Subscription)
-
-    def count(self) -> int:
-        """Return how many endpoints are connected to this one."""
-        if isinstance(self.endpoint, Subscription):
-            return int(self.endpoint.get_publisher_count())
-        return int(self.endpoint.get_subscription_count())
-
 
 class Connections:
-    """Watch of the topics of a node.
+    """Watch of the inputs and outputs of a node.
 
     Parameters
     ----------
-    node : Node
+    node : PortNode
         Whose topics they are.
     began : float
         s on a clock that never steps back, when the node was started.
-    warn : callable
-        Takes a warning of a publisher or subscriber whose QoS does not fit.
     """
 
-    def __init__(self, node: Node, began: float, warn: Callable[[str], None]) -> None:
+    def __init__(self, node: PortNode, began: float) -> None:
         self._node = node
         self._began = began
-        self._warn = warn
-        self._ends: list[_End] = []
         self._refused = RecentValues()
         self._refusal = ''
-
-    def input_events(self, name: str) -> Any:
-        """Return None: rclpy's own callbacks log a QoS that does not fit."""
-        return None
-
-    def output_events(self, name: str) -> Any:
-        """Return None: rclpy's own callbacks log a QoS that does not fit."""
-        return None
-
-    def add_input(
-        self, name: str, subscription: Subscription, qos: QoSProfile, *, needed: bool
-    ) -> None:
-        """Watch a subscription; with `needed` there has to be a publisher."""
-        self._ends.append(_End(name, subscription, qos, MAKERS.get(name, '') if needed else ''))
-
-    def add_output(self, name: str, publisher: Publisher, qos: QoSProfile) -> None:
-        """Watch a publisher."""
-        self._ends.append(_End(name, publisher, qos, TAKERS.get(name, '')))
-
-    def forget(self, endpoint: Subscription | Publisher) -> None:
-        """Stop watching an endpoint that is about to be destroyed."""
-        self._ends = [end for end in self._ends if end.endpoint is not endpoint]
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Take that a message could not be used."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
-    def lacks_input(self, name: str) -> bool:
-        """Return whether a topic that this node subscribes to has no publisher."""
-        return any(end.is_input and end.name == name and not end.count() for end in self._ends)
+    def lacks_input(self, port: Port) -> bool:
+        """Return whether a port that this node takes has no publisher."""
+        return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Connections; `now` in s on the clock of the beginning."""
@@ -100,17 +46,17 @@ class Connections:
         values: dict[str, float | str] = {}
         found: list[Concern] = []
         started = now - self._began > _PATIENCE
-        for end in sorted(self._ends, key=lambda end: not end.is_input):
-            count = end.count()
-            if end.partner:
-                values[f'{end.name} {"publishers" if end.is_input else "subscribers"}'] = count
-            found += self._clashes(end, count)
-            if started and end.partner and count == 0:
-                level = Level.ERROR if end.is_input else Level.WARN
-                missing = 'publisher' if end.is_input else 'subscriber'
-                hint = f'check that {end.partner} runs, in this namespace and ROS_DOMAIN_ID'
-                text = f'no {missing} of {end.endpoint.topic_name}'
-                found.append(Concern(level, text, hint))
+        ends: list[Input | Output] = [*self._node.inputs, *self._node.outputs]
+        for end in ends:
+            count, partner = end.count(), _partner(end)
+            other = 'publisher' if isinstance(end, Input) else 'subscriber'
+            if partner:
+                values[f'{end.port.name} {other}s'] = count
+            found += self._clashes(end, needed=bool(partner) and count == 0)
+            if started and partner and count == 0:
+                level = Level.ERROR if isinstance(end, Input) else Level.WARN
+                hint = f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
+                found.append(Concern(level, f'no {other} of {end.topic_name}', hint))
         values['messages refused in the last minute'] = len(self._refused)
         if len(self._refused):
             text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
@@ -118,36 +64,48 @@ class Connections:
             found.append(Concern(Level.WARN, text, hint))
         return conclude('Connections', 'all there', found, values)
 
-    def _clashes(self, end: _End, matched: int) -> Iterator[Concern]:
+    def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
         """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""
-        name, node = end.endpoint.topic_name, self._node
-        known = node.count_publishers(name) if end.is_input else node.count_subscribers(name)
-        if known <= matched:
-            return
-        if end.is_input:
-            others = node.get_publishers_info_by_topic(name)
-        else:
-            others = node.get_subscriptions_info_by_topic(name)
-        for other in others:
-            pair = (other.qos_profile, end.qos) if end.is_input else (end.qos, other.qos_profile)
+        is_input = isinstance(end, Input)
+        for other in self._others(end):
+            pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
             compatibility, reason = qos_check_compatible(*pair)
             if compatibility != QoSCompatibility.ERROR:
                 continue
             who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
-            does = 'publishes' if end.is_input else 'subscribes to'
+            does = 'publishes' if is_input else 'subscribes to'
             why = reason.replace('ERROR: ', '').strip('; ').lower()
-            text = f'{who} {does} {name} with a QoS that does not fit ({why})'
-            level = Level.ERROR if end.partner and matched == 0 else Level.WARN
+            text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
+            level = Level.ERROR if needed else Level.WARN
             yield Concern(level, text, f'change the QoS of {who} to that of docs/interfaces.md')
 
+    def _others(self, end: Input | Output) -> list[Any]:
+        """Return the endpoints at the other end, if DDS has not connected all of them."""
+        node, name = self._node, end.topic_name
+        if isinstance(end, Output):
+            if node.count_subscribers(name) <= end.publisher.get_subscription_count():
+                return []
+            return list(node.get_subscriptions_info_by_topic(name))
+        if end.subscription is None or node.count_publishers(name) <= end.count():
+            return []
+        return list(node.get_publishers_info_by_topic(name))
 
-def has_matched_all(node: Node, *publishers: Publisher) -> bool:
-    """Return whether publishers have matched every subscriber in the graph whose QoS fits."""
+
+def has_matched_all(node: Node, *outputs: Output) -> bool:
+    """Return whether outputs have matched every subscriber in the graph whose QoS fits."""
     return all(
-        publisher.get_subscription_count()
+        output.publisher.get_subscription_count()
         >= sum(
-            ports.fits(publisher.qos_profile, other.qos_profile)
-            for other in node.get_subscriptions_info_by_topic(publisher.topic_name)
+            fits(output.qos, other.qos_profile)
+            for other in node.get_subscriptions_info_by_topic(output.topic_name)
         )
-        for publisher in publishers
+        for output in outputs
     )
+
+
+def _partner(end: Input | Output) -> str:
+    """Return the nodes that have to be at the other end, empty if none has to."""
+    port = end.port
+    if isinstance(end, Input):
+        return port.maker if end.needed and port.maker in port.expected else ''
+    return ' and '.join(taker for taker in port.takers if taker in port.expected)

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.ros.connections import Connections
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import DIAGNOSTICS
 
 _PERIOD = 1.0  # s
@@ -23,26 +23,24 @@ class Diagnostics:
 
     Parameters
     ----------
-    node : Node
+    node : PortNode
         Whose findings they are.
     diagnose : callable
         Returns them for a time of the monotonic clock, s.
     """
 
-    def __init__(self, node: Node, diagnose: Callable[[float], Iterable[Finding]]) -> None:
+    def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
         self._node = node
         self._diagnose = diagnose
         self._counters: dict[str, int] = {}
         self._warning = self._last_warning = ''
         self._last_logged = ('', 0.0)
         self._hardware_id = 'checkweigher'
-        self.connections = Connections(node, time.monotonic(), self.warn)
+        self._output = node.output(DIAGNOSTICS)
+        self.connections = Connections(node, time.monotonic())
 
     def start(self) -> None:
-        """Publish from now on."""
-        self._publisher = self._node.create_publisher(
-            DIAGNOSTICS.type, DIAGNOSTICS.name, DIAGNOSTICS.qos
-        )
+        """Publish from now on, with the nodes that start at the same time."""
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
@@ -77,7 +75,7 @@ class Diagnostics:
             ]
         )
         message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        self._output.send(message)
 
     def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
         try:

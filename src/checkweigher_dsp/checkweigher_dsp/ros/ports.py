@@ -93,6 +93,12 @@ def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
+def _with_text(message: Any, request: StopRequest) -> StopRequest:
+    """Return a stop request with what its hint says beyond that of the reason."""
+    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
+    return replace(request, text=text)
+
+
 _WEIGHED = 1  # of MassEstimate.status
 _RUN = 1  # of StopRequest.state; 0 is STOP
 
@@ -130,6 +136,7 @@ FORMS: dict[type, Form] = {
         lacks=('text',),
         derived={'hint': lambda request: request.hint},
         absent={'state': _RUN},
+        amend=_with_text,
     ),
     Statistics: Form('checkweigher_msgs/msg/Statistics'),
     LineHistory: Form('checkweigher_msgs/srv/LineHistory_Response'),

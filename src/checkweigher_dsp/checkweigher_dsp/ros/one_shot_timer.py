@@ -1,37 +1,33 @@
-"""A timer that any callback of the process may set."""
+"""A timer that rings once, and may be set from any thread."""
 
 from collections.abc import Callable
 import time
 
 from rclpy.node import Node
 
-from checkweigher_dsp.ros.delivery import current
-
 _SHORTEST = 1000  # ns
 
 
-class Alarm:
+class OneShotTimer:
     """Call something once, when its time has come.
 
-    Messages that are handed over come in the thread of whoever published them, and there a timer
-    of rclpy must not be cancelled: its executor may just be about to call it, and then raises.
-    Here it rings for nothing. And the executor hears of a new time when it already waits.
+    A timer of rclpy must not be cancelled in another thread than that of its executor, which may
+    be about to call it and then raises: this one rings for nothing instead.
 
     Parameters
     ----------
     node : Node
-        Whose executor calls.
+        Its executor calls.
     callback : callable
         What is called.
     """
 
     def __init__(self, node: Node, callback: Callable[[], None]) -> None:
+        self._node = node
         self._callback = callback
-        self._delivery = current()
         self._due: int | None = None
-        self._set_to: int | None = None  # when the timer runs out
-        self._timer = node.create_timer(1.0, self._ring)
-        self._timer.cancel()
+        self._set_to: int | None = None  # when the timer of rclpy runs out
+        self._timer = node.create_timer(1.0, self._ring, autostart=False)
 
     def set(self, due: int) -> None:
         """Ring at a time, ns of the monotonic clock, and no more at the one set before."""
@@ -40,11 +36,11 @@ class Alarm:
             self._set_to = due
             self._timer.timer_period_ns = max(due - time.monotonic_ns(), _SHORTEST)
             self._timer.reset()
-            if self._delivery is not None:
-                self._delivery.nudge()
+            if self._node.executor is not None:
+                self._node.executor.wake()  # it may wait for a later time
 
     def set_by(self, due: int) -> None:
-        """Ring at a time or at the one set before, whichever is sooner."""
+        """Ring at a time or at the one set before, the sooner of both."""
         self.set(due if self._due is None else min(due, self._due))
 
     def clear(self) -> None:

@@ -1,0 +1,211 @@
+"""Outputs and inputs of nodes: plain calls within a process, DDS to all others."""
+
+from collections.abc import Callable, Sequence
+import copy
+import threading
+from typing import Any, Protocol
+
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.ros.conversion import to_message, to_record
+from checkweigher_dsp.ros.ports import Port, fits
+
+# One lock for a process. Callbacks of stages run in the thread of the executor and, called from
+# the source of the driver, in its thread, but never two at once.
+LOCK = threading.RLock()
+
+
+class Output:
+    """Where a node sends the records of a port.
+
+    Parameters
+    ----------
+    node : Node
+        Publishes.
+    port : Port
+        Topic and QoS.
+
+    Attributes
+    ----------
+    takers : list of Input
+        Of the same process; each record is handed to them by a plain call.
+    publisher : Publisher
+        For all others.
+    """
+
+    def __init__(self, node: Node, port: Port) -> None:
+        self.port = port
+        self.qos = copy.copy(port.qos)
+        self.takers: list[Input] = []
+        self.publisher = with_overrides(
+            lambda options: node.create_publisher(port.type, port.name, self.qos, **options)
+        )
+        self.topic_name: str = self.publisher.topic_name
+        self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
+
+    def send(self, record: Any, **header: Any) -> None:
+        """Hand a record to the takers; `header` goes to the message alone."""
+        with LOCK:
+            if self._latched or self.publisher.get_subscription_count() > 0:
+                self.publisher.publish(self._message(record, **header))
+            for taker in self.takers:
+                taker.take(record)
+
+    def _message(self, record: Any, **header: Any) -> Any:
+        return record if self.port.record is None else to_message(self.port, record, **header)
+
+    def connected(self) -> None:
+        """Take that all takers of the process are known."""
+
+    def count(self) -> int:
+        """Return how many take the records, in this process and over DDS."""
+        return len(self.takers) + int(self.publisher.get_subscription_count())
+
+
+class Input:
+    """Where a node takes the records of a port.
+
+    Parameters
+    ----------
+    node : InputNode
+        Takes them.
+    port : Port
+        Topic.
+    callback : callable
+        Gets each record; what it raises is passed to ``node.refuse``.
+    qos : QoSProfile
+        For DDS.
+    needed : bool
+        Whether the node lacks something where nothing makes the records.
+
+    Attributes
+    ----------
+    makers : list of Output
+        Of the same process. With any, there is no subscription.
+    subscription : Subscription or None
+        To all others.
+    """
+
+    def __init__(
+        self,
+        node: 'InputNode',
+        port: Port,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        needed: bool = True,
+    ) -> None:
+        self.port = port
+        self.needed = needed
+        self.qos = copy.copy(qos)
+        self.topic_name = str(node.resolve_topic_name(port.name))
+        self.makers: list[Output] = []
+        self.subscription: Subscription | None = None
+        self._node = node
+        self._callback = callback
+
+    def take(self, record: Any) -> None:
+        """Hand a record to the node."""
+        self._node.received(self.port)
+        try:
+            self._callback(record)
+        except Exception as error:
+            self._node.refuse(self.port, error)
+
+    def subscribe(self) -> None:
+        """Take records over DDS."""
+        self.subscription = with_overrides(
+            lambda options: self._node.create_subscription(
+                self.port.type, self.port.name, self._take_message, self.qos, **options
+            )
+        )
+
+    def count(self) -> int:
+        """Return how many make the records."""
+        if self.subscription is None:
+            return len(self.makers)
+        return int(self.subscription.get_publisher_count())
+
+    def _take_message(self, message: Any) -> None:
+        with LOCK:
+            try:
+                record = message if self.port.record is None else to_record(self.port, message)
+            except Exception as error:
+                self._node.refuse(self.port, error)
+            else:
+                self.take(record)
+
+
+class InputNode(Protocol):
+    """A node that has inputs."""
+
+    inputs: list[Input]
+    outputs: list[Output]
+
+    def received(self, port: Port) -> None:
+        """Note that a record has come."""
+
+    def refuse(self, port: Port, error: Exception) -> None:
+        """Go on after a record that cannot be used."""
+
+    def create_subscription(self, *args: Any, **options: Any) -> Subscription:
+        """Subscribe to a topic."""
+
+    def resolve_topic_name(self, topic: str) -> str:
+        """Return a topic's whole name after remapping."""
+
+
+def connect(nodes: Sequence[Any]) -> None:
+    """Connect the inputs of the nodes of a process, before any of them begins to work.
+
+    An input whose topic an output of these nodes makes, with a QoS that fits, is called by that
+    output, and takes nothing over DDS. All other inputs subscribe.
+    """
+    members = [node for node in nodes if hasattr(node, 'inputs')]
+    outputs = [output for node in members for output in node.outputs]
+    for entry in (entry for node in members for entry in node.inputs):
+        entry.makers = [
+            output
+            for output in outputs
+            if output.topic_name == entry.topic_name
+            and output.port.type is entry.port.type
+            and fits(output.qos, entry.qos)
+        ]
+        for output in entry.makers:
+            output.takers.append(entry)
+        if not entry.makers:
+            entry.subscribe()
+    for output in outputs:
+        output.connected()
+
+
+def disconnect(node: InputNode) -> None:
+    """Let go of the inputs and outputs of a node that is about to be destroyed."""
+    with LOCK:
+        for entry in node.inputs:
+            for output in entry.makers:
+                output.takers.remove(entry)
+            entry.makers = []
+        for output in node.outputs:
+            for entry in output.takers:
+                entry.makers.remove(output)
+            output.takers = []
+
+
+def with_overrides(create: Callable[[dict[str, Any]], Any]) -> Any:
+    """Return an endpoint whose depth, history and reliability may be set by parameters.
+
+    Raises
+    ------
+    ParameterError
+        If such a parameter cannot be used.
+    """
+    try:
+        return create({'qos_overriding_options': QoSOverridingOptions.with_default_policies()})
+    except (InvalidParameterTypeException, RuntimeError) as error:
+        raise ParameterError(f'qos_overrides: {error}') from None

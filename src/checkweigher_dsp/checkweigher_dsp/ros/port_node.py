@@ -1,0 +1,134 @@
+"""A node with inputs and outputs, whose callbacks take turns with those of its process."""
+
+from collections.abc import Callable, Generator
+import inspect
+import types
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
+
+from checkweigher_dsp.ros.held_output import HeldOutput
+from checkweigher_dsp.ros.outputs import LOCK, Input, Output, disconnect
+from checkweigher_dsp.ros.ports import Port
+
+
+class PortNode(Node):
+    """A node whose callbacks all have the lock of the process.
+
+    The node takes records once `checkweigher_dsp.ros.outputs.connect` has connected it.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        self.inputs: list[Input] = []
+        self.outputs: list[Output] = []
+        super().__init__(name, **options)
+
+    def start(self) -> None:
+        """Begin to work: the node is connected and served."""
+
+    def output(self, port: Port) -> Output:
+        """Return an output of a port."""
+        return self._add(Output(self, port))
+
+    def held_output(self, port: Port, answer: Port | None = None) -> HeldOutput:
+        """Return an output that waits for its consumer; see `HeldOutput`."""
+        output = HeldOutput(self, port, answer)
+        self._add(output)
+        return output
+
+    def _add(self, output: Output) -> Output:
+        self.outputs.append(output)
+        return output
+
+    def subscribe(
+        self,
+        port: Port,
+        callback: Callable[[Any], None],
+        *,
+        qos: QoSProfile | None = None,
+        needed: bool = True,
+    ) -> Input:
+        """Have a callback called with each record of a port; see `Input`."""
+        entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
+        self.inputs.append(entry)
+        return entry
+
+    def received(self, port: Port) -> None:
+        """Note that a record has come."""
+
+    def refuse(self, port: Port, error: Exception) -> None:
+        """Log a record that the callback cannot use, which is not fatal."""
+        self.get_logger().warning(
+            f'refused a message on {port.name}: {type(error).__name__}: {error}'
+        )
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
+    ) -> Timer:
+        """Create a timer."""
+        return super().create_timer(timer_period_sec, locked(callback), *args, **options)
+
+    def create_service(  # type: ignore[no-untyped-def]
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
+    ):
+        """Offer a service; a call that cannot be answered is refused, not fatal.
+
+        The services of the parameters are created here too: in rclpy 7.1 an unknown type of a
+        value raises.
+        """
+        guarded = locked(callback)
+        if not inspect.iscoroutinefunction(callback):
+            guarded = self.guarded(srv_type, srv_name, guarded)
+        return super().create_service(srv_type, srv_name, guarded, **options)
+
+    def guarded(
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any]
+    ) -> Callable[..., Any]:
+        """Return the callback of a service so that what it raises is an empty answer."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                self.warn(f'refused a call of {srv_name}: {type(error).__name__}: {error}')
+                return srv_type.Response()
+
+        return answer
+
+    def warn(self, text: str) -> None:
+        """Log a warning."""
+        self.get_logger().warning(text)
+
+    def destroy_node(self) -> None:
+        """Destroy the node; the others of its process hand it nothing more."""
+        disconnect(self)
+        super().destroy_node()
+
+
+def locked(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a callback that has the lock of the process; a coroutine has it for each step."""
+    if inspect.iscoroutinefunction(callback):
+
+        async def in_steps(*args: Any) -> Any:
+            return await _locked_steps(callback(*args))
+
+        return in_steps
+
+    def call(*args: Any) -> Any:
+        with LOCK:
+            return callback(*args)
+
+    return call
+
+
+@types.coroutine
+def _locked_steps(coroutine: Any) -> Generator[Any, None, Any]:
+    while True:
+        with LOCK:
+            try:
+                waiting = coroutine.send(None)
+            except StopIteration as end:
+                return end.value
+        yield waiting

@@ -1,0 +1,113 @@
+"""An executor in a thread of its own."""
+
+from collections.abc import Callable
+from contextlib import suppress
+import threading
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from checkweigher_dsp.ros.outputs import LOCK, connect
+from checkweigher_dsp.ros.port_node import PortNode
+
+_PATIENCE = 10.0  # s
+
+
+class Spinner:
+    """Serves nodes in a thread, by an executor of rclpy.
+
+    Each wake of that executor collects all entities of all nodes, 1 ms and more for a line: what
+    happens often must not wake it.
+
+    Parameters
+    ----------
+    on_end : callable, optional
+        Called in the thread when it ends, for example by an exception of a callback.
+
+    Attributes
+    ----------
+    error : Exception or None
+        What a callback raised, which ended the thread.
+    """
+
+    def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
+        self.error: Exception | None = None
+        self._on_end = on_end
+        self._executor = SingleThreadedExecutor()
+        self._nodes: list[Node] = []
+        self._stopping = False
+        self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the nodes are still served: an exception in a callback ends that."""
+        return self._thread.is_alive()
+
+    def add(self, *nodes: Node) -> None:
+        """Connect nodes with each other, serve them and have them start in this order."""
+        connect(nodes)
+        for node in nodes:
+            self._nodes.append(node)
+            self._executor.add_node(node)
+        with LOCK:
+            for node in nodes:
+                if isinstance(node, PortNode):
+                    node.start()
+
+    def remove(self, node: Node) -> None:
+        """Destroy a node before the others."""
+        self._nodes.remove(node)
+
+        def destroy() -> None:
+            self._executor.remove_node(node)
+            node.destroy_node()
+
+        self.call(destroy)
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Call something in the thread that spins, and wait until it is done.
+
+        Only there entities may be destroyed and timers cancelled: the executor may use them.
+        """
+        done = threading.Event()
+        error: list[Exception] = []
+
+        def locked() -> None:
+            try:
+                with LOCK:
+                    function()
+            except Exception as raised:
+                error.append(raised)
+            done.set()
+
+        self._executor.create_task(locked)
+        if not done.wait(_PATIENCE):
+            raise RuntimeError('the executor does not answer')
+        if error:
+            raise error[0]
+
+    def stop(self) -> None:
+        """Stop, and destroy the nodes in the order opposite to that in which they came."""
+        # Shut down only when the thread has ended: rclpy takes away what a wait is using.
+        self._executor.create_task(self._end)
+        self._thread.join(timeout=_PATIENCE)
+        if not self._thread.is_alive():
+            self._executor.shutdown()
+        with LOCK:
+            for node in reversed(self._nodes):
+                node.destroy_node()
+
+    def _end(self) -> None:
+        self._stopping = True
+
+    def _spin(self) -> None:
+        try:
+            with suppress(ExternalShutdownException):
+                while not self._stopping:
+                    self._executor.spin_once()
+        except Exception as error:
+            self.error = error
+            raise
+        finally:
+            self._on_end()

@@ -1,0 +1,43 @@
+"""Nodes that are connected and served, as those of one process are."""
+
+from collections.abc import Callable, Iterator
+import os
+import time
+
+import pytest
+import rclpy
+from rclpy.node import Node
+
+from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.spinner import Spinner
+
+PATIENCE = 20.0  # s
+
+
+class Process:
+    """A process of nodes."""
+
+    def __init__(self) -> None:
+        self.spinner = Spinner()
+        self._count = 0
+
+    def node(self, kind: type[Node] = PortNode) -> Node:
+        """Return one more node, not served yet."""
+        self._count += 1
+        return kind(f'node_{self._count}')
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        """Wait until a condition holds."""
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end
+            time.sleep(0.005)
+
+
+@pytest.fixture
+def process() -> Iterator[Process]:
+    rclpy.init(domain_id=1 + os.getpid() % 101)
+    process = Process()
+    yield process
+    process.spinner.stop()
+    rclpy.try_shutdown()
