@@ -1,12 +1,12 @@
 """Whole windows against the plain path, and windows at once against windows one by one."""
 
 from dataclasses import astuple, replace
-from pathlib import Path
 
 from lines import simulated
 import numpy as np
 import plain_path
 import pytest
+from running import BAGS
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
@@ -18,7 +18,6 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
 
-BAGS = Path(__file__).parents[3] / 'bags'
 COLUMNS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')
 TABLES = {
     'default': DenoiseParameters(),
