@@ -219,10 +219,3 @@ def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
     values: NDArray[Any] = np.frombuffer(field, dtype)
     values.flags.writeable = False
     return values
-
-
-def __getattr__(name: str) -> Any:
-    """Return a function for one record alone, until no caller of these is left."""
-    from checkweigher_dsp.ros import named_conversion
-
-    return getattr(named_conversion, name)

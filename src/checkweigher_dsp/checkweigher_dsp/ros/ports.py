@@ -219,9 +219,6 @@ class Port:
         return _reliable(self.history.depth, latched=self.history.stage_latched)
 
 
-Topic = Port  # until no caller is left
-
-
 @cache
 def message_class(message_type: str) -> Any:
     """Return the class of a message in rclpy, by its name as ROS writes it."""
