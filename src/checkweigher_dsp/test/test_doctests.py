@@ -1,9 +1,11 @@
 """The examples in the docstrings of kernels and estimators."""
 
+from dataclasses import replace
 import doctest
 from importlib import import_module
 from pkgutil import walk_packages
 
+import numpy as np
 import pytest
 
 import checkweigher_dsp
@@ -33,8 +35,12 @@ def test_the_modules_with_examples_exist():
 
 
 @pytest.mark.parametrize('name', MODULES)
-def test_the_examples_of_a_module_are_true(name):
-    result = doctest.testmod(import_module(f'checkweigher_dsp.{name}'))
+def test_the_examples_of_a_module_are_true(name, make_window):
+    window = replace(make_window([0.2] * 96), denoised=np.full(96, 0.2))
+
+    result = doctest.testmod(
+        import_module(f'checkweigher_dsp.{name}'), extraglobs={'window': window}
+    )
 
     assert result.failed == 0
     assert result.attempted > 0 or name not in WITH_EXAMPLES

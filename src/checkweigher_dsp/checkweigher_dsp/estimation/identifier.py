@@ -69,11 +69,6 @@ class Identifier:
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, counts_per_kg=1e3,
-    ...     zero_counts=0.0, zero=0.0, zero_std_dev=0.0, window_begin=0, window_end=96,
-    ...     counts=np.full(96, 200, np.int32),
-    ... )
     >>> identifier = Identifier(IdentifierParameters(estimator='mean'))
     >>> print(round(identifier.estimate(window).mass, 9))
     0.2

@@ -5,9 +5,10 @@ that the load is its steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter esti
 coefficients together, state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, islice, repeat
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,17 +36,16 @@ class Noise:
     initial: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Identification:
-    """Coefficients after the last sample of each window and what follows from them.
+    """Coefficients of the platform in each window, and its steady state.
 
     Attributes
     ----------
     a1, a2, b1 : ndarray, (windows,) float64
         Coefficients of the difference equation; b1 in the unit of the signal.
     gain : ndarray, (windows,) float64
-        Steady state b1 / (1 + a1 + a2), in the unit of the signal; NaN where the filter has
-        diverged or 1 + a1 + a2 is 0.
+        Steady state b1 / (1 + a1 + a2), in the unit of the signal; NaN where there is none.
     variance : ndarray, (windows,) float64
         Variance of `gain`, from the covariance of the coefficients to first order.
     """
@@ -55,6 +55,12 @@ class Identification:
     b1: NDArray[np.float64]
     gain: NDArray[np.float64]
     variance: NDArray[np.float64]
+
+    def in_unit(self, scale: NDArray[np.float64]) -> Self:
+        """Return the result for the signals before they were divided by `scale`, (windows,)."""
+        return replace(
+            self, b1=scale * self.b1, gain=scale * self.gain, variance=scale * scale * self.variance
+        )
 
 
 def identify(
@@ -87,8 +93,8 @@ def identify(
         the filter regular where a signal has no noise.
     noise : Noise
         R, Q and P0.
-    inputs : ndarray, (windows, n) float64, optional
-        u of the step that leads to each sample; by default 1.
+    inputs : ndarray, (windows, k) float64, optional
+        u of the steps that lead to the first k samples, k at most n; then it is 1.
     counts : ndarray, (windows,) int, optional
         Number of samples of each window; what its row holds after them is not used. By default n.
     rise : float or ndarray, (windows,)
@@ -116,18 +122,19 @@ def identify(
     [1.] [0.81]
     """
     windows, length = samples.shape
-    counts = np.full(windows, length) if counts is None else counts
+    lengths = [length] if counts is None else sorted(set(counts.tolist()))
     measurement = np.maximum(noise.measurement * variance, _LEAST_MEASUREMENT)[:, None]
     z, r_at_rest = _by_sample(samples), _by_sample(measurement)[0]
-    if inputs is None:
-        u, r = [1.0] * length, [r_at_rest] * length
-    else:
-        u = _by_sample(inputs)
-        rising = np.asarray(rise).reshape(-1, 1) * measurement
-        r = _by_sample(np.where(inputs < 1.0, rising, measurement))
+    u: Iterator[Any] = repeat(1.0)
+    r: Iterator[Any] = repeat(r_at_rest)
+    if inputs is not None:
+        of_rise = np.asarray(rise).reshape(-1, 1) * measurement
+        u = chain(_by_sample(inputs), u)
+        r = chain(_by_sample(np.where(inputs < 1.0, of_rise, measurement)), r)
     x, x_before, p0, begin = 0.0, 0.0, noise.initial, 0
     if start_from_samples:
         x_before, x, p0, begin = z[0], z[1], r_at_rest, 2
+        u, r = islice(u, begin, None), islice(r, begin, None)
     state: _State = (
         x, x_before, 0.0, 0.0, 0.0,
         p0, 0.0, 0.0, 0.0, 0.0,
@@ -136,16 +143,14 @@ def identify(
         noise.coefficients, 0.0,
         noise.initial,
     )  # fmt: skip
-    coefficients = np.empty((9, windows))
+    found = np.empty((5, windows))
     with np.errstate(all='ignore'):
-        for end in sorted(set(counts.tolist())):
-            steps = slice(begin, end)
-            state = _filter(state, z[steps], u[steps], r[steps], noise.process * r_at_rest)
-            begin, ended = end, counts == end
-            *_, p33, p34, p35, p44, p45, p55 = state
-            found = np.array([*state[2:5], p33, p34, p35, p44, p45, p55])
-            coefficients[:, ended] = found.reshape(9, -1)[:, ended]
-        return _identified(*coefficients)
+        for end in lengths:
+            state = _filter(state, z[begin:end], u, r, noise.process * r_at_rest)
+            begin = end
+            ended = slice(None) if len(lengths) == 1 else counts == end
+            found[:, ended] = np.reshape(_identified(state), (5, -1))[:, ended]
+    return Identification(*found)
 
 
 _LEAST_MEASUREMENT = 1e-14
@@ -166,11 +171,11 @@ _State = tuple[Any, ...]
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the state after some samples; every number is a float or an array (windows,)."""
+    """Return the state after all samples; every number is a float or an array (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # No assignment is in place: arrays would change under their other names.
-    for z, u, r in zip(samples, inputs, measurement, strict=True):
+    for z, u, r in zip(samples, inputs, measurement, strict=False):
         # Row 1 of F P, then with it the first element of F P F' + Q; row 2 of that is row 1 of P.
         g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14
         g2 = u * p25 - a1 * p12 - a2 * p22 - x * p23 - y * p24
@@ -209,13 +214,13 @@ def _filter(
     )  # fmt: skip
 
 
-def _identified(
-    a1: Any, a2: Any, b1: Any, p33: Any, p34: Any, p35: Any, p44: Any, p45: Any, p55: Any
-) -> Identification:
-    """Return what the coefficients and their covariance say of the platform."""
-    total = 1.0 + a1 + a2
-    total = np.where((total != 0) & np.isfinite(total), total, np.nan)
-    gain = b1 / total
+def _identified(state: _State) -> tuple[Any, ...]:
+    """Return the fields of an Identification by a state."""
+    _, _, a1, a2, b1, *_, p33, p34, p35, p44, p45, p55 = state
+    total = np.add(1.0 + a1, a2)
     # d gain / d (a1, a2, b1) = (-gain, -gain, 1) / total, once divided by total
+    gain = b1 / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
-    return Identification(a1, a2, b1, gain, spread / total / total)
+    known = np.isfinite(total) & (total != 0)
+    nothing = np.where(known, 0.0, np.nan)
+    return a1, a2, b1, gain + nothing, spread / total / total + nothing

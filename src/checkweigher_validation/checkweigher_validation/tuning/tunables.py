@@ -159,7 +159,7 @@ class TunedAid(Tunable):
         """Return the steady state that least squares identify in every window."""
         settings = _settings(values)
         return self.of_windows(
-            lambda samples: identify_adaptive(samples, settings, self.sample_rate).mass
+            lambda samples: identify_adaptive(samples, settings, self.sample_rate).gain
         )
 
 
@@ -182,7 +182,7 @@ class TunedAeksi(Tunable):
         settings = _settings(values)
         return self.of_windows(
             lambda samples: (
-                identify_adaptive_by_ekf(samples, settings, noise, self.sample_rate).mass
+                identify_adaptive_by_ekf(samples, settings, noise, self.sample_rate).gain
             )
         )
 

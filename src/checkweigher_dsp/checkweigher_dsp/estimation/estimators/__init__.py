@@ -1,4 +1,7 @@
-"""The estimators: from a weigh window to the load, selectable by name."""
+"""The estimators: from a weigh window to the load, selectable by name.
+
+In the examples of the classes ``window`` is a denoised WeighWindow with a load of 0.2 kg.
+"""
 
 from checkweigher_dsp.estimation.estimators.aeksi import Aeksi
 from checkweigher_dsp.estimation.estimators.aid import Aid

@@ -55,10 +55,6 @@ class Aeksi(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
-    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
-    ... )
     >>> print(round(Aeksi(AeksiParameters()).estimate(window).mass, 9))
     0.2
     """
@@ -94,7 +90,7 @@ def identify_adaptive_by_ekf(
     Returns
     -------
     AdaptiveIdentification
-        Where the poles are unstable `mass` and `b1` are the mean of the window and a1 = a2 = 0.
+        Where the poles are unstable `gain` and `b1` are the mean of the window and a1 = a2 = 0.
 
     Raises
     ------
@@ -106,18 +102,17 @@ def identify_adaptive_by_ekf(
     >>> ringing = [0.2 + 0.01 * 0.97**k * np.cos(0.25 * k) for k in range(96)]
     >>> noise = Noise(measurement=1.0, process=0.1, coefficients=1.0)
     >>> found = identify_adaptive_by_ekf(np.array([ringing]), AdaptiveSettings(), noise, 960.0)
-    >>> print(found.mass.round(6))
+    >>> print(found.gain.round(6))
     [0.2]
     """
-    behind = prefilter_adaptively(samples, settings, sample_rate)
-    found = identify(behind.samples, behind.noise, noise, start_from_samples=True)
+    filtered, scale, variance = prefilter_adaptively(samples, settings, sample_rate)
+    found = identify(filtered, variance, noise, start_from_samples=True)
     stable = is_stable(found.a1, found.a2) & np.isfinite(found.gain) & np.isfinite(found.variance)
-    scatter = np.var(behind.samples, axis=-1)
     return AdaptiveIdentification(
         np.where(stable, found.a1, 0.0),
         np.where(stable, found.a2, 0.0),
         np.where(stable, found.b1, 1.0),
         np.where(stable, found.gain, 1.0),
-        np.where(stable, found.variance, scatter),
+        np.where(stable, found.variance, np.var(filtered, axis=-1)),
         stable,
-    ).in_unit(behind.scale)
+    ).in_unit(scale)

@@ -22,7 +22,7 @@ prefiltered window but for its ends, whose oscillation the coefficients take out
 acts by the taper that it lays over the ends.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 import math
 from typing import ClassVar
 
@@ -39,6 +39,7 @@ from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
+from checkweigher_dsp.signal.extended_kalman import Identification
 from checkweigher_dsp.signal.platform_poles import is_stable
 
 LEAST_SAMPLES = 8
@@ -114,10 +115,6 @@ class Aid(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
-    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
-    ... )
     >>> print(round(Aid(AidParameters()).estimate(window).mass, 9))
     0.2
     """
@@ -133,64 +130,26 @@ class Aid(Estimator):
         return found.load_estimate(0)
 
 
-@dataclass(frozen=True, slots=True)
-class AdaptiveIdentification:
-    """Result of the identification of each window; all are (windows,).
+@dataclass(frozen=True)
+class AdaptiveIdentification(Identification):
+    """Identification of each window, and whether the last iteration found stable poles.
+
+    Where it did not, the values are those of the last iteration that did; where none did, `gain`
+    and `b1` are the Hann-weighted mean of the window and a1 = a2 = 0.
 
     Attributes
     ----------
-    a1, a2 : ndarray of float64
-        Coefficients.
-    b1 : ndarray of float64
-        kg.
-    mass : ndarray of float64
-        kg, b1 / (1 + a1 + a2); NaN where the mean of the window is 0 or not finite.
-    variance : ndarray of float64
-        kg^2, of `mass`, to first order from the covariance of the least squares.
-    stable : ndarray of bool
-        Whether the last iteration found stable poles. Where not, the values are those of the last
-        iteration that did; where none did, `mass` and `b1` are the Hann-weighted mean of the
-        window and a1 = a2 = 0.
+    stable : ndarray, (windows,) bool
     """
 
-    a1: NDArray[np.float64]
-    a2: NDArray[np.float64]
-    b1: NDArray[np.float64]
-    mass: NDArray[np.float64]
-    variance: NDArray[np.float64]
     stable: NDArray[np.bool_]
-
-    def in_unit(self, scale: NDArray[np.float64]) -> 'AdaptiveIdentification':
-        """Return the result for the signals before they were divided by `scale`, (windows,) kg."""
-        return replace(
-            self, b1=scale * self.b1, mass=scale * self.mass, variance=scale * scale * self.variance
-        )
 
     def load_estimate(self, number: int) -> LoadEstimate:
         """Return the load in one window, with the coefficients if they are stable."""
-        values = [float(getattr(self, name)[number]) for name in ('mass', 'variance')]
-        if self.stable[number]:
-            values += [float(getattr(self, name)[number]) for name in ('a1', 'a2', 'b1')]
-        return LoadEstimate(*values)
-
-
-@dataclass(frozen=True, slots=True)
-class Prefiltered:
-    """Windows behind their adaptive prefilter, for another identification (AEKSI).
-
-    Attributes
-    ----------
-    samples : ndarray, (windows, m) float64
-        x, divided by `scale`: its level is about 1; so u is 1 throughout.
-    scale : ndarray, (windows,) float64
-        kg, mean of the window: the mass is the identified steady state times this.
-    noise : ndarray, (windows,) float64
-        Variance of the least-squares residual of `samples`.
-    """
-
-    samples: NDArray[np.float64]
-    scale: NDArray[np.float64]
-    noise: NDArray[np.float64]
+        names = (
+            ('gain', 'variance', 'a1', 'a2', 'b1') if self.stable[number] else ('gain', 'variance')
+        )
+        return LoadEstimate(*(float(getattr(self, name)[number]) for name in names))
 
 
 def identify_adaptive(
@@ -224,7 +183,7 @@ def identify_adaptive(
     --------
     >>> ringing = [0.2 + 0.01 * 0.97**k * np.cos(0.25 * k) for k in range(96)]
     >>> found = identify_adaptive(np.array([ringing]), AdaptiveSettings(), 960.0)
-    >>> print(found.mass.round(9), found.a2.round(4))  # a2 is 0.97 squared
+    >>> print(found.gain.round(9), found.a2.round(4))  # a2 is 0.97 squared
     [0.2] [0.9409]
     """
     scale, x = _normalise(samples)
@@ -234,16 +193,25 @@ def identify_adaptive(
 
 def prefilter_adaptively(
     samples: NDArray[np.float64], settings: AdaptiveSettings, sample_rate: float
-) -> Prefiltered:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the windows as the last iteration of `identify_adaptive` sees them.
 
     Parameters and errors are those of `identify_adaptive`.
+
+    Returns
+    -------
+    samples : ndarray, (windows, m) float64
+        x, divided by `scale`: its level is about 1; so u is 1 throughout.
+    scale : ndarray, (windows,) float64
+        kg, mean of the window: the mass is the identified steady state times this.
+    noise : ndarray, (windows,) float64
+        Variance of the least-squares residual of `samples`.
     """
     scale, x = _normalise(samples)
     filtered, _ = _iterate(x, settings, sample_rate)
-    # A plain fit, also where its poles are unstable: its residual is what the noise is read from.
+    # A plain fit, also where its poles are unstable: only its residual is used.
     fit = _least_squares(filtered)
-    return Prefiltered(filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1))
+    return filtered, scale, np.mean(_residual(filtered, fit) ** 2, axis=-1)
 
 
 def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,12 +38,8 @@ class Mean(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, counts_per_kg=1e3, zero=0.0, sample_rate=960.0,
-    ...     window_begin=2, window_end=5, counts=np.array([0, 60, 199, 201, 203], np.int32),
-    ... )
-    >>> print(round(Mean(MeanParameters()).estimate(window).mass, 6))
-    0.201
+    >>> print(round(Mean(MeanParameters()).estimate(window).mass, 9))
+    0.2
     """
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
@@ -57,12 +53,8 @@ class Hann(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, counts_per_kg=1e3, zero=0.0, sample_rate=960.0,
-    ...     window_begin=2, window_end=5, counts=np.array([0, 60, 198, 201, 208], np.int32),
-    ... )
-    >>> print(round(Hann(HannParameters()).estimate(window).mass, 6))
-    0.202
+    >>> print(round(Hann(HannParameters()).estimate(window).mass, 9))
+    0.2
     """
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:

@@ -1,7 +1,8 @@
 """ISWD-EKSI: extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+import math
 from typing import Any, ClassVar
 
 import numpy as np
@@ -58,11 +59,6 @@ class IswdEksi(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=None, t2=0, t3=10**8, belt_speed=1.0, counts_per_kg=1e3, zero=0.0,
-    ...     window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
-    ...     sample_rate=960.0, denoised=np.full(96, 0.2),
-    ... )
     >>> print(round(IswdEksi(IswdEksiParameters()).estimate(window).mass, 9))
     0.2
     """
@@ -126,20 +122,16 @@ def identify_passes(
     [0.2]
     """
     counts = np.array([len(denoised) for denoised, _ in passes], int)
-    samples, inputs = np.zeros((2, len(passes), counts.max(initial=0)))
+    rises = [int(np.count_nonzero(share < 1.0)) for _, share in passes]
+    samples = np.zeros((len(passes), counts.max(initial=0)))
+    inputs = np.ones((len(passes), max(rises, default=0)))
     scales = np.empty(len(passes))
     with np.errstate(all='ignore'):
-        for number, (denoised, share) in enumerate(passes):
-            full = denoised[np.count_nonzero(share < 1.0) :]
-            scale = float(np.add.reduce(full) / len(full))
-            scales[number] = scale if np.isfinite(scale) and scale != 0 else np.nan
-            samples[number, : len(denoised)] = denoised / scales[number]
-            inputs[number, : len(denoised)] = share
-        found = identify(
-            samples, removed_variance / scales / scales, noise, inputs=inputs, counts=counts,
-            rise=rise,
-        )  # fmt: skip
-        return replace(
-            found, b1=scales * found.b1, gain=scales * found.gain,
-            variance=scales * scales * found.variance,
-        )  # fmt: skip
+        for number, ((denoised, share), begin) in enumerate(zip(passes, rises, strict=True)):
+            scale = float(np.add.reduce(denoised[begin:]) / (len(denoised) - begin))
+            scales[number] = scale if math.isfinite(scale) and scale != 0 else math.nan
+            np.divide(denoised, scales[number], out=samples[number, : len(denoised)])
+            inputs[number, :begin] = share[:begin]
+        variance = removed_variance / scales / scales
+        found = identify(samples, variance, noise, inputs=inputs, counts=counts, rise=rise)
+        return found.in_unit(scales)

@@ -53,10 +53,6 @@ class Tvlpf(Estimator):
 
     Examples
     --------
-    >>> window = WeighWindow(
-    ...     1, t1=0, t2=10**8, t3=2 * 10**8, belt_speed=1.0, sample_rate=960.0, zero=0.0,
-    ...     counts_per_kg=1e3, window_begin=0, window_end=96, counts=np.full(96, 200, np.int32),
-    ... )
     >>> print(round(Tvlpf(TvlpfParameters()).estimate(window).mass, 9))
     0.2
     """

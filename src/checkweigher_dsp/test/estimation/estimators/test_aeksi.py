@@ -24,10 +24,10 @@ def test_a_window_has_the_same_bits_in_any_batch():
 
     for number in range(5):
         alone = identify_adaptive_by_ekf(windows[[number]], SETTINGS, NOISE, RATE)
-        for name in ('a1', 'a2', 'b1', 'mass', 'variance', 'stable'):
+        for name in ('a1', 'a2', 'b1', 'gain', 'variance', 'stable'):
             assert repr(getattr(together, name)[number]) == repr(getattr(alone, name)[0])
     assert together.stable.tolist() == [True, True, True, False, True]
-    assert math.isnan(together.mass[3])
+    assert math.isnan(together.gain[3])
 
 
 def test_poles_outside_the_circle_fall_back_to_the_mean_of_the_window():
@@ -36,5 +36,5 @@ def test_poles_outside_the_circle_fall_back_to_the_mean_of_the_window():
     found = identify_adaptive_by_ekf(growing[np.newaxis], AdaptiveSettings(1), NOISE, RATE)
 
     assert not found.stable[0]
-    assert found.mass == pytest.approx([growing.mean()], rel=1e-9)
+    assert found.gain == pytest.approx([growing.mean()], rel=1e-9)
     assert (found.a1[0], found.a2[0]) == (0, 0)
