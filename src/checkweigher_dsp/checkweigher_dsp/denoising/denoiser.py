@@ -233,7 +233,6 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
     natural_frequency, damping_ratio = parameters.platform(batch.belt_speed)
     first, time, rise_time = batch.entry, batch.time[:, batch.entry :], batch.rise_time
     entry_fit, taps = None, None
-    padded = np.empty((len(force), length))
     response = np.zeros(force.shape)
     level = found = _level(force[:, begin:])
     denoised = force
@@ -249,15 +248,10 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
             first = 0
             time, rise_time = entry_fit.times(taps)
         response[:, first:] = load_response(time, rise_time, *platform)
-        disturbances = force - level * response
-        models = []
-        for number, disturbance in enumerate(disturbances):
-            padded[number], model = extrapolate(
-                disturbance, before, length - measured.stop, parameters.prediction_order,
-                batch.block,
-            )  # fmt: skip
-            models.append(model)
-        taps = np.array(models)
+        padded, taps = extrapolate(
+            force - level * response, before, length - measured.stop,
+            parameters.prediction_order, batch.block,
+        )  # fmt: skip
         padded += level
         denoised = remove_noise(padded)[:, measured]
         found = _level(denoised[:, begin:])

@@ -18,52 +18,53 @@ _PREDICTED_AT_ONCE = 4  # samples, see `predict`
 
 
 def extrapolate(
-    disturbance: NDArray[np.float64], before: int, after: int, order: int, block: int
+    disturbances: NDArray[np.float64], before: int, after: int, order: int, block: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Continue a disturbance to both sides.
+    """Continue disturbances to both sides.
 
     The model is fitted by Burg's method, so it is stable: the continuation dies out or goes on,
     but does not grow. Backward in time it is the same model. [own derivation]
 
     Parameters
     ----------
-    disturbance : ndarray, (n,) float64
-        Signal without the load, kg.
+    disturbances : ndarray, (windows, n) float64
+        Signals without the load, kg.
     before, after : int
         Number of samples to put before the first and after the last one.
     order : int
-        Order of the model, lowered where n is too small for it; below 1 the continuation is 0.
+        Order of the models, lowered where n is too small for it; below 1 the continuation is 0.
     block : int
-        Number of samples in one block of the model.
+        Number of samples in one block of the models.
 
     Returns
     -------
-    extrapolated : ndarray, (before + n + after,) float64
+    extrapolated : ndarray, (windows, before + n + after) float64
         kg.
-    taps : ndarray, (p + 1,) float64
-        Prediction-error filter of the block means, from the leading 1 on; that alone if the
+    taps : ndarray, (windows, p + 1) float64
+        Prediction-error filters of the block means, from the leading 1 on; that alone if the
         continuation is 0.
 
     Examples
     --------
-    >>> line = np.sin(np.arange(0.0, 26.0, 0.065))  # 10 Hz at 960 Hz
+    >>> line = np.sin(np.arange(0.0, 26.0, 0.065))[np.newaxis]  # 10 Hz at 960 Hz
     >>> extrapolated, _ = extrapolate(line, before=0, after=100, order=8, block=4)
-    >>> print(abs(extrapolated[400:] - np.sin(np.arange(26.0, 32.5, 0.065))).max() < 0.05)
+    >>> print(abs(extrapolated[0, 400:] - np.sin(np.arange(26.0, 32.5, 0.065))).max() < 0.05)
     True
     """
-    count = len(disturbance)
-    result = np.zeros(before + count + after)
-    result[before : before + count] = disturbance
+    windows, count = disturbances.shape
+    result = np.zeros((windows, before + count + after))
+    result[:, before : before + count] = disturbances
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
-        return result, np.ones(1)
+        return result, np.ones((windows, 1))
     # The blocks are aligned to the end from which the signal goes on.
-    means = np.stack([block_means(disturbance, block), block_means(disturbance[::-1], block)])
-    taps, _ = burg(means[0], order)
+    sides = disturbances, disturbances[:, ::-1]
+    means = np.stack([block_means(side, block) for side in sides], axis=1)
+    taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
-    forward, backward = np.concatenate([means[:, -1:], predicted], axis=-1)
-    result[before + count :] = _between_blocks(forward, block, after)
-    result[:before] = _between_blocks(backward, block, before)[::-1]
+    centres = np.concatenate([means[..., -1:], predicted], axis=-1)
+    result[:, before + count :] = _between_centres(centres[:, 0], block, after)
+    result[:, :before] = _between_centres(centres[:, 1], block, before)[:, ::-1]
     return result, taps
 
 
@@ -99,16 +100,16 @@ def predict(
 
     Parameters
     ----------
-    signals : ndarray, (m, n) float64
-        m signals of the same model; n at least the order p.
-    taps : ndarray, (p + 1,) float64
-        Prediction-error filter, from the leading 1 on.
+    signals : ndarray, (windows, m, n) float64
+        m signals of the same model for each window; n at least the order p.
+    taps : ndarray, (windows, p + 1) float64
+        Prediction-error filters, from the leading 1 on.
     count : int
         Number of samples to predict.
 
     Returns
     -------
-    ndarray, (m, count) float64
+    ndarray, (windows, m, count) float64
 
     Notes
     -----
@@ -118,32 +119,46 @@ def predict(
 
     Examples
     --------
-    >>> predict(np.array([[8.0, 4.0]]), np.array([1.0, -0.5]), 3).tolist()  # halved each time
-    [[2.0, 1.0, 0.5]]
+    >>> halved = np.array([[[8.0, 4.0]]])
+    >>> predict(halved, np.array([[1.0, -0.5]]), 3).tolist()
+    [[[2.0, 1.0, 0.5]]]
     """
-    order = len(taps) - 1
-    weights = -taps[np.newaxis, :0:-1]
-    while 2 * len(weights) <= min(order, _PREDICTED_AT_ONCE):
+    order = taps.shape[-1] - 1
+    weights = -taps[:, np.newaxis, :0:-1]
+    while 2 * weights.shape[1] <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
-    width = len(weights)
+    windows, width, _ = weights.shape
     # One row a time, so that the samples which a step reads and writes lie in one piece.
-    result = np.empty((order + -(-count // width) * width, len(signals)))
-    result[:order] = signals[:, signals.shape[-1] - order :].T
-    for k in range(order, len(result), width):
-        weights.dot(result[k - order : k], result[k : k + width])
-    return result[order : order + count].T
+    result = np.empty((windows, order + -(-count // width) * width, signals.shape[1]))
+    result[:, :order] = signals[..., signals.shape[-1] - order :].swapaxes(1, 2)
+    for k in range(order, result.shape[1], width):
+        np.matmul(weights, result[:, k - order : k], out=result[:, k : k + width])
+    return result[:, order : order + count].swapaxes(1, 2)
 
 
 def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights (2 n, p) of the last p samples in the next 2 n, from those of n."""
-    width, order = weights.shape
-    # The last n of the samples that the second half is made of are those of the first one.
-    further = weights[:, order - width :] @ weights
-    further[:, width:] += weights[:, : order - width]
-    return np.concatenate([weights, further])
+    """Return the weights (windows, 2 n, p) of the last p samples in the next 2 n, from those of n.
+
+    The last n of the samples that the second half is made of are those of the first one.
+    """
+    width, order = weights.shape[1:]
+    further = weights[..., order - width :] @ weights
+    further[..., width:] += weights[..., : order - width]
+    return np.concatenate([weights, further], axis=1)
 
 
-def _between_blocks(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
-    """Return the samples after the first block, on straight lines between block centres."""
-    centres = (np.arange(len(means)) - 0.5) * block + 0.5
-    return np.interp(np.arange(1, count + 1), centres, means)
+def _between_centres(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
+    """Return the samples after the first block, on straight lines between the block centres.
+
+    Parameters
+    ----------
+    means : ndarray, (windows, blocks) float64
+        Values at the centres.
+
+    Returns
+    -------
+    ndarray, (windows, count) float64
+    """
+    samples = np.arange(1, count + 1)
+    centres = (np.arange(means.shape[-1]) - 0.5) * block + 0.5
+    return np.array([np.interp(samples, centres, row) for row in means])

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from checkweigher_dsp.denoising.extrapolation import block_means, extrapolate, predict
+from checkweigher_dsp.denoising.extrapolation import block_means
+from checkweigher_dsp.denoising.extrapolation import extrapolate as extrapolate_all
+from checkweigher_dsp.denoising.extrapolation import predict as predict_all
 from checkweigher_dsp.signal.autoregression import burg
 
 ROUNDING = 1e-12
@@ -17,6 +19,17 @@ RATE = 960.0
 
 def _line(first, count, frequency=10.0, phase=0.3):
     return np.sin(2 * np.pi * frequency * (first + np.arange(count)) / RATE + phase)
+
+
+def extrapolate(signal, *args, **options):
+    """Extrapolate one signal."""
+    extrapolated, taps = extrapolate_all(signal[np.newaxis], *args, **options)
+    return extrapolated[0], taps[0]
+
+
+def predict(signals, taps, count):
+    """Predict signals of one model."""
+    return predict_all(signals[np.newaxis], taps[np.newaxis], count)[0]
 
 
 def test_a_line_goes_on_before_and_after():
@@ -88,6 +101,16 @@ def test_prediction_agrees_with_the_recursion_sample_by_sample(seed, order, coun
     result = predict(signals, taps, count)
 
     np.testing.assert_allclose(result, expected[:, -count:], rtol=0, atol=1e-10)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
+def test_a_window_has_the_same_bits_in_any_batch(seed, order):
+    windows = np.random.default_rng(seed).standard_normal((3, 12 * order + 30)).cumsum(axis=-1)
+
+    together, _ = extrapolate_all(windows, 70, 150, order, 4)
+
+    for window, row in zip(windows, together, strict=True):
+        np.testing.assert_array_equal(extrapolate(window, 70, 150, order, 4)[0], row)
 
 
 def test_lines_are_predicted_as_exact_arithmetic_does():
