@@ -28,11 +28,6 @@ class ClockWatch:
 
     The delay of a block is its arrival less the time at which its last sample was taken. The least
     delay of a few seconds is that of a message that did not wait, so it moves as the clocks do.
-
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -133,13 +128,7 @@ class ClockWatch:
         return float(min([*bins, *last], default=math.nan))
 
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the aspect Clock.
-
-        Parameters
-        ----------
-        offset_of_clocks : float
-            s, of the clock of day less the one on which arrivals are told.
-        """
+        """Return the aspect Clock; `offset_of_clocks`: time of day less that of arrivals, s."""
         least, slope = self._least(), self._bins.slope
         offset = math.nan
         if self._origin is not None:

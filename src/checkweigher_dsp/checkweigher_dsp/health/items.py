@@ -132,15 +132,7 @@ class ConvergenceWatch:
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        max_relative_std_dev : float
-            Beyond which an estimate is NoConvergence.
-        """
+        """Return the aspect Convergence; beyond `max_relative_std_dev` it is NoConvergence."""
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -202,17 +194,7 @@ class VerdictWatch:
                 self._margin.add(now, left)
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        verdict_margin : float
-            s, before the reject time, when an item without a mass becomes a FAULT.
-        deadlines : bool
-            Whether there is a time by which a verdict has to be there.
-        """
+        """Return the aspect Verdicts; the parameters are those of the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         values: dict[str, float | str] = {
@@ -237,15 +219,7 @@ class VerdictWatch:
         return conclude('Verdicts', well, found, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        missing : str
-            The stage that is not there, empty if all are.
-        """
+        """Return the aspect Line; `missing` is the stage that is not there, empty if all are."""
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
@@ -280,17 +254,7 @@ class RejectorWatch:
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        request : StopRequest or None
-            What stops the line.
-        confirmed : bool
-            Whether there is an eye behind the rejector.
-        """
+        """Return the aspect Rejector; `confirmed`: there is an eye behind the rejector."""
         self._strays.forget(now)
         values: dict[str, float | str] = {
             'reject_eye_strays': self._count,

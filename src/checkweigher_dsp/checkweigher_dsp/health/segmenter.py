@@ -21,17 +21,7 @@ _PATIENCE = 5.0  # s, in which a line starts
 
 
 class SegmenterWatch:
-    """Follow what goes into the segmenter and what comes out.
-
-    Times are in s on a clock that never steps back.
-
-    Parameters
-    ----------
-    parameters : SegmenterParameters
-        Limits of the zero and of the noise.
-    began : float
-        s, when the node was started.
-    """
+    """Follow what goes into the segmenter and what comes out, since the node `began`, s."""
 
     def __init__(self, parameters: SegmenterParameters, began: float) -> None:
         self._parameters = parameters
@@ -89,15 +79,7 @@ class SegmenterWatch:
         self._noise.add(now, counts / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        offset_of_clocks : float
-            s, of the clock of day less the one of `now`.
-        """
+        """Return all aspects; `offset_of_clocks`: time of day less `now`, s."""
         self._eyes.look(now)
         if self._load_cell is None:
             return [self._without_load_cell(now)]

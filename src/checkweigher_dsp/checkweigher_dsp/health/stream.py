@@ -18,6 +18,32 @@ _SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye while the other shows none
+# What is counted of the blocks, by the name of the figure.
+_COUNTED = {
+    'gaps': 'gaps',
+    'lost': 'samples_lost',
+    'again': 'blocks_doubled_or_late',
+    'restarts': 'source_restarts',
+    'saturated': 'samples_saturated',
+}
+_WARNINGS = {
+    'gaps': (
+        '{lost} samples lost in {gaps} gaps',
+        'check the load on the machine, the cable and the QoS depth',
+    ),
+    'again': (
+        '{again} blocks came twice or too late',
+        'check whether two drivers run, and the network between driver and segmenter',
+    ),
+    'restarts': (
+        'the source started again {restarts} times',
+        'check the power of the load cell, and whether two drivers run',
+    ),
+    'saturated': (
+        '{saturated} samples at the limit of the converter',
+        'check overload and load-cell wiring',
+    ),
+}
 
 
 class SampleWatch:
@@ -25,26 +51,19 @@ class SampleWatch:
 
     Any thread may add a block. That is an append, so that it costs the stream nothing; `look` does
     the rest, once a second.
-
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Sample rate and converter limits.
     """
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
         self.clock = ClockWatch(load_cell.sample_rate)
-        self.gaps = self.lost = self.again = self.restarts = self.saturated = 0
         self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=_MAX_INBOX)
         self._last: float | None = None
         self._end: int | None = None
         self._last_stamp = 0
         self._block = 0.0  # s
         self._arrivals = RecentValues(_RATE_SPAN)
-        self._recent = {
-            name: RecentValues() for name in ('gaps', 'lost', 'again', 'restarts', 'saturated')
-        }
+        self._counts = dict.fromkeys(_COUNTED, 0)
+        self._recent = {what: RecentValues() for what in _COUNTED}
 
     def add(self, now: float, block: SampleBlock) -> None:
         """Take a block that came at `now`, s."""
@@ -68,7 +87,7 @@ class SampleWatch:
             counts = np.concatenate([block.counts for _, block in blocks])
             limits = self.load_cell
             bad = (counts <= limits.min_counts) | (counts >= limits.max_counts)
-            self.saturated += self._note('saturated', blocks[-1][0], int(np.count_nonzero(bad)))
+            self._note('saturated', blocks[-1][0], int(np.count_nonzero(bad)))
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
         self.clock.look(now)
@@ -80,32 +99,24 @@ class SampleWatch:
         self._block = size / self.load_cell.sample_rate
         if self._end is not None and first != self._end:
             if first > self._end:
-                self.gaps += self._note('gaps', came, 1)
-                self.lost += self._note('lost', came, first - self._end)
+                self._note('gaps', came, 1)
+                self._note('lost', came, first - self._end)
             elif block.stamp <= self._last_stamp:
-                self.again += self._note('again', came, 1)
+                self._note('again', came, 1)
                 return
             else:
-                self.restarts += self._note('restarts', came, 1)
+                self._note('restarts', came, 1)
                 self.clock.restart()
         self._end, self._last_stamp = first + size, block.stamp
         self.clock.add(came, block)
 
-    def _note(self, what: str, time: float, count: int) -> int:
+    def _note(self, what: str, time: float, count: int) -> None:
         if count:
+            self._counts[what] += count
             self._recent[what].add(time, count)
-        return count
 
     def finding(self, now: float, waited: float) -> Finding:
-        """Return the aspect Samples.
-
-        Parameters
-        ----------
-        now : float
-            s.
-        waited : float
-            s, for which samples could have come.
-        """
+        """Return the aspect Samples; `waited`: for which samples could have come, s."""
         age = math.inf if self._last is None else now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
         received = self._received()
@@ -115,11 +126,7 @@ class SampleWatch:
             'received_samples_per_s': received[0],
             'received_blocks_per_s': received[1],
             'age_of_last_block_s': age,
-            'gaps': self.gaps,
-            'samples_lost': self.lost,
-            'blocks_doubled_or_late': self.again,
-            'source_restarts': self.restarts,
-            'samples_saturated': self.saturated,
+            **{name: self._counts[what] for what, name in _COUNTED.items()},
         }
         concerns = self._concerns(age, waited, lately)
         rate = self.load_cell.sample_rate
@@ -139,22 +146,10 @@ class SampleWatch:
             text = 'no samples have come' if age == math.inf else f'no samples for {age:.1f} s'
             hint = 'check that the driver runs, and the cable and power of the load cell'
             found.append(Concern(Level.ERROR, text, hint))
-        if lately['gaps']:
-            text = f'{lately["lost"]} samples lost in {lately["gaps"]} gaps in the last minute'
-            hint = 'check the load on the machine, the cable and the QoS depth'
-            found.append(Concern(Level.WARN, text, hint))
-        if lately['again']:
-            text = f'{lately["again"]} blocks came twice or too late in the last minute'
-            hint = 'check whether two drivers run, and the network between driver and segmenter'
-            found.append(Concern(Level.WARN, text, hint))
-        if lately['restarts']:
-            text = f'the source started again {lately["restarts"]} times in the last minute'
-            hint = 'check the power of the load cell, and whether two drivers run'
-            found.append(Concern(Level.WARN, text, hint))
-        if lately['saturated']:
-            text = f'{lately["saturated"]} samples at the limit of the converter in the last minute'
-            hint = 'check overload and load-cell wiring'
-            found.append(Concern(Level.WARN, text, hint))
+        for what, (text, hint) in _WARNINGS.items():
+            if lately[what]:
+                text = f'{text.format(**lately)} in the last minute'
+                found.append(Concern(Level.WARN, text, hint))
         rate, nominal = self.clock.sample_rate, self.load_cell.sample_rate
         if abs(rate - nominal) > _RATE_TOLERANCE * nominal:
             text = f'{rate:.1f} samples/s by their stamps, load_cell/info says {nominal:g}'

@@ -59,17 +59,7 @@ class UsualTransit:
 
 
 class Belt:
-    """The state of item tracking; `checkweigher_dsp.items.transitions` says how edges change it.
-
-    Parameters
-    ----------
-    eyes : Eyes
-        What the eyes have shown.
-    transit : UsualTransit
-        How long items take.
-    count : int
-        Items that were there before.
-    """
+    """The state of item tracking; `checkweigher_dsp.items.transitions` says how edges change it."""
 
     def __init__(self, eyes: Eyes, transit: UsualTransit, count: int) -> None:
         self.eyes = eyes

@@ -35,13 +35,6 @@ class Switch:
 class Eyes:
     """The latest edges of both eyes.
 
-    Parameters
-    ----------
-    debounce : int
-        ns; an eye that clears for less has chattered.
-    max_transit : int
-        ns, longest time from eye to eye.
-
     Attributes
     ----------
     origin : int or None

@@ -5,7 +5,6 @@ import math
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, MassEstimate, Verdict
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_dsp.rejection.timing import reject_time
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
@@ -25,12 +24,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
         estimate.std_dev,
         parameters.lower_limit,
         parameters.upper_limit,
-        reject_time(
-            estimate.t3,
-            estimate.line_speed,
-            parameters.rejector_distance,
-            parameters.actuator_delay,
-        ),
+        parameters.reject_time(estimate.t3, estimate.line_speed),
         estimate.t1,
         estimate.item_id,
     )
@@ -59,15 +53,7 @@ def _outside(value: float, low: float, high: float) -> bool:
 
 
 def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:
-    """Compare a mass with its limits; both limits belong to the accepted range.
-
-    Parameters
-    ----------
-    estimate : MassEstimate
-        Its mass in kg.
-    lower_limit, upper_limit : float
-        kg.
-    """
+    """Compare a mass with its limits, kg; both limits belong to the accepted range."""
     if not estimate.weighed or not math.isfinite(estimate.mass):
         return Decision.FAULT
     if estimate.mass < lower_limit:

@@ -5,6 +5,7 @@ import math
 from typing import Any, ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe, parameter
+from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
@@ -99,3 +100,14 @@ class RejectParameters(Parameters):
                 f'reject.max_speed: {self.max_speed} is below min_belt_speed '
                 f'{self.min_belt_speed}, slower than what is weighed at all'
             )
+
+    def reject_time(self, t3: int | None, speed: float) -> int | None:
+        """Return when the rejector has to be told for an item, ns; None if it is not known.
+
+        t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s: the
+        leading edge is at the outfeed eye at t3.
+        """
+        if t3 is None or not speed > 0:
+            return None
+        way = round(NANOSECONDS * (self.rejector_distance / speed))
+        return t3 + way - round(NANOSECONDS * self.actuator_delay)

@@ -23,7 +23,7 @@ from checkweigher_dsp.records import (
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, stamps_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_dsp.rejection.timing import ArrivalClock, reject_time
+from checkweigher_dsp.rejection.timing import ArrivalClock
 
 # Edges further back than this belong to a new stream.
 _RESTART = 2 * NANOSECONDS
@@ -316,12 +316,7 @@ class RejectStage:
             return
         reasons = tuple(reason.value for reason in seen.faults)
         item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
-        item.reject_at = reject_time(
-            seen.t3,
-            self._speed(seen),
-            self.parameters.rejector_distance,
-            self.parameters.actuator_delay,
-        )
+        item.reject_at = self.parameters.reject_time(seen.t3, self._speed(seen))
         if now is not None:
             if seen.t3 is not None and item.reject_at is not None:
                 item.late_from = now + item.reject_at - seen.t3

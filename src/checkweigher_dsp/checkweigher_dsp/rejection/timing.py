@@ -1,4 +1,4 @@
-"""When the rejector has to be told, and how far the time of the stamps has come."""
+"""Clocks of the reject stage: the time of the stamps, and when an edge should have come."""
 
 from checkweigher_dsp.records import NANOSECONDS
 
@@ -6,27 +6,6 @@ from checkweigher_dsp.records import NANOSECONDS
 _DRIFT = 500e-6
 # Stamps further back than this are of a new stream.
 _RESTART = 2 * NANOSECONDS
-
-
-def reject_time(t3: int | None, speed: float, distance: float, delay: float) -> int | None:
-    """Return when the rejector has to be told for an item, ns, None if it is not known.
-
-    t3 + distance / speed - delay: the leading edge is at the outfeed eye at t3.
-
-    Parameters
-    ----------
-    t3 : int or None
-        ns.
-    speed : float
-        m/s.
-    distance : float
-        m, from the outfeed eye to the rejector.
-    delay : float
-        s, from telling the rejector to its action.
-    """
-    if t3 is None or not speed > 0:
-        return None
-    return t3 + round(NANOSECONDS * (distance / speed)) - round(NANOSECONDS * delay)
 
 
 class StreamClock:

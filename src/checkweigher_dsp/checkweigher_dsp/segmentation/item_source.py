@@ -15,17 +15,6 @@ class ItemSource:
     """Keep edges until the samples have reached them, and pair them to items.
 
     Items are returned as the eyes have shown them by then: later edges do not change them.
-
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Distance between the eyes.
-    parameters : SegmenterParameters
-        How items are told apart.
-    buffer : SampleBuffer
-        The samples.
-    item_count : int
-        Items that were there before.
     """
 
     def __init__(

@@ -19,23 +19,10 @@ _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
 
 class WindowCutter:
-    """Turn items into weigh windows.
+    """Turn items into weigh windows; `count` is their number so far.
 
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Calibration, rate and the distance between the eyes.
-    parameters : SegmenterParameters
-        What belongs to a window.
-    buffer : SampleBuffer
-        The samples.
-    zero : ZeroKeeper
-        Follows the empty belt before each item.
-
-    Attributes
-    ----------
-    count : int
-        Windows cut so far.
+    An item waits until its samples are there. Before it is cut, the zero follows the empty belt in
+    front of it.
     """
 
     def __init__(

@@ -26,15 +26,6 @@ class ZeroAnswer:
 class ZeroKeeper:
     """Keep the zero of the belt.
 
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Its calibration.
-    parameters : SegmenterParameters
-        How long and how steady an empty belt is that is read.
-    buffer : SampleBuffer
-        The samples.
-
     Attributes
     ----------
     answer : ZeroAnswer or None
