@@ -25,7 +25,7 @@ _ENVIRONMENT = {
     'OMP_NUM_THREADS': '1',
     'OPENBLAS_NUM_THREADS': '1',
     'MKL_NUM_THREADS': '1',
-    # What killed workers leave is cleaned up without a word.
+    # Its tracker cleans up after killed workers without a warning.
     'PYTHONWARNINGS': 'ignore::UserWarning:joblib.externals.loky.backend.resource_tracker',
 }
 
@@ -42,17 +42,17 @@ def run_jobs(
     Parameters
     ----------
     calls : sequence
-        Of ``joblib.delayed(function)(...)``; what goes there and back is pickled.
+        Of ``joblib.delayed(function)(...)``; arguments and results are pickled.
     n_jobs : int, optional
         Processes, as joblib takes it: `ALL_CORES` for one each; by default as many as the active
         ``joblib.parallel_config`` says, without one this process alone.
     doing, unit : str
-        What the bar says, and what it counts.
+        Label of the bar, and the unit of its counts.
 
     Returns
     -------
     list
-        What the calls return, in their order.
+        The results, in the order of the calls.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def run_jobs(
     n_jobs = min(effective_n_jobs(n_jobs), max(len(calls), 1))
     with (
         _worker_environment(),
-        _no_word_of_what_is_given_up(),
+        _silent_end(),
         Parallel(n_jobs=n_jobs, return_as='generator') as parallel,
         ExitStack() as at_the_end,
     ):
@@ -88,7 +88,7 @@ def _end(results: Generator[Any]) -> None:
 
 @contextmanager
 def _worker_environment() -> Iterator[None]:
-    """Set what the processes that start within are to find in their environment."""
+    """Set the environment of processes that start within."""
     kept = {name: os.environ.get(name) for name in _ENVIRONMENT}
     os.environ.update(_ENVIRONMENT)
     try:
@@ -126,10 +126,10 @@ def _interrupts_held_back() -> Iterator[None]:
 
 
 @contextmanager
-def _no_word_of_what_is_given_up() -> Iterator[None]:
-    """Leave unsaid what joblib says if calls are given up.
+def _silent_end() -> Iterator[None]:
+    """Silence joblib where calls are given up.
 
-    It warns of their number, and its thread that hands them out misses those it has not come to.
+    It warns of their number, and the thread that hands them out misses those that are left.
     """
 
     def say(arguments: threading.ExceptHookArgs) -> None:

@@ -1,4 +1,4 @@
-"""The stages in one loop: what the graph does, without the graph."""
+"""All stages in one loop: the weighing of the graph without the graph."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -108,7 +108,7 @@ def _share(values: dict[str, dict[str, object]]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """What became of one item."""
+    """Estimate and verdict of one item."""
 
     estimate: MassEstimate
     verdict: Verdict
@@ -139,14 +139,14 @@ class WeighingLine:
         return self._judge(self._cut(event))
 
     def finish(self) -> list[Weighing]:
-        """Return what is still on the belt, as faults: the stream has ended."""
+        """Return the items that are still on the belt, as faults: the stream has ended."""
         return self._judge(self._segmenter.finish())
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> list[Weighing]:
-        """Return what `add` makes of events one after the other and `finish` of their end.
+        """Return the items of a whole stream, to the same bits as by `add` and `finish`.
 
-        To the last bit, but in less time: the masses of many windows are estimated at once, which
-        no verdict depends on.
+        The masses of many windows are estimated at once, which takes less time and changes no
+        verdict.
         """
         weighings: list[Weighing] = []
         steps: list[EyeEdge | WeighWindow] = []
@@ -158,10 +158,9 @@ class WeighingLine:
         return weighings + self._judge(steps) + self.finish()
 
     def _cut(self, event: SampleBlock | EyeEdge) -> Sequence[EyeEdge | WeighWindow]:
-        """Return what the stages after the segmenter take of an event, in their order."""
-        if isinstance(event, SampleBlock):
-            return self._segmenter.add_samples(event)
-        return [event, *self._segmenter.add_edge(event)]
+        """Return the records that an event brings the stages after the segmenter, in order."""
+        windows = self._segmenter.take(event)
+        return [event, *windows] if isinstance(event, EyeEdge) else windows
 
     def _judge(self, steps: Sequence[EyeEdge | WeighWindow]) -> list[Weighing]:
         windows = [step for step in steps if isinstance(step, WeighWindow)]
@@ -186,5 +185,5 @@ def estimate_masses(
     return identifier.estimate_all(windows)
 
 
-# Edges and windows that `weigh_all` collects: what is kept of a long recording stays bounded.
+# Edges and windows that `weigh_all` collects, so that a long recording takes no more memory.
 _STEPS_AT_ONCE = 1500

@@ -4,8 +4,8 @@ A class XI, XII, XIII or XIV bounds the mean error in verification scale interva
 factor x scales the bound of the standard deviation. The limits of Long et al. (their Table 2) are
 those of XIII(1) with e = 0.1 g at initial verification.
 
-Nothing here is type-approved for legal metrology: a verdict says what a simulation or a test run
-would have met, not that a machine conforms. The rows of the standard deviation above 300 g are
+Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
+and does not say that a machine conforms. The rows of the standard deviation above 300 g are
 quoted from memory and not checked against the standard's text.
 """
 
@@ -85,7 +85,7 @@ class AccuracyClass:
     def max_mean_error(self, mass: float) -> float:
         """Return the largest magnitude of the mean error at a load, kg.
 
-        NaN for a load above what the class goes up to; ValueError for one that is not positive.
+        NaN for a load above the range of the class; ValueError for one that is not positive.
         """
         _check_positive(mass, 'mass')
         for bound, steps in zip(_MEAN_ERROR_STEPS[self.name], (0.5, 1.0, 1.5), strict=True):
@@ -118,7 +118,7 @@ class Judgement:
     Attributes
     ----------
     max_mean_error, max_std_dev : float
-        kg; the former is NaN if the load is above what the class goes up to.
+        kg; the former is NaN if the load is above the range of the class.
     mean_error_passed, std_dev_passed : bool
         Whether the limit is kept; false if there is no limit or no value.
     weighings, weighings_required : int

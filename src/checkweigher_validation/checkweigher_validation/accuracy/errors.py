@@ -19,7 +19,7 @@ from checkweigher_validation.accuracy.examples import Example
 Part = Literal['train', 'test']
 PARTS: tuple[str, ...] = get_args(Part)
 
-# Speeds and masses of a table are typed in or counted in steps; what differs less is the same.
+# Speeds and masses of a table are typed in or counted in steps; closer ones are the same.
 _SAME = 1e-6
 
 
@@ -149,7 +149,7 @@ class Average:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """What a protocol gave: all conditions, where they come from, signals to show.
+    """Result of a protocol: all conditions, their provenance, signals to show.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Evaluation:
     conditions : tuple of ConditionResult
         At most one for each estimator, speed, mass and part.
     provenance : tuple of (str, str)
-        Name and value of whatever is needed to repeat it: profile, seed, bags, versions.
+        Name and value of each thing that is needed to repeat it: profile, seed, bags, versions.
     examples : tuple of Example
         Signals for the figures.
 
@@ -191,7 +191,7 @@ class Evaluation:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Parts that there are passes of, 'test' first: it is what counts."""
+        """Parts that have passes, 'test' first: it counts."""
         there = {one.part for one in self.conditions}
         return tuple(part for part in reversed(PARTS) if part in there)
 

@@ -41,7 +41,7 @@ class Batch:
 
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
-    """Return what the denoise and identifier stages make of each pass."""
+    """Return the estimate of each pass by the denoise and identifier stages."""
     windows = [each.window for each in passes]
     return estimate_masses(windows, Denoiser(parameters.denoise), Identifier(parameters.identifier))
 

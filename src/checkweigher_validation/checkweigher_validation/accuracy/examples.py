@@ -147,7 +147,7 @@ def _denoised(window: WeighWindow, denoise: DenoiseParameters, method: str) -> N
 
 
 def _bands(signal: NDArray[np.float64]) -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return what each band of the transform contributes to a signal: they add up to it."""
+    """Return the parts of a signal in each band of the transform; they add up to it."""
     period = 2**LEVELS
     room = -len(signal) % period + 4 * period
     padded = np.pad(signal, (room // 2, room - room // 2), 'symmetric')

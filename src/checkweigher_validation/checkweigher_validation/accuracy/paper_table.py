@@ -1,4 +1,4 @@
-"""What Long et al. found on their own machine: Table 3 of the paper, to hold ours against.
+"""Results of Long et al. on their own machine: Table 3 of the paper, to compare ours with.
 
 Their passes are not public. A simulated machine is not theirs, so agreement of single figures is
 chance; magnitudes and the order of the algorithms can be compared.

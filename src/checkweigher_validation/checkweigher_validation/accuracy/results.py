@@ -1,4 +1,4 @@
-"""What became of each item, joined with its reference: the table, the CSV and the summary."""
+"""Results of items, joined with their references: the table, the CSV and the summary."""
 
 from bisect import bisect_right
 from collections import Counter
@@ -43,7 +43,7 @@ class ItemResult:
 
 
 class ResultJoiner:
-    """Join weighings with what a bag tells beside them.
+    """Join weighings with the t4 and the known masses of a bag.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def table_row(result: ItemResult, origin: int) -> str:
     result : ItemResult
         The item.
     origin : int
-        ns, what the column t1 counts from.
+        ns, zero of the column t1.
     """
     estimate, verdict = result.estimate, result.verdict
     t1 = '' if estimate.t1 is None else f'{(estimate.t1 - origin) / NANOSECONDS:.3f}'

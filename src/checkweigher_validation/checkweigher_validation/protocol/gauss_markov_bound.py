@@ -3,9 +3,9 @@ r"""The smallest standard deviation that any unbiased linear estimate of a simul
 Of a pass with signal r = M s + n, with s the response of the platform to a load of 1 kg and C the
 covariance of the noise n, the smallest variance of an unbiased linear estimate of M is
 :math:`1 / (s^T C^{-1} s)` (Gauss, Markov). A simulator knows both, so every accuracy that is found
-on its passes can be held against what is possible there at all.
+on its passes can be held against the best that is possible there.
 
-What C is made of: the rollers' and the motor's lines, of known amplitude and random phase; the
+C is the sum of the rollers' and the motor's lines, of known amplitude and random phase; the
 broadband noise and the floor's vibration, which are white noise through a linear system and so
 follow exactly from its difference equation; the impact at entry, of known form and random size; the
 noise and the steps of the converter. All forces go through the platform, which gets heavier while
@@ -52,7 +52,7 @@ class Bound:
     std_dev : float
         If the zero is known exactly. The tightest: no estimate is better.
     zero_unknown_std_dev : float
-        If nothing is known of the zero but what the signal before the product says; infinite if
+        If the zero is known from the signal before the product alone; infinite if
         the signal cannot tell a mass from a zero.
     """
 
@@ -62,7 +62,7 @@ class Bound:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassModel:
-    """What is known of the signal of a pass before it is recorded.
+    """Response and noise of a pass, both known before it is recorded.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class _SimulatedPass:
         return signal[self._first :]
 
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the converter reads, in samples, of a force in steps."""
+        """Return the readings of the converter, in samples, of a force in steps."""
         reading = self._platform().run(force, self._bounds, self._loads)
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1), np.float64)
 
@@ -297,14 +297,14 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what becomes of the state in one sample, with the sample itself as the last row.
+    """Return the transition of the state over one sample, the sample itself as the last row.
 
     Returns
     -------
     ndarray, (d + 1, d)
         Of the state at the begin of the sample.
     ndarray, (d + 1, d + 1)
-        Covariance of what the noise adds within the sample.
+        Covariance of the noise that comes in within the sample.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

@@ -56,8 +56,8 @@ class Protocol:
 def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
     """Simulate one speed, m/s, of a protocol as one line that does not stop.
 
-    The masses come in random order, each as often in the first half as in the second: what a
-    product leaves behind on the belt must not depend on which one follows. Each speed draws random
+    The masses come in random order, each as often in the first half as in the second: the
+    trace that a product leaves on the belt must not depend on the next one. Each speed draws random
     numbers of its own.
     """
     half = protocol.passes // 2
@@ -88,7 +88,7 @@ def evaluate_protocol(
     Parameters
     ----------
     protocol : Protocol
-        What is simulated.
+        Machine, passes and speeds.
     estimators : sequence of str
         Names.
     base : LineParameters

@@ -136,7 +136,7 @@ def _line(number: int, look: Look) -> dict[str, Any]:
 
 
 def _logarithmic(axes: Axes) -> None:
-    """Make the vertical axis logarithmic, with plain numbers that suit what it spans."""
+    """Make the vertical axis logarithmic, with plain numbers that suit its range."""
     low, high = axes.dataLim.intervaly
     axes.set_yscale('log')
     if 0 < low < high < math.inf:

@@ -53,7 +53,7 @@ def number(value: float, digits: int = 3) -> str:
     """Return a number as it is shown, with a true minus; a dash if it is not known."""
     if not math.isfinite(value):
         return NONE
-    # Adding zero makes a plain one of what rounds to minus zero.
+    # Adding zero makes minus zero a plain one.
     return f'{round(value, digits) + 0.0:.{digits}f}'.replace('-', '−')
 
 

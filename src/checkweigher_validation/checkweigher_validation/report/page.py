@@ -36,7 +36,7 @@ def render(
     Parameters
     ----------
     evaluation : Evaluation
-        At least one condition. What counts is part 'test' if there is one.
+        At least one condition. The report is of part 'test' if there is one.
     accuracy_class : AccuracyClass
         Whose limits the conditions are held to.
     nominal : float, optional

@@ -1,4 +1,4 @@
-"""Figures of signals: a pass, its spectrum, its wavelet bands, what denoising makes of it."""
+"""Figures of signals: a pass, its spectrum, its wavelet bands, the denoised window."""
 
 from typing import cast
 
@@ -20,7 +20,7 @@ from checkweigher_validation.report.inline_svg import (
 GRAMS = 1000.0  # in a kilogram
 MILLISECONDS = 1000.0  # in a second
 
-# Series of the colours that the page gives to what is not an estimator.
+# Series of the colours on the page that are not those of an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
 _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
@@ -106,7 +106,7 @@ def bands_figure(example: Example) -> Figure:
 
 
 def denoised_figure(example: Example) -> Figure:
-    """Draw what the kinds of thresholding leave of the window (figures 8 and 9)."""
+    """Draw the window after each kind of thresholding (figures 8 and 9)."""
     figure = new_figure(9.6, 3.4)
     axes = figure.add_subplot()
     window = example.window
@@ -155,7 +155,7 @@ def energy_limit(example: Example) -> float:
 
 
 def _draw_pass(axes: Axes, example: Example) -> None:
-    """Draw what surrounds the curves of a pass: its times, the window, the axes."""
+    """Draw times, window and axes of a pass."""
     times = MILLISECONDS * (np.array((example.t1, example.t2, example.t3, example.t4)) - example.t1)
     _draw_window(axes, example)
     for number, time in enumerate(times, start=1):

@@ -1,4 +1,4 @@
-"""What training passes tell of an estimator besides its own parameters: gain, offset, uncertainty.
+"""Gain, offset and uncertainty of an estimator from training passes.
 
 The index by which everything is tuned is that of the paper, A = |mean error| + 3 sigma, averaged
 over the masses.
@@ -46,7 +46,7 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
     Parameters
     ----------
     estimates : ndarray, (n,) float64
-        What an estimator made of the passes, kg, not NaN.
+        Estimates of the passes, kg, not NaN.
     masses : ndarray, (n,) float64
         True masses, kg.
 
@@ -91,7 +91,7 @@ def calibrated_index(estimates: NDArray[np.float64], masses: NDArray[np.float64]
 def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     """Return the fold, below `count`, of each pass: (n,) int.
 
-    Every mass is in all folds, as far as it has passes, and those of one mass take turns in time.
+    Every mass that has enough passes is in all folds; those of one mass take turns in time.
     Folds by position alone would each hold a single mass where products come in turn.
     """
     result = np.empty(len(masses), np.intp)

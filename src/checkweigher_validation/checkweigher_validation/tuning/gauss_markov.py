@@ -1,8 +1,8 @@
 """Tuning of the Gauss-Markov estimator: its model is learned, only the order is searched.
 
 First the platform, by nonlinear least squares on passes of known mass, in noise that an
-autoregression of the empty belt makes white; then the noise itself, from what the model leaves of
-the training passes.
+autoregression of the empty belt makes white; then the noise itself, from the residuals of the
+training passes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -238,7 +238,7 @@ def fit_noise(
 def _residual(
     used: PassSignal, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return what the model leaves of a pass of known mass.
+    """Return the residual of the model on a pass of known mass.
 
     Returns
     -------
@@ -266,10 +266,10 @@ def _residual(
 
 
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
-    """Return what makes the noise of the empty belt white.
+    """Return the filter that makes the noise of the empty belt white.
 
     Where too little of the belt is ever empty, it is the noise of the full one about its mean:
-    what the product itself stirs up is then taken for noise, too.
+    vibration from the product itself is then taken for noise, too.
     """
     empty, full = [], []
     for each in group.passes:
@@ -287,7 +287,7 @@ def _reflections(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the autoregression of noise, or raise TuningError if there is none to be had."""
     try:
-        # What is left of a constant by rounding is no noise either.
+        # The rounding of a constant is no noise either.
         if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
             raise ValueError('the signals hold no noise')
         return pooled_reflections(segments, order)

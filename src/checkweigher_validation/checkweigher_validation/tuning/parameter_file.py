@@ -1,4 +1,4 @@
-"""What was tuned as a ROS parameter file, with what it was tuned on."""
+"""Tuned parameters as a ROS parameter file that names its training passes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -23,7 +23,7 @@ def parameter_file(
     tuned : dict of str to Tuned
         By estimator; the first one is the one that the file selects.
     source : sequence of str
-        What it was tuned on, a line each.
+        Training passes, a line each.
     made : datetime, optional
         When; by default now.
 
@@ -82,12 +82,12 @@ def _plain(values: Mapping[str, object]) -> dict[str, object]:
 
 
 def _changed(parameters: Parameters) -> dict[str, object]:
-    """Return what of a set is not at its default."""
+    """Return the parameters of a set that are not at their default."""
     defaults = type(parameters)().as_mapping()
     values = parameters.as_mapping()
     return _plain({name: value for name, value in values.items() if value != defaults[name]})
 
 
 def _printable(text: str) -> str:
-    """Return a text that stays on the line of its comment, whatever a bag says of its load cell."""
+    """Return a text from a bag without the signs that would end the line of its comment."""
     return ''.join(sign if sign.isprintable() else ' ' for sign in text)

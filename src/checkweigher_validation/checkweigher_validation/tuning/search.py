@@ -32,7 +32,7 @@ class Axis:
     low, high : float
         Both included.
     start : float
-        What is tried first; it may lie outside.
+        First value to try; it may lie outside.
     logarithmic : bool
         Whether factors count rather than differences.
     whole : bool
@@ -72,7 +72,7 @@ def search(
 
     Part of the budget is spread evenly over the whole space (Latin hypercube), the start among it.
     From the best of these that lie apart the simplex of Nelder and Mead goes on, and from the best
-    end with what remains.
+    end with the rest of the budget.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _best(tried: Sequence[tuple[float, Point, Values]]) -> tuple[float, Point, V
 
 
 def _best_apart(tried: Sequence[tuple[float, Point, Values]]) -> list[Point]:
-    """Return the best points of which none lies next to a better one."""
+    """Return the best points that lie apart from all better ones."""
     chosen: list[Point] = []
     for _, point, _ in sorted(tried, key=lambda entry: entry[0]):
         if all(np.max(np.abs(point - other)) > _APART for other in chosen):

@@ -1,4 +1,4 @@
-"""What the search turns at each estimator, and the masses that follow for all passes at once."""
+"""Tunable parameters of each estimator, and the masses that follow for all passes at once."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +46,7 @@ class Tunable(ABC):
     name : str
         Of the estimator.
     axes : tuple of Axis
-        What is searched.
+        Parameters that are searched.
     """
 
     name: ClassVar[str]
@@ -67,7 +67,7 @@ class Tunable(ABC):
     def of_windows(
         self, kernel: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return what a kernel on windows of one length, (k, n), makes of every window: (n,)."""
+        """Return the results, (n,), of a kernel that takes windows of one length, (k, n)."""
         result = np.empty(len(self.group.passes))
         for rows, samples in self.batches:
             result[rows] = kernel(samples)
@@ -79,7 +79,7 @@ class Tunable(ABC):
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with what all speeds together teach; here nothing."""
+        """Return `base` with the parameters that all speeds together teach; here none."""
         return base
 
     def search(
@@ -90,11 +90,11 @@ class Tunable(ABC):
         return search(axes, badness, budget)
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return what is searched from where `base` stands."""
+        """Return the axes of the search from the values of `base` on."""
         return self.axes
 
     def start(self, axis: Axis) -> float:
-        """Return what `base` says at this speed: a search goes on from there."""
+        """Return the value of `base` at this speed, where the search starts."""
         known = getattr(self.base.identifier, self.name)
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 
@@ -230,7 +230,7 @@ _PLATFORM = ('natural_frequency', 'damping_ratio')
 
 
 class TunedIswdEksi(Tunable):
-    """ISWD-EKSI: what of its parameters matters, as docs/method.md has measured it.
+    """ISWD-EKSI: those of its parameters that matter, as measured in docs/method.md.
 
     Band 5 and thresholds are searched where the table of `base` has them, as Table 1 has; where it
     has none they stay off. R, Q and P0 stay as they are.
@@ -265,7 +265,7 @@ class TunedIswdEksi(Tunable):
         return tuple(found)
 
     def start(self, axis: Axis) -> float:
-        """Return what `base` says at this speed, for denoise as well."""
+        """Return the value of `base` at this speed, for denoise as well."""
         known = self.base.denoise
         if not hasattr(known, axis.name):
             return super().start(axis)

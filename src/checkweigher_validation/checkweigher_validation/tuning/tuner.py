@@ -59,7 +59,7 @@ _DIGITS = 7  # significant, of what is written into a parameter file
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """What the passes of one belt speed taught.
+    """Parameters, calibration and accuracy from the passes of one belt speed.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class TunedSpeed:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """An estimator with what all speeds taught, and the parameters of the line that follow."""
+    """An estimator that is tuned at all speeds, and the parameters of the line that follow."""
 
     estimator: str
     speeds: tuple[TunedSpeed, ...]
@@ -132,7 +132,7 @@ def tune(
     Raises
     ------
     TuningError
-        If there are too few passes at a speed, or an estimator fails on them whatever its values.
+        If there are too few passes at a speed, or an estimator fails on them with all values.
     """
     for group in groups:
         if len(group.passes) < FEWEST_PASSES:
@@ -192,7 +192,7 @@ def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget:
     if not math.isfinite(badness):
         raise TuningError(
             f'{estimator} finds no mass in some of the {len(masses)} passes at '
-            f'{60 * group.speed:.1f} m/min, whatever its parameters'
+            f'{60 * group.speed:.1f} m/min, with all parameters that were tried'
         )
     estimates = tunable.estimates(values)
     zero = [abs(each.window.zero_std_dev / each.window.counts_per_kg) for each in group.passes]
@@ -208,7 +208,7 @@ def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget:
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
-    """Return what the chosen estimator makes of passes before gain and offset: (n,) float64, kg."""
+    """Return the loads of passes by the chosen estimator, (n,) float64, kg, before the gain."""
     identifier = parameters.identifier
     estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
     windows = [each.window for each in group.passes]

@@ -1,4 +1,4 @@
-"""The protocol of the paper: what is simulated, and that nobody beats physics in it."""
+"""The protocol of the paper: its simulated passes, and that no estimator beats the bound in it."""
 
 from collections import Counter
 

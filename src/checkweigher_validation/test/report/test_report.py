@@ -89,7 +89,7 @@ def test_the_page_needs_nothing_from_elsewhere(text, page):
                 assert value.startswith('#'), (tag, name, value)
     assert '@import' not in text
     assert all(target.startswith('#') for target in re.findall(r'url\(\s*["\']?(.)', text))
-    # What is left are the names of the namespaces, which nobody asks for.
+    # The rest are the names of the namespaces, which no reader fetches.
     addresses = set(re.findall(r'https?://[^"\'<>\s)]+', text))
     assert addresses <= {'http://www.w3.org/2000/svg', 'http://www.w3.org/1999/xlink'}
 

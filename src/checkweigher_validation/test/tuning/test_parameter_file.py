@@ -94,7 +94,7 @@ def test_the_head_says_what_it_was_made_from_and_how_good_it_was(groups):
     ]
 
 
-def test_whatever_a_bag_says_of_its_load_cell_stays_a_comment(groups, read):
+def test_names_that_a_bag_gives_its_load_cell_stay_in_the_comment(groups, read):
     tuned = tune(groups, ['mean'], LineParameters(), budget=2, n_jobs=1)
     hostile = 'bag\n/**/reject:\n  ros__parameters: {lower_limit: 1.0}\r\x00\u2028x'
     assert read(parameter_file(tuned, [hostile])) == tuned['mean'].parameters

@@ -1,4 +1,4 @@
-"""Tuning: what it refuses, what it learns, and that it does so whatever runs it."""
+"""Tuning: what it refuses, what it learns, in one process and in several."""
 
 from dataclasses import replace
 import math
@@ -98,7 +98,7 @@ class TestWhatIsLearned:
         assert 1.0 < std_dev / np.sqrt(np.mean(errors**2)) < 1.5
 
     def test_halves_weigh_each_other(self, fast):
-        # Passes of two masses in turn, of which each half has both.
+        # Passes of two masses in turn; each half has both.
         tuned = tune([simulated(count=40, masses=(0.1, 0.2))], ['mean'], BASE, n_jobs=1)['mean']
         (speed,) = tuned.speeds
         assert 0.8 * speed.index < speed.held_out_index < 1.5 * speed.index
