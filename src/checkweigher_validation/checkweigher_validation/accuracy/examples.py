@@ -48,7 +48,7 @@ class Example:
     denoised : tuple of (str, ndarray)
         The window t2..t3 by name of the thresholding: hard, soft, shrinkage; kg.
     bands : tuple of (str, ndarray)
-        Bands of the stationary wavelet transform by name: a7, d7 .. d1; kg.
+        Bands of the stationary wavelet transform of `signal` by name: a7, d7 .. d1; (n,), kg.
     """
 
     speed: float
@@ -74,21 +74,7 @@ class Example:
 def simulated_examples(
     profile: str, speeds: Sequence[float], mass: float, parameters: LineParameters, seed: int
 ) -> tuple[Example, ...]:
-    """Return one pass of a simulated machine at each speed.
-
-    Parameters
-    ----------
-    profile : str
-        Of the machine.
-    speeds : sequence of float
-        m/s.
-    mass : float
-        kg.
-    parameters : LineParameters
-        How it is segmented and denoised.
-    seed : int
-        Of all that is random.
-    """
+    """Return one pass of a product of a mass in kg at each speed in m/s of a simulated machine."""
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     built = PROFILES[profile]
     platform = Platform(built.natural_frequency, DAMPING_RATIO, MOVING_MASS)
@@ -107,18 +93,9 @@ def simulated_examples(
 def example_of(
     shown: KnownPass, speed: float, denoise: DenoiseParameters, platform: Platform | None = None
 ) -> Example:
-    """Return a whole pass as an example.
+    """Return a whole pass at a nominal speed in m/s as an example.
 
-    Parameters
-    ----------
-    shown : KnownPass
-        The pass.
-    speed : float
-        m/s, nominal.
-    denoise : DenoiseParameters
-        How it is denoised.
-    platform : Platform, optional
-        Of the machine, if it is known: then there is an ideal signal.
+    It has an ideal signal if the platform of the machine is known.
     """
     window = shown.window
     t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0

@@ -92,10 +92,8 @@ def bands_figure(example: Example) -> Figure:
     figure = new_figure(9.6, 0.62 * count + 0.5)
     rows = cast(NDArray[np.object_], figure.subplots(count, 1, sharex=True, squeeze=False))
     for axes, (name, values) in zip(rows[:, 0], example.bands, strict=True):
-        time = _time_of(example, values)
-        axes.plot(time, GRAMS * values, color=stand_in(SIGNAL), lw=0.9)
-        if len(values) == len(example.signal):
-            _draw_window(axes, example)
+        axes.plot(_time(example), GRAMS * values, color=stand_in(SIGNAL), lw=0.9)
+        _draw_window(axes, example)
         axes.set_ylabel(name, rotation=0, ha='right', va='center', color=INK)
         axes.locator_params(axis='y', nbins=3)
         axes.margins(x=0)
@@ -116,7 +114,7 @@ def denoised_figure(example: Example) -> Figure:
         axes.plot(time, GRAMS * example.ideal[window], color=INK, lw=1.2, label='without noise')
     for number, (name, values) in enumerate(example.denoised):
         color = stand_in(_THRESHOLDINGS.get(name, SIGNAL + number))
-        axes.plot(time[: len(values)], GRAMS * values, color=color, lw=1.6, label=name)
+        axes.plot(time, GRAMS * values, color=color, lw=1.6, label=name)
     axes.axhline(GRAMS * example.mass, color=MUTED, lw=0.9, ls=(0, (2, 2)), label='true mass')
     axes.set(xlabel='time from t1, ms', ylabel='g')
     axes.margins(x=0)
@@ -177,15 +175,3 @@ def _time(example: Example) -> NDArray[np.float64]:
     """Return the time of each sample in ms from t1."""
     index = np.arange(len(example.signal))
     return np.asarray(MILLISECONDS * (index / example.sample_rate - example.t1), np.float64)
-
-
-def _time_of(example: Example, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the time of values that go along with the whole signal, or with the window."""
-    time = _time(example)
-    window = time[example.window]
-    if len(values) == len(window):
-        return window
-    if len(values) <= len(time):
-        return time[: len(values)]
-    index = np.arange(len(values))
-    return np.asarray(time[0] + MILLISECONDS * index / example.sample_rate, np.float64)

@@ -34,6 +34,15 @@ _FOLDS = 2
 _CHECKED_PASSES = 40  # of each speed, and with this order, on which model or none is decided
 _CHECKED_ORDER = 40
 _STABLE = 1 - 1e-6  # largest magnitude of a reflection coefficient: written out it is not 1
+_FIRST_ORDER = 40
+_PASSES_FOR_PLATFORM = 20  # of each speed
+_PASSES_FOR_START = 4
+_FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
+_LEAST_NOISE = 1e-9  # kg
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, of oscillations and zero: nothing is known
+# Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
+_LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
+_HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
 
 
 class TunedGaussMarkov(Tunable):
@@ -74,10 +83,9 @@ class TunedGaussMarkov(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the mass of every pass in the noise that the others have taught."""
-        passes = np.array(self.group.passes, dtype=object)
         if not self._trained:
-            estimator = GaussMarkov(self.base.identifier.gauss_markov)
-            return np.array([estimator.estimate(each.window).mass for each in passes])
+            return super().estimates(values)
+        passes = np.array(self.group.passes, dtype=object)
         fold = folds(self.group.masses, _FOLDS)
         result = np.empty(len(passes))
         for number in range(_FOLDS):
@@ -135,17 +143,6 @@ def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float
             return math.inf
         indices.append(index(held_out_errors(estimates, some.masses), some.masses))
     return float(np.mean(indices))
-
-
-_FIRST_ORDER = 40
-_PASSES_FOR_PLATFORM = 20  # of each speed
-_PASSES_FOR_START = 4
-_FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # Hz, where the search for the platform begins
-_LEAST_NOISE = 1e-9  # kg
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # kg, of oscillations and zero: nothing is known
-# Searched: ln f_n, ln xi, ln (moving mass / heaviest product), entry_begin and entry_end in mm.
-_LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])
-_HIGHEST = np.array([math.log(300.0), math.log(0.5), math.log(1e3), 20.0, 20.0])
 
 
 def fit_platform(

@@ -1,6 +1,5 @@
 """Tunable parameters of each estimator, and the masses that follow for all passes at once."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -8,8 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, denoise_batch
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser, denoise_batch
 from checkweigher_dsp.denoising.window_batch import batches_of
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.aeksi import identify_adaptive_by_ekf
 from checkweigher_dsp.estimation.estimators.aid import AdaptiveSettings, identify_adaptive
 from checkweigher_dsp.estimation.estimators.base import raw_samples
@@ -17,7 +17,6 @@ from checkweigher_dsp.estimation.estimators.fir_model import fir_estimate, fit_f
 from checkweigher_dsp.estimation.estimators.iswd_eksi import identify_passes
 from checkweigher_dsp.estimation.estimators.tvlpf import decay_of, time_varying_lowpass
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Noise
 from checkweigher_dsp.signal.platform_poles import is_stable
 from checkweigher_validation.accuracy.passes import SpeedGroup
@@ -31,7 +30,17 @@ class TuningError(ValueError):
     """Passes that an estimator cannot be tuned on; the message says what is missing."""
 
 
-class Tunable(ABC):
+def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
+    """Return the loads of passes by the chosen estimator, (n,) float64, kg, before the gain."""
+    identifier = parameters.identifier
+    estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
+    windows = [each.window for each in group.passes]
+    if estimator.needs_denoised:
+        windows = Denoiser(parameters.denoise).denoise_all(windows)
+    return np.array([load.mass for load in estimator.estimate_all(windows)])
+
+
+class Tunable:
     """An estimator on the passes of one belt speed.
 
     Parameters
@@ -73,9 +82,12 @@ class Tunable(ABC):
             result[rows] = kernel(samples)
         return result
 
-    @abstractmethod
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the load of every pass, before gain and offset: (n,) float64, kg."""
+        """Return the load of every pass, before gain and offset: (n,) float64, kg.
+
+        Unless overridden, by the estimator as it is in `base`: nothing is tuned.
+        """
+        return estimates_of(self.group, self.base.with_estimator(self.name))
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
@@ -104,23 +116,15 @@ class Tunable(ABC):
 
 
 class TunedMean(Tunable):
-    """The mean: nothing to turn."""
+    """The mean: nothing to tune."""
 
     name = 'mean'
 
-    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the mean of every window."""
-        return self.of_windows(lambda samples: np.mean(samples, axis=-1))
-
 
 class TunedHann(Tunable):
-    """The Hann-weighted mean: nothing to turn."""
+    """The Hann-weighted mean: nothing to tune."""
 
     name = 'hann'
-
-    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the Hann-weighted mean of every window."""
-        return self.of_windows(hann_mean)
 
 
 class TunedTvlpf(Tunable):

@@ -9,8 +9,6 @@ from joblib import delayed
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.denoiser import Denoiser
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.jobs import run_jobs
@@ -36,6 +34,7 @@ from checkweigher_validation.tuning.tunables import (
     TunedMean,
     TunedTvlpf,
     TuningError,
+    estimates_of,
 )
 
 TUNABLES: dict[str, type[Tunable]] = {
@@ -205,16 +204,6 @@ def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget:
         zero_std_dev=float(np.median(zero)),
         index=badness,
     )
-
-
-def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
-    """Return the loads of passes by the chosen estimator, (n,) float64, kg, before the gain."""
-    identifier = parameters.identifier
-    estimator = ESTIMATORS[identifier.estimator](identifier.chosen)
-    windows = [each.window for each in group.passes]
-    if estimator.needs_denoised:
-        windows = Denoiser(parameters.denoise).denoise_all(windows)
-    return np.array([load.mass for load in estimator.estimate_all(windows)])
 
 
 def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters) -> Tuned:

@@ -15,7 +15,8 @@ from checkweigher_recording.simulation.simulator import Simulation, SimulationPa
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup, group_by_speed, known_passes
 from checkweigher_validation.tuning.calibration import folds
-from checkweigher_validation.tuning.tuner import TUNABLES, estimates_of, tune
+from checkweigher_validation.tuning.tunables import estimates_of
+from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 SAME = 1e-9  # relative
 # What they give for a training pass, others have taught.
