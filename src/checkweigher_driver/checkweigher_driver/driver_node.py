@@ -1,4 +1,4 @@
-"""The driver node: publishes what a source of samples and photo-eye edges delivers."""
+"""The driver node: sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence
 import time
@@ -16,7 +16,7 @@ from checkweigher_driver.sources import Source
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import EyeEdge, Reference, StopRequest, Verdict
+from checkweigher_dsp.records import EyeEdge, Reference, StopRequest, StreamState, Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
@@ -25,19 +25,19 @@ from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.running import run
 from checkweigher_recording.recording import Event
 
-_LOOK_PERIOD = 0.2  # s, in which trouble of the machine is told at the latest
+_LOOK_PERIOD = 0.05  # s, after which trouble of the machine is told at the latest
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
     """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
 
     The source is read in a thread of its own, by blocking reads. Each activation is a stream of
-    its own. The service line_history returns what was sent of it.
+    its own. The service line_history returns the latest events of it.
 
     Attributes
     ----------
     stream : SourceStream
-        What is sent, and what of the line behind the driver is there.
+        The stream that is sent, in step with the line behind the driver.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
@@ -65,8 +65,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._outputs.exist:
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         self._calibration = CalibrationServices(
-            self, calibration, self.parameters.source, lambda: self.stream.memory,
-            self._stream_anew,
+            self, calibration, self.parameters.source, lambda: self.stream.sent.history(),
+            self._restart_stream,
         )  # fmt: skip
         self._look_timer = self.create_timer(
             _LOOK_PERIOD, self._look_after_machine, autostart=False
@@ -87,7 +87,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def activate(self) -> None:
         """Begin a new stream."""
-        if self._source is None:  # deactivated, which closes what blocks
+        if self._source is None:  # closed by the deactivation, as its reads block
             self.configure()
         assert self._source is not None
         load_cell = self._source.load_cell = self._calibration.apply(self._source.load_cell)
@@ -101,12 +101,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.begin(self._source)
 
     def deactivate(self) -> None:
-        """End the stream: what is on the belt becomes a fault, and the outputs are safe."""
+        """End the stream: items on the belt become faults, and the outputs are safe."""
         self._outputs.safe()
         self._calibration.end()
         self._look_timer.cancel()
         if self._stop_reading():
-            self.stream.report_end('the driver was deactivated')
+            self.stream.report(StreamState.FINISHED, 'the driver was deactivated')
         self._watch.stop()
 
     def clean_up(self) -> None:
@@ -121,7 +121,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def last_words(self) -> list[Output]:
         """Return the output of the end of the stream."""
-        return [self.stream.outputs.status]
+        return [self.stream.status]
 
     def destroy_node(self) -> None:
         """Stop reading the source, then destroy the node."""
@@ -156,7 +156,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._outputs.edge(event)
 
     def _look_after_machine(self) -> None:
-        """Stop the line while it cannot weigh, and tell it what is wrong when that changes."""
+        """Stop the line while it cannot weigh, and report what is wrong when that changes."""
         source = self._source
         if source is None:
             return
@@ -174,17 +174,17 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return response
 
     def _on_line_history(self, request: Any, response: Any) -> Any:
-        """Return what was sent and what verdicts came of it."""
-        return to_message(ports.LINE_HISTORY, self.stream.memory.history())
+        """Return the latest edges that were sent, and the verdicts that came."""
+        return to_message(ports.LINE_HISTORY, self.stream.sent.history())
 
-    def _stream_anew(self) -> str:
-        """Begin a new stream, as what the load cell is has changed; return why that failed."""
+    def _restart_stream(self) -> str:
+        """Begin a new stream with a load cell that has changed; return why that failed."""
         self.trigger_deactivate()
         self.trigger_activate()
-        return '' if self.state == 'active' else self._failure
+        return '' if self.state == 'active' else self.stream.failure
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how the source, its samples, clock, eyes and the outputs are."""
+        """Return the aspects of source, samples, clock, eyes and outputs."""
         source = self._source
         if source is not None and self.state == 'active':
             self._watch.look(source.trouble, source.figures())

@@ -1,4 +1,4 @@
-"""What the driver knows of the health of its source: state, samples, clock, photo-eyes."""
+"""Health of a source: its state, samples, clock and photo-eyes."""
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.stream import EyeWatch, SampleWatch
@@ -7,7 +7,7 @@ from checkweigher_recording.recording import Event
 
 
 class DriverWatch:
-    """Follow a source: what it delivers, what holds it back, how it ended.
+    """State of a source and of its stream, for the diagnostics.
 
     Times are in s on a clock that never steps back. All but `findings` may be called from the
     thread that reads the source.
@@ -43,7 +43,7 @@ class DriverWatch:
         self._trouble = ''
 
     def add(self, now: float, event: Event) -> None:
-        """Take what was published."""
+        """Take an event that is sent."""
         self._waits_for = ''
         if self._samples is None:
             return
@@ -58,18 +58,18 @@ class DriverWatch:
         self._waits_for = what
 
     def look(self, trouble: str, figures: dict[str, float]) -> None:
-        """Take what the source itself says: what is wrong, and what it has counted."""
+        """Take trouble and figures of the source itself."""
         self._trouble = trouble
         self._figures = {name.replace(' ', '_'): value for name, value in figures.items()}
 
     def end(self, failure: str | None = None) -> None:
-        """Take that the source has ended; with a failure, how."""
+        """Take that the source has ended, with a failure or without."""
         self._state = 'finished' if failure is None else 'failed'
         self._failure = failure or ''
         self._waits_for = ''
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects; `offset_of_clocks`: clock of day less the one of `now`, s."""
+        """Return all aspects; `offset_of_clocks` is the time of day less `now`, s."""
         if self._samples is None:
             return [self._source()]
         self._samples.look(now)

@@ -1,7 +1,6 @@
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
 import threading
 import time
@@ -9,52 +8,28 @@ from typing import Any
 
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
+from checkweigher_driver.sent_stream import SentStream
 from checkweigher_driver.sources import Source
 from checkweigher_driver.stoppable_waits import StoppableWaits
-from checkweigher_driver.stream_memory import StreamMemory
-from checkweigher_driver.stream_report import StreamReport
 from checkweigher_dsp.records import EyeEdge, SampleBlock, StreamState, StreamStatus, Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.connections import has_matched_all
-from checkweigher_dsp.ros.outputs import LOCK, Output
+from checkweigher_dsp.ros.outputs import LOCK
 from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_recording.block_cutting import cut_for_pace
-from checkweigher_recording.pacing import FlowControl, Pacer
+from checkweigher_recording.pacing import Pacer
 from checkweigher_recording.recording import Event
 
-_PATIENCE = 5.0  # s without the line behind it before that is said
+_PATIENCE = 5.0  # s without the line behind it
 _END_PATIENCE = 2.0  # s, for the last read of a source
-
-
-@dataclass(frozen=True)
-class StreamOutputs:
-    """Where the driver sends."""
-
-    load_cell: Output
-    samples: Output
-    eyes: Output
-    references: Output
-    status: Output
-
-    @classmethod
-    def of(cls, node: StageNode[Any]) -> 'StreamOutputs':
-        """Return the outputs of a driver."""
-        return cls(
-            node.output(ports.LOAD_CELL_INFO),
-            node.output(ports.LOAD_CELL_SAMPLES),
-            node.output(ports.PHOTO_EYES),
-            node.output(ports.REFERENCE_MASS),
-            node.output(ports.DRIVER_STATUS),
-        )
-
-    @property
-    def all(self) -> tuple[Output, ...]:
-        """All of them."""
-        return self.load_cell, self.samples, self.eyes, self.references, self.status
+# s from the beginning of a stream on, when its status is sent again. A reader that DDS shows to be
+# there may not know the writer yet, and hears of a stream with the next heartbeat, after 3 s: it
+# would take the first items for those of another stream.
+_REPEATS = (0.2, 0.5, 1.0)
 
 
 class SourceStream:
-    """Send what a source delivers, one stream after the other, each in a thread of its own.
+    """Send the events of a source, one stream after the other, each in a thread of its own.
 
     The thread has the lock of the process while it sends, in one process until all that follows
     from an event has been done, and never while it waits or reads.
@@ -64,9 +39,9 @@ class SourceStream:
     node : StageNode
         The driver, which knows the graph.
     parameters : DriverParameters
-        Pace of a recording, and what it waits for.
+        Pace of a recording, and the nodes that it waits for.
     watch : DriverWatch
-        Hears what is waited for, and how a source ended.
+        Takes what the stream waits for, and how the source ended.
     note : callable
         Called with each event before it is sent.
     machine_ready : callable
@@ -74,10 +49,10 @@ class SourceStream:
 
     Attributes
     ----------
-    memory : StreamMemory
-        Of the latest stream.
-    reject_ready : bool
-        Whether the reject node says that it is active.
+    sent : SentStream
+        The latest stream.
+    status : Output
+        Of the status of the stream.
     failure : str
         How the source of the latest stream failed; empty if it did not.
     """
@@ -90,8 +65,12 @@ class SourceStream:
         note: Callable[[Event], None],
         machine_ready: Callable[[], bool],
     ) -> None:
-        self.outputs = StreamOutputs.of(node)
-        self.reject_ready = False
+        self._load_cell = node.output(ports.LOAD_CELL_INFO)
+        self._samples = node.output(ports.LOAD_CELL_SAMPLES)
+        self._eyes = node.output(ports.PHOTO_EYES)
+        self._references = node.output(ports.REFERENCE_MASS)
+        self.status = node.output(ports.DRIVER_STATUS)
+        self._reject_ready = False
         self._node = node
         self._parameters = parameters
         self._watch = watch
@@ -103,11 +82,11 @@ class SourceStream:
 
     def _announce(self, number: int) -> None:
         self._waits.stopping = False
-        self._flow = FlowControl()
-        self.memory = StreamMemory(number)
+        self.sent = SentStream(number)
         self._answered = False
         self.failure = self._trouble = ''
-        self._report = StreamReport(self.outputs.status, self.memory, self._flow)
+        self._flows = False  # whether samples do, so that trouble of the machine is of interest
+        self._repeats: list[float] = []  # when the status is sent again, s
 
     def begin(self, source: Source) -> None:
         """Begin a new stream."""
@@ -119,10 +98,7 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still going on.
 
-        Parameters
-        ----------
-        close : callable, optional
-            Closes the source, where only that ends a read that blocks.
+        `close` closes the source, where only that ends a read that blocks.
         """
         going_on = self._running
         with self._waits.change():
@@ -133,42 +109,45 @@ class SourceStream:
             self._node.warn(f'source {self._parameters.source}: a read does not end')
         return going_on
 
-    def report_end(self, text: str) -> None:
-        """Say that the stream has ended before its source has."""
-        self._report.send(StreamState.FINISHED, text)
+    def report(self, state: StreamState, text: str = '') -> None:
+        """Send how far the stream is; once it has ended, no trouble any more."""
+        with LOCK:
+            if text and state == StreamState.RUNNING and not self._flows:
+                return
+            self._flows &= state == StreamState.RUNNING
+            self.status.send(self.sent.status(state, text))
 
     def tell_trouble(self, trouble: str) -> None:
-        """Say what is wrong with the machine, empty for nothing, if that has changed."""
-        if trouble != self._trouble and self._report.open:
+        """Report what is wrong with the machine, empty for nothing, if that has changed."""
+        if trouble != self._trouble and self._flows:
             self._trouble = trouble
-            self._report.send(StreamState.RUNNING, trouble)
+            self.report(StreamState.RUNNING, trouble)
             if trouble:
                 self._node.warn(trouble)
 
     def hear_segmenter(self, status: StreamStatus) -> None:
         """Take how far the segmenter is."""
         with self._waits.change():
-            if status.stream != self.memory.stream:
+            if status.stream != self.sent.number:
                 return
+            flow = self.sent.flow
             if not self._answered:
                 self._answered = True
-                self._flow.items_judged = status.items
-            self._flow.taken(status.samples, status.edges, status.items)
+                flow.items_judged = status.items
+            flow.taken(status.samples, status.edges, status.items)
 
     def hear_verdict(self, verdict: Verdict) -> None:
         """Take a verdict."""
-        self.memory.add_verdict(verdict)
         with self._waits.change():
-            # As the segmenter counts.
-            self._flow.judged(verdict.estimate_id or verdict.item_id)
+            self.sent.add_verdict(verdict)
 
     def hear_reject(self, *, ready: bool) -> None:
         """Take whether the reject node says that it is active."""
         with self._waits.change():
-            self.reject_ready = ready
+            self._reject_ready = ready
 
     def _run(self, source: Source) -> None:
-        """Send until the source ends, and say how it ended."""
+        """Send until the source ends, and report how it ended."""
         failure: str | None = None
         try:
             self._send_all(source)
@@ -179,22 +158,23 @@ class SourceStream:
                 # If the source broke, the line must hear of it: items on the belt are faults.
                 self._watch.end(failure)
                 if failure is None:
-                    self._report.send(StreamState.FINISHED)
+                    self.report(StreamState.FINISHED)
                 else:
                     self.failure = failure
                     text = f'source {self._parameters.source}: {failure}'
                     self._node.get_logger().error(text)
-                    self._report.send(StreamState.FAILED, failure)
+                    self.report(StreamState.FAILED, failure)
             self._running = False
 
     def _send_all(self, source: Source) -> None:
-        self.outputs.load_cell.send(source.load_cell, stamp=source.start_stamp)
-        self._report.send(StreamState.RUNNING)
+        self._load_cell.send(source.load_cell, stamp=source.start_stamp)
+        self.report(StreamState.RUNNING)
         lossless = source.paced and self._parameters.lossless
         if not self._line_is_there(source):
             return
         rate = source.load_cell.sample_rate
-        self._report.begin()
+        self._flows = True
+        self._repeats = [time.monotonic() + seconds for seconds in _REPEATS]
         pace, pacer = self._parameters.rate, None
         events = cut_for_pace(source, rate, pace, self._parameters.block_time)
         for event in events if source.paced else source:
@@ -206,35 +186,36 @@ class SourceStream:
             with LOCK:
                 if self._waits.stopping:
                     return
-                self._report.say_again(self._trouble)
+                if self._repeats and time.monotonic() > self._repeats[0]:
+                    del self._repeats[0]
+                    self.report(StreamState.RUNNING, self._trouble)
                 self._send(event)
 
     def _send(self, event: Event) -> None:
         self._note(event)
-        self._flow.sent(event)
+        self.sent.add(event)
         if isinstance(event, SampleBlock):
-            self.memory.stamp = event.stamp
-            self.outputs.samples.send(event)
+            self._samples.send(event)
             self._node.count('blocks')
         elif isinstance(event, EyeEdge):
-            self.memory.add_edge(event)
-            self.outputs.eyes.send(event)
+            self._eyes.send(event)
             self._node.count('edges')
         else:
-            self.outputs.references.send(event)
+            self._references.send(event)
 
     def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
         """Wait until the line is ready for an event; return whether to go on."""
+        flow = self.sent.flow
 
         def ask(waited: float) -> None:
             # The segmenter tells of edges with the samples. If none come, it has to be asked.
-            if self._flow.awaits_edges(event, rate):
-                self._report.send(StreamState.RUNNING, self._trouble)
-                if waited > _PATIENCE and (lost := self._flow.give_up_edges()):
+            if flow.awaits_edges(event, rate):
+                self.report(StreamState.RUNNING, self._trouble)
+                if waited > _PATIENCE and (lost := flow.give_up_edges()):
                     self._node.warn(f'{lost} photo-eye edges have not come to the segmenter')
 
         return self._wait_for(
-            lambda: self._flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
+            lambda: flow.may_send(event, rate), 'segmenter and verdicts to catch up', ask=ask
         )
 
     def _line_is_there(self, source: Source) -> bool:
@@ -255,7 +236,7 @@ class SourceStream:
         return ready
 
     def _missing(self) -> list[str]:
-        """Return what of the line is not there yet."""
+        """Return the parts of the line that are not there yet."""
         there = {
             'a segmenter': self.has_listeners,
             'an active reject node': self._has_reject,
@@ -266,24 +247,25 @@ class SourceStream:
         return [what for what, is_there in there.items() if not is_there()]
 
     def _has_matched_all(self) -> bool:
-        return has_matched_all(self._node, *self.outputs.all)
+        outputs = self._load_cell, self._samples, self._eyes, self._references, self.status
+        return has_matched_all(self._node, *outputs)
 
     def _has_reject(self) -> bool:
-        """Tell whether a reject node says that it is active, and takes the edges."""
+        """Tell whether a reject node reports that it is active, and takes the edges."""
         requests = self._node.resolve_topic_name(ports.STOP_REQUEST.name)
         return (
-            self.reject_ready
+            self._reject_ready
             and self._node.count_publishers(requests) > 0
-            and has_matched_all(self._node, self.outputs.eyes)
+            and has_matched_all(self._node, self._eyes)
         )
 
     def has_listeners(self, others: int = 0) -> bool:
         """Tell whether driver and segmenter have found each other, and others the samples."""
         return (
             self._answered
-            and self.outputs.samples.count() > others
-            and self.outputs.eyes.count() > 0
-            and self.outputs.status.count() > 0
+            and self._samples.count() > others
+            and self._eyes.count() > 0
+            and self.status.count() > 0
         )
 
     def _wait_for(

@@ -1,4 +1,4 @@
-"""Waits of one thread, for a time or for what others change, until it is told to stop."""
+"""Waits of one thread, for a time or for a condition, until the thread is told to stop."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ import threading
 import time
 from typing import Any
 
-_PERIOD = 0.02  # s: of some changes nothing tells
+_PERIOD = 0.02  # s: some changes are not told of
 _REMINDER = 5.0  # s
 
 
@@ -31,7 +31,7 @@ class StoppableWaits:
 
     @contextmanager
     def change(self) -> Iterator[None]:
-        """Change what may be waited for, while no condition is looked at."""
+        """Change a condition while no wait looks at it."""
         with self._changed:
             yield
             self._changed.notify_all()
@@ -69,10 +69,7 @@ class StoppableWaits:
             Called each 5 s.
         """
         began = reminded = time.monotonic()
-        while True:
-            with self._changed:
-                if self.stopping or condition():
-                    break
+        while not self._is_over(condition):
             now = time.monotonic()
             if now - began > patience:
                 break
@@ -82,7 +79,10 @@ class StoppableWaits:
                 reminded = now
                 remind()
             with self._changed:
-                if self.stopping or condition():
-                    break
-                self._changed.wait(timeout=_PERIOD)
+                if not self._is_over(condition):
+                    self._changed.wait(timeout=_PERIOD)
         return not self.stopping
+
+    def _is_over(self, condition: Callable[[], bool]) -> bool:
+        with self._changed:
+            return self.stopping or condition()

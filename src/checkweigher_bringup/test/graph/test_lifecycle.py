@@ -233,10 +233,8 @@ def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
     found: list[Verdict] = []
     judge_until(verdicts, found, Verdict.ACCEPT)
     assert manager.change(DEACTIVATE)
-    begin = driver.stream.memory.edges_sent
-    wait_for(
-        lambda: driver.stream.memory.edges_sent >= begin + 12
-    )  # three items that nobody judges
+    begin = driver.stream.sent.edges_sent
+    wait_for(lambda: driver.stream.sent.edges_sent >= begin + 12)  # three items that nobody judges
     assert manager.change(ACTIVATE)
     judge_until(verdicts, found, Verdict.FAULT)
     judge_until(verdicts, found, Verdict.ACCEPT)

@@ -26,9 +26,8 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
     StaticReading,
 )
-from checkweigher_driver.stream_memory import StreamMemory
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import EyeEdge, LoadCell, SampleBlock
+from checkweigher_dsp.records import EyeEdge, LineHistory, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode
 
@@ -56,13 +55,11 @@ class CalibrationServices:
     Parameters
     ----------
     node : StageNode
-        Offers the services.
     parameters : CalibrationParameters
-        File and steadiness.
     source : str
         Name of the source that is calibrated.
-    memory : callable
-        Returns the memory of the stream.
+    history : callable
+        Returns the latest of the stream.
     restart : callable
         Begins a new stream; returns why that could not be done, else an empty string.
     """
@@ -72,13 +69,13 @@ class CalibrationServices:
         node: StageNode[Any],
         parameters: CalibrationParameters,
         source: str,
-        memory: Callable[[], StreamMemory],
+        history: Callable[[], LineHistory],
         restart: Callable[[], str],
     ) -> None:
         self._node = node
         self._parameters = parameters
         self._source = source
-        self._memory = memory
+        self._history = history
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
         self._wait: _Wait | None = None  # while a load is read
@@ -168,7 +165,7 @@ class CalibrationServices:
         """Read a load."""
         try:
             session, _ = self._checked()
-            session.begin(mass, uncertainty, self._memory().history().edges)
+            session.begin(mass, uncertainty, self._history().edges)
         except ValueError as error:
             self._node.warn(f'calibration: {error}')
             return False, str(error), None
@@ -225,7 +222,7 @@ class CalibrationServices:
             setattr(response, name, math.nan)
         try:
             session, path = self._checked()
-            history = self._memory().history()
+            history = self._history()
             found = session.finish(
                 float(request.max_residual), history.edges, history.stamp, time.monotonic()
             )

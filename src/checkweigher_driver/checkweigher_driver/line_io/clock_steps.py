@@ -31,17 +31,7 @@ def read_clocks() -> tuple[int, int]:
 class ClockStepWatch:
     """The offset between the two clocks, and whether a step has put it in doubt.
 
-    Parameters
-    ----------
-    tolerance : int
-        ns; a larger change of the offset from one look to the next is a step.
-    clocks : callable
-        Returns the times of the monotonic and the real-time clock, ns.
-
-    Attributes
-    ----------
-    steps : int
-        How often the real-time clock was set.
+    A change of the offset by more than `tolerance`, ns, from one look to the next is a step.
     """
 
     def __init__(self, tolerance: int, clocks: Callable[[], tuple[int, int]] = read_clocks) -> None:

@@ -54,11 +54,7 @@ class EdgeOrder:
     """Make edges of the kernel's events, and notice those that were lost.
 
     The kernel numbers the events of a request from 1; when its buffer is full it drops the oldest.
-
-    Parameters
-    ----------
-    eyes : dict of int to Eye
-        By the offset of the line.
+    `eyes` are by the offset of their lines.
     """
 
     def __init__(self, eyes: dict[int, Eye]) -> None:

@@ -92,14 +92,7 @@ class PulseTimes:
 class RejectPulses:
     """The pulses of the rejector.
 
-    Parameters
-    ----------
-    times : PulseTimes
-
-    Attributes
-    ----------
-    skipped : int
-        Pulses that ended before `acting` was asked while they lasted.
+    `skipped` counts those that ended before `acting` was asked while they lasted.
     """
 
     def __init__(self, times: PulseTimes) -> None:

@@ -104,11 +104,6 @@ class RejectorControl:
 
     `now` is ns of the monotonic clock throughout.
 
-    Parameters
-    ----------
-    parameters : OutputParameters
-        Times and the safe state.
-
     Attributes
     ----------
     active : bool
@@ -119,9 +114,6 @@ class RejectorControl:
         Whether the port can be switched.
     belt_runs : bool or None
         None where no input tells.
-    missed : MissedProducts
-    figures : SwitchFigures
-    clock : ClockStepWatch
     """
 
     def __init__(self, parameters: OutputParameters) -> None:

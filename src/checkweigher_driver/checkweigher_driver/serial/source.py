@@ -172,13 +172,7 @@ class SerialSource(Source):
         """Return a decoder for a stream that begins."""
 
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
-        """Prepare the device for streaming; return its model and serial number.
-
-        Raises
-        ------
-        SerialError
-            If the device does not answer as it should.
-        """
+        """Prepare the device for streaming; return its model and serial number, if any."""
         return '', ''
 
     def _begin(self, port: serial.Serial) -> None:

@@ -9,15 +9,8 @@ from checkweigher_dsp.ros.line_parameters import LineParametersClient, RefusedEr
 class LineRecipe:
     """Parameters that the selected product sets, in all nodes of the line or in none.
 
-    Parameters
-    ----------
-    line : LineParametersClient
-    warn : callable
-        Takes a warning for the log of the node.
-
-    Notes
-    -----
     The coroutines raise RefusedError if a node does not take a parameter or does not answer.
+    `warn` takes a warning for the log of the node.
     """
 
     def __init__(self, line: LineParametersClient, warn: Callable[[str], object]) -> None:

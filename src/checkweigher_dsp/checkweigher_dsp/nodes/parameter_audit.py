@@ -16,14 +16,7 @@ from checkweigher_dsp.ros.line_parameters import (
 class ParameterAudit:
     """Write down the parameters of each node when it is started, and each change from then on.
 
-    Parameters
-    ----------
-    namespace : str
-        Of the line.
-    line : LineParametersClient
-    trail : AuditTrail
-    warn : callable
-        Takes a warning for the log of the node.
+    `namespace` is that of the line; `warn` takes a warning for the log of the node.
 
     Attributes
     ----------

@@ -81,12 +81,7 @@ class BatchJudgement:
 
 
 def tolerable_negative_error(nominal: float) -> float:
-    """Return the tolerable negative error in kg.
-
-    Parameters
-    ----------
-    nominal : float
-        Nominal quantity, kg, in 0.005..10.
+    """Return the tolerable negative error in kg for a nominal quantity of 0.005..10 kg.
 
     Raises
     ------
