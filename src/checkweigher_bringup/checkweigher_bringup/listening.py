@@ -23,19 +23,16 @@ _MAX_UNPAIRED = 1000
 
 
 class ResultListener(PortNode):
-    """Pair the estimates and verdicts of a lane.
-
-    Parameters
-    ----------
-    from_start : bool
-        Whether to ask for the results from before the listener was there.
+    """Pair the estimates and verdicts of a lane, with `from_start` also those before the listener.
 
     Attributes
     ----------
     weighings : queue of Weighing
-        What has been paired; read from any thread.
+        The pairs; read from any thread.
+    judged : int
+        Pairs up to now.
     heard : float
-        When something came last, s of the monotonic clock.
+        Time of the last record, s of the monotonic clock.
     """
 
     def __init__(self, name: str, *, from_start: bool) -> None:
@@ -48,6 +45,10 @@ class ResultListener(PortNode):
         self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with the time of arrival, s
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
+
+    def count_drivers(self) -> int:
+        """Return how many drivers publish samples in this lane."""
+        return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
         """Have a callback called with each record of a port of the lane."""
@@ -71,9 +72,9 @@ class ResultListener(PortNode):
             _forget_oldest(self._verdicts)
 
     def pair_overdue(self, patience: float) -> None:
-        """Take verdicts whose estimate has not come within `patience` s for what they say alone.
+        """Take verdicts whose estimate has not come within `patience` s as they are.
 
-        Whoever has just been started may hear of a verdict, but not of what it rests on.
+        A listener that has just started may have missed the estimate of its first verdict.
         """
         now = time.monotonic()
         overdue = [key for key, (came, _) in self._verdicts.items() if now - came > patience]
@@ -89,27 +90,22 @@ class ResultListener(PortNode):
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return what a verdict alone tells of an item."""
+    """Return the estimate of an item as far as its verdict has it."""
     reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
     return MassEstimate(
-        verdict.item_id,
-        verdict.t1,
-        None,
-        verdict.t3,
-        reasons,
-        mass=verdict.mass,
+        verdict.item_id, verdict.t1, None, verdict.t3, reasons, mass=verdict.mass,
         std_dev=verdict.std_dev,
-    )
+    )  # fmt: skip
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:
-    """Let go of what will not find its other half, such as an estimate that came too late."""
+    """Drop the oldest entry of many: its other half, such as a late estimate, will not come."""
     if len(unpaired) > _MAX_UNPAIRED:
         del unpaired[next(iter(unpaired))]
 
 
 class EchoNode(ResultListener):
-    """Listen to results and to the known masses."""
+    """Listen to the results and the known masses of a lane."""
 
     def __init__(self) -> None:
         super().__init__('echo', from_start=False)
@@ -123,7 +119,7 @@ class EchoNode(ResultListener):
         return joiner.join(weighing.estimate, weighing.verdict)
 
     def silence(self) -> str:
-        """Say why nothing may be coming."""
+        """Return why no verdict may be coming."""
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:

@@ -9,9 +9,7 @@ import queue
 import signal
 import threading
 import time
-from typing import Any
 
-from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from tqdm import tqdm
 
@@ -20,7 +18,8 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, Reference, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message, to_record
+from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.accuracy.results import GRAMS
@@ -83,7 +82,7 @@ class ReferencePasses:
         return Reference(verdict.t1, self._mass)
 
 
-class RecorderNode(Node):
+class RecorderNode(PortNode):
     """Queue the serialized messages of a lane.
 
     Parameters
@@ -111,15 +110,14 @@ class RecorderNode(Node):
                     port.type, port.name, partial(self._put, port), port.stage_qos, raw=True
                 )
         if passes is not None:
-            port = ports.VERDICT
-            self.create_subscription(port.type, port.name, self._on_verdict, port.stage_qos)
+            self.subscribe(ports.VERDICT, self._on_verdict)
 
     def _put(self, port: Port, data: bytes) -> None:
         self.messages.put((port, time.time_ns(), data))
 
-    def _on_verdict(self, message: Any) -> None:
+    def _on_verdict(self, verdict: Verdict) -> None:
         assert self._passes is not None
-        reference = self._passes.take(to_record(ports.VERDICT, message))
+        reference = self._passes.take(verdict)
         if reference is not None:
             message = to_message(ports.REFERENCE_MASS, reference)
             self._put(ports.REFERENCE_MASS, serialize_message(message))

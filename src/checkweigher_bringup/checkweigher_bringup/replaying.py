@@ -68,17 +68,8 @@ class Replay:
 class Collector(ResultListener):
     """Collect the results of a graph until its segmenter has finished.
 
-    Parameters
-    ----------
-    patience : float
-        s without any sign of life after which the replay has failed.
-    waits : bool
-        Whether it may take any time until the replay begins.
-
-    Attributes
-    ----------
-    failure : UserError or None
-        Why the replay cannot end well, None while it can.
+    The replay fails after `patience` s of silence; one that `waits` for listeners may take any time
+    to begin. `failure` says why the replay cannot end well.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -88,7 +79,6 @@ class Collector(ResultListener):
         self._waits = waits
         self._expected: int | None = None
         self._samples_taken = 0
-        self._samples_name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
         self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(ports.DRIVER_STATUS, self._on_driver)
 
@@ -108,12 +98,8 @@ class Collector(ResultListener):
         if status.state is StreamState.FAILED:
             self.failure = LineError(status.text)
 
-    def count_drivers(self) -> int:
-        """Return how many drivers publish samples in this namespace."""
-        return int(self.count_publishers(self._samples_name))
-
     def check(self) -> None:
-        """Look for what keeps a replay from ever ending well."""
+        """Set `failure` if a second driver runs or the graph is silent."""
         if self.count_drivers() > 1:
             self.failure = self.conflict()
         elif not self._waits and time.monotonic() - self.heard > self._patience:
@@ -125,21 +111,18 @@ class Collector(ResultListener):
 
     def conflict(self) -> UserError:
         """Return the error of a second driver."""
+        name = self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
         return UserError(
-            f'something else publishes {self._samples_name} in this ROS domain; stop it, or '
-            f'choose another --namespace or ROS_DOMAIN_ID'
+            f'something else publishes {name} in this ROS domain; stop it, or choose another '
+            '--namespace or ROS_DOMAIN_ID'
         )
 
 
 def replay(plan: Replay) -> Iterator[Weighing]:
     """Run the graph on a bag and yield each item when it has its verdict.
 
-    Raises
-    ------
-    UserError
-        If there is a driver on the same topics already.
-    LineError
-        If the graph broke off or an item got no verdict.
+    A UserError says that there is a driver on the same topics already, a LineError that the graph
+    broke off or an item got no verdict.
     """
     with spinning(plan.namespace) as spinner, ExitStack() as stack:
         # One status comes for every quarter of a second of signal.
@@ -195,7 +178,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until others have all that was published: with its node it would be gone."""
+    """Wait until the others have all messages, which would go with their node."""
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

@@ -80,10 +80,6 @@ class _Listener(EchoNode):
             if namespace == self._prefix:
                 self._alive(name.split(':')[0])
 
-    def has_driver(self) -> bool:
-        """Return whether a node publishes samples in this lane."""
-        return self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)) > 0
-
 
 def run_line(
     params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool
@@ -114,7 +110,7 @@ def run_line(
                 node = _Listener(heard.put)
                 spinner.add(node)
                 time.sleep(_DISCOVERY_TIME)
-                if node.has_driver():
+                if node.count_drivers():
                     raise UserError(
                         'a line runs here already; stop it, or choose another --namespace or '
                         'ROS_DOMAIN_ID'

@@ -26,13 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show tables until interrupted; 1 if the last one has an error or a silent node."""
-    from rclpy.node import Node
-
     from checkweigher_bringup.line_status import StatusBoard, worst
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_dsp.health.findings import Level
     from checkweigher_dsp.ros import ports
+    from checkweigher_dsp.ros.port_node import PortNode
 
     namespace = check_namespace(arguments.namespace)
     count = check_positive('--count', arguments.count)
@@ -41,11 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     began = time.monotonic()
     shown, rows = 0, board.rows(began)
     with spinning() as spinner:
-        node = Node('status')
-        topic = ports.DIAGNOSTICS
-        node.create_subscription(
-            topic.type, topic.name, lambda m: board.add(time.monotonic(), m.status), topic.qos
-        )
+        node = PortNode('status')
+        node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(time.monotonic(), m.status))
         spinner.add(node)
         try:
             _wait_for_the_first(board, began + min(_PATIENCE, duration or _PATIENCE))

@@ -8,14 +8,13 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.node import Node
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.records import LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_recording.pacing import Pacer
 
 _PATIENCE = 5.0  # s without a sample
@@ -76,16 +75,10 @@ class SampleFeed:
 def line_feed(namespace: str) -> Iterator[SampleFeed]:
     """Give the samples of a running line."""
     with spinning(namespace) as spinner:
-        node = Node('calibrate')
+        node = PortNode('calibrate')
         feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
-
-        def listen(port: ports.Port) -> None:
-            node.create_subscription(
-                port.type, port.name, lambda message: feed.put(to_record(port, message)), port.qos
-            )
-
-        listen(ports.LOAD_CELL_INFO)
-        listen(ports.LOAD_CELL_SAMPLES)
+        for port in (ports.LOAD_CELL_INFO, ports.LOAD_CELL_SAMPLES):
+            node.subscribe(port, feed.put, qos=port.qos)
         spinner.add(node)
         yield feed
 
