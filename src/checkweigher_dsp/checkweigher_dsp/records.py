@@ -18,7 +18,7 @@ from checkweigher_dsp.reasons import StopReason
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 
-Stamp = Annotated[int, 'ns']
+Stamp = Annotated[int, 'ns']  # on the clock of the samples
 
 
 class Eye(IntEnum):
