@@ -111,3 +111,7 @@ class RejectParameters(Parameters):
             return None
         way = round(NANOSECONDS * (self.rejector_distance / speed))
         return t3 + way - round(NANOSECONDS * self.actuator_delay)
+
+    def max_transit(self, weigh_length: float) -> int:
+        """Return how long an item takes over `weigh_length`, m, on the slowest belt, ns."""
+        return round(NANOSECONDS * weigh_length / self.min_belt_speed)

@@ -39,24 +39,12 @@ _Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
 
 @dataclass(slots=True)
 class _Stream:
-    """What the edges of one stream have shown: stamps and, on the clock of arrivals, times in ns.
+    """What the edges of one stream have shown; stamps and times of arrival in ns."""
 
-    Attributes
-    ----------
-    first, newest : int or None
-        The oldest and the youngest stamp.
-    came : int or None
-        When the youngest edge came.
-    held : list of (EyeEdge, int or None)
-        Edges that came before, long ago, each with its time.
-    arrivals : ArrivalClock
-        When edges should have come.
-    """
-
-    first: int | None = None
+    first: int | None = None  # the oldest and the youngest stamp
     newest: int | None = None
-    came: int | None = None
-    held: list[_Arrival] = field(default_factory=list)
+    came: int | None = None  # when the youngest edge came
+    held: list[_Arrival] = field(default_factory=list)  # edges that came before, long ago
     arrivals: ArrivalClock = field(default_factory=ArrivalClock)
 
     def saw(self, edge: EyeEdge, now: int | None) -> int | None:
@@ -265,7 +253,7 @@ class RejectStage:
     def _forget_cut(self, begin: int) -> None:
         """Forget items whose first edges the history lacks: the oldest, long past the rejector."""
         assert self._weigh_length is not None
-        end = begin + round(NANOSECONDS * self._weigh_length / self.parameters.min_belt_speed)
+        end = begin + self.parameters.max_transit(self._weigh_length)
         self._items.pending = [
             item
             for item in self._items.pending
@@ -306,7 +294,7 @@ class RejectStage:
     def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
         return ItemTracker(
             round(NANOSECONDS * self.parameters.debounce_time),
-            round(NANOSECONDS * weigh_length / self.parameters.min_belt_speed),
+            self.parameters.max_transit(weigh_length),
             count,
         )
 
