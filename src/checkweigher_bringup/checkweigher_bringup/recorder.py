@@ -16,13 +16,12 @@ from tqdm import tqdm
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, Reference, Verdict
+from checkweigher_dsp.records import GRAMS, Decision, Reference, Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
-from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # s; a recording lacks no more than that if the process is killed

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.reasons import StopReason
 
+GRAMS = 1000.0  # in a kilogram
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 

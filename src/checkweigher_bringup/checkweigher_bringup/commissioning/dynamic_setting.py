@@ -25,10 +25,10 @@ from checkweigher_driver.calibration.file import check_not_installed, replace_ve
 from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
-from checkweigher_validation.accuracy.results import GRAMS
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for a child to complete its bag

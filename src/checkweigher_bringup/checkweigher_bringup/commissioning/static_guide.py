@@ -11,8 +11,7 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
     Steadiness,
 )
-from checkweigher_dsp.records import LoadCell
-from checkweigher_validation.accuracy.results import GRAMS
+from checkweigher_dsp.records import GRAMS, LoadCell
 
 
 def ask(text: str) -> None:

@@ -7,10 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from checkweigher_dsp.records import Eye
+from checkweigher_dsp.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError
-
-GRAMS = 1000.0  # in a kilogram
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import (
+    GRAMS,
     NANOSECONDS,
     Eye,
     EyeEdge,
@@ -19,7 +20,7 @@ from checkweigher_dsp.records import (
     Reference,
     SampleBlock,
 )
-from checkweigher_recording.csv.edges_file import GRAMS, EdgesFile, read_edges_file
+from checkweigher_recording.csv.edges_file import EdgesFile, read_edges_file
 from checkweigher_recording.csv.table import CsvError, Table, read_table
 from checkweigher_recording.recording import Event, Recording
 

@@ -91,7 +91,7 @@ class ConditionResult:
     @property
     def index(self) -> float:
         """Overall index A = |mu| + 3 sigma in kg."""
-        return abs(self.mean_error) + 3 * self.std_dev
+        return overall_index(self.mean_error, self.std_dev)
 
     @property
     def ratio(self) -> float:
@@ -265,6 +265,11 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
             shares.append(one.coverage(level))
             counts.append(stated)
     return float(np.average(shares, weights=counts)) if counts else math.nan
+
+
+def overall_index(mean_error: float, std_dev: float) -> float:
+    """Return A = |mu| + 3 sigma (Long et al., Table 3), in the unit of the two."""
+    return abs(mean_error) + 3 * std_dev
 
 
 def interval_factor(level: float) -> float:

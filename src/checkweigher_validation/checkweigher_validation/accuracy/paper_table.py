@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from checkweigher_validation.accuracy.errors import same
+from checkweigher_validation.accuracy.errors import overall_index, same
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +21,7 @@ class PaperResult:
     @property
     def index(self) -> float:
         """Overall index A = |mu| + 3 sigma, kg."""
-        return abs(self.mean_error) + 3 * self.std_dev
+        return overall_index(self.mean_error, self.std_dev)
 
 
 PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s

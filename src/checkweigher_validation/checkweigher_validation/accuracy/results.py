@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 import csv
 from dataclasses import dataclass
 import math
-import statistics
 from typing import TextIO
+
+import numpy as np
 
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.records import (
+    GRAMS,
     NANOSECONDS,
     Decision,
     Eye,
@@ -23,8 +25,6 @@ from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import ReferenceMasses
-
-GRAMS = 1000.0  # in a kilogram
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,9 +195,9 @@ def summary(results: Sequence[ItemResult]) -> str:
     parts += [f'{counts[decision]} {decision.name}' for decision in Decision if counts[decision]]
     errors = [GRAMS * result.error for result in results if not math.isnan(result.error)]
     if errors:
-        parts.append(f'mean error {statistics.fmean(errors):+.3f} g')
+        parts.append(f'mean error {np.mean(errors):+.3f} g')
     if len(errors) > 1:
-        parts.append(f'standard deviation {statistics.stdev(errors):.3f} g')
+        parts.append(f'standard deviation {np.std(errors, ddof=1):.3f} g')
     if errors:
         parts.append(f'largest error {max(errors, key=abs):+.3f} g')
     return ', '.join(parts)

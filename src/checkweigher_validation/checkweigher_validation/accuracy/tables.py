@@ -6,6 +6,7 @@ import io
 import json
 import math
 
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     ConditionResult,
@@ -16,7 +17,6 @@ from checkweigher_validation.accuracy.errors import (
 )
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES, PAPER_SPEEDS, paper_index
 
-GRAMS = 1000.0  # in a kilogram
 METRES_PER_MINUTE = 60.0  # in a metre per second
 
 CSV_COLUMNS = (

@@ -12,14 +12,15 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.paper_table import PAPER_MASSES, PAPER_SPEEDS
 from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.gauss_markov_bound import bound
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
 
-SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s: 30, 45, 60, 75 and 90 m/min
-MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg
+SPEEDS = PAPER_SPEEDS
+MASSES = PAPER_MASSES
 PASSES = 120  # of each mass at each speed: the first half trains, the second half tests
 
 

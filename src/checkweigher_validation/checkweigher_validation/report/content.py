@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
 
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
     Judgement,
@@ -19,7 +20,6 @@ from checkweigher_validation.accuracy.errors import (
 )
 from checkweigher_validation.accuracy.paper_table import PaperResult, paper_index, paper_result
 from checkweigher_validation.accuracy.tables import (
-    GRAMS,
     LEVELS,
     METRES_PER_MINUTE,
     has_paper_masses,

@@ -8,6 +8,7 @@ from matplotlib.ticker import FuncFormatter
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report.inline_svg import (
     INK,
@@ -17,7 +18,6 @@ from checkweigher_validation.report.inline_svg import (
     stand_in,
 )
 
-GRAMS = 1000.0  # in a kilogram
 MILLISECONDS = 1000.0  # in a second
 
 # Series of the colours on the page that are not those of an estimator.

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from checkweigher_validation.accuracy.errors import overall_index
+
 # Fewer passes of one mass make no standard deviation worth the name: they are taken together.
 _FEWEST_OF_A_MASS = 5
 # An offset beside the gain takes passes of different masses, and some to spare.
@@ -74,7 +76,7 @@ def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]
     if len(rest):
         groups.append(rest)
-    return float(np.mean([abs(group.mean()) + 3 * _spread(group) for group in groups]))
+    return float(np.mean([overall_index(group.mean(), _spread(group)) for group in groups]))
 
 
 def _spread(errors: NDArray[np.float64]) -> float:

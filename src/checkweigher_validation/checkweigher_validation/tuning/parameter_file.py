@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import yaml
 
 from checkweigher_dsp.parameters import Parameters
-from checkweigher_validation.accuracy.results import GRAMS
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.tuning.tuner import Tuned
 
 _WIDTH = 100
