@@ -210,8 +210,6 @@ def threshold_universally(
     hard: bool,
     measured: slice = slice(None),
     each_level: bool = False,
-    wavelet: str = WAVELET,
-    levels: int = LEVELS,
 ) -> NDArray[np.float64]:
     r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
 
@@ -230,10 +228,6 @@ def threshold_universally(
         it holds no noise.
     each_level : bool
         Whether sigma is that of each level, for noise that is not white; else that of level 1.
-    wavelet : str
-        An orthogonal wavelet of PyWavelets.
-    levels : int
-        Number of levels.
 
     Returns
     -------
@@ -242,7 +236,7 @@ def threshold_universally(
     Raises
     ------
     ValueError
-        If n is not a multiple of ``2**levels``.
+        If n is not a multiple of 128.
 
     References
     ----------
@@ -255,14 +249,14 @@ def threshold_universally(
     0.0091 0.0001
     """
     length = stretch.shape[-1]
-    responses = band_responses(length, wavelet, levels)
-    syntheses = _syntheses(length, wavelet, levels)
+    responses = band_responses(length)
+    syntheses = _syntheses(length, WAVELET, LEVELS)
     spectrum = np.fft.rfft(stretch)
-    result = spectrum * _band_powers(length, wavelet, levels)[levels]
-    taps = pywt.Wavelet(wavelet).dec_len
+    result = spectrum * _band_powers(length, WAVELET, LEVELS)[LEVELS]
+    taps = pywt.Wavelet(WAVELET).dec_len
     factor = math.sqrt(2 * math.log(max(len(range(length)[measured]), 1))) / _NORMAL_MEDIAN
     threshold: Any = 0.0
-    for band in range(levels):
+    for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
             # The filters of a level are causal here; their middle is half their length later.

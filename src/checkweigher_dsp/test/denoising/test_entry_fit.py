@@ -149,16 +149,6 @@ def test_the_unit_of_the_signal_does_not_matter(gain):
     )
 
 
-@pytest.mark.parametrize('taps', [None, AR_TAPS])
-def test_a_pass_has_the_same_bits_alone_and_among_others(taps):
-    forces = [LEVEL * _response(_time(), LATE) + _noise(seed) for seed in range(4)]
-
-    together = _shift(_batch(*forces), taps)
-
-    for force, row in zip(forces, together, strict=True):
-        np.testing.assert_array_equal(_shift(_batch(force), taps)[0], row)
-
-
 @pytest.mark.filterwarnings('ignore::RuntimeWarning')
 @pytest.mark.parametrize(
     ('force', 'level'),

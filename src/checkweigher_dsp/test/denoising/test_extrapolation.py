@@ -103,16 +103,6 @@ def test_prediction_agrees_with_the_recursion_sample_by_sample(seed, order, coun
     np.testing.assert_allclose(result, expected[:, -count:], rtol=0, atol=1e-10)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
-def test_a_window_has_the_same_bits_in_any_batch(seed, order):
-    windows = np.random.default_rng(seed).standard_normal((3, 12 * order + 30)).cumsum(axis=-1)
-
-    together, _ = extrapolate_all(windows, 70, 150, order, 4)
-
-    for window, row in zip(windows, together, strict=True):
-        np.testing.assert_array_equal(extrapolate(window, 70, 150, order, 4)[0], row)
-
-
 def test_lines_are_predicted_as_exact_arithmetic_does():
     # Eight poles close to the circle: an impulse makes this model swing to a million, and rounding
     # with it. The straight lines between block centres are off by 1e-2 of the signal anyway.

@@ -159,26 +159,6 @@ def test_several_stretches_are_denoised_each_with_its_own_shrinkage():
         )  # fmt: skip
 
 
-def test_stretches_have_the_same_bits_alone_and_beside_others():
-    random = np.random.default_rng(5)
-    stretches = random.standard_normal((5, 1024))
-    # Bands with and without a threshold, and without a gain, in one stack.
-    gains = np.array([[0.1, 0.0, 0.9, 1.0, 0.0], [0.5, 0.4, 0.3, 0.0, 0.1]])[..., None]
-    thresholds = np.array([[0.3, 0.2, 0.0, 0.0, 0.0], [1.2, 0.0, 0.7, 0.4, 0.1]])[..., None]
-
-    together = denoise_periodic(
-        stretches, [None] * 5 + [Shrinkage(g, t) for g, t in zip(gains, thresholds, strict=True)]
-    )
-
-    for k, stretch in enumerate(stretches):
-        alone = [
-            Shrinkage(g[k : k + 1], t[k : k + 1]) for g, t in zip(gains, thresholds, strict=True)
-        ]
-        np.testing.assert_array_equal(
-            together[k], denoise_periodic(stretch[None], [None] * 5 + alone)[0]
-        )
-
-
 def test_several_stretches_are_thresholded_each_by_its_own_noise():
     stretches = np.random.default_rng(3).standard_normal((2, 256)) * [[1.0], [20.0]]
 

@@ -13,9 +13,9 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.aeksi import identify_adaptive_by_ekf
 from checkweigher_dsp.estimation.estimators.aid import AdaptiveSettings, identify_adaptive
 from checkweigher_dsp.estimation.estimators.base import raw_samples
-from checkweigher_dsp.estimation.estimators.fir_model import fir_estimate, fit_fir
+from checkweigher_dsp.estimation.estimators.fir_model import fir_weights, fit_fir
 from checkweigher_dsp.estimation.estimators.iswd_eksi import identify_passes
-from checkweigher_dsp.estimation.estimators.tvlpf import decay_of, time_varying_lowpass
+from checkweigher_dsp.estimation.estimators.tvlpf import decay_of, lowpass_weights
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.signal.extended_kalman import Noise
 from checkweigher_dsp.signal.platform_poles import is_stable
@@ -140,13 +140,16 @@ class TunedTvlpf(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the last output of the filter for every window."""
-        return self.of_windows(
-            lambda samples: time_varying_lowpass(
-                samples, round(values['sections']), values['initial_cutoff'],
-                values['final_cutoff'], decay_of(values['half_life'], samples.shape[1]),
-                self.sample_rate,
-            )
-        )  # fmt: skip
+
+        def output(samples: NDArray[np.float64]) -> Any:
+            count = samples.shape[1]
+            weights = lowpass_weights(
+                count, round(values['sections']), values['initial_cutoff'],
+                values['final_cutoff'], decay_of(values['half_life'], count), self.sample_rate,
+            )  # fmt: skip
+            return np.sum(samples * weights, axis=-1)
+
+        return self.of_windows(output)
 
 
 class TunedAid(Tunable):
@@ -214,7 +217,8 @@ class TunedFirModel(Tunable):
             curve = self._fit(chosen, values['ridge'])
             for rows, samples in self.batches:
                 out = fold[rows] == number
-                result[rows[out]] = fir_estimate(samples[out], curve)
+                weights = fir_weights(curve, samples.shape[1])
+                result[rows[out]] = np.sum(samples[out] * weights, axis=-1)
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:

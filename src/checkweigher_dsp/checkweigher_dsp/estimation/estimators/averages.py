@@ -4,13 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.base import (
-    Estimator,
+    Average,
     EstimatorParameters,
-    LoadEstimate,
-    raw_samples,
-    rough_variance,
 )
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
@@ -30,7 +28,7 @@ class HannParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.hann'
 
 
-class Mean(Estimator):
+class Mean(Average):
     """Estimate by the mean of the raw window.
 
     Unbiased for a constant load. A line vanishes over whole periods and remains with up to its
@@ -42,13 +40,12 @@ class Mean(Estimator):
     0.2
     """
 
-    def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the mean of a window."""
-        samples = raw_samples(window)
-        return LoadEstimate(float(np.mean(samples)), rough_variance(samples))
+    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+        """Return the mean."""
+        return float(np.mean(samples))
 
 
-class Hann(Estimator):
+class Hann(Average):
     """Estimate by the Hann-weighted mean of the raw window, see `hann_mean`.
 
     Examples
@@ -57,7 +54,6 @@ class Hann(Estimator):
     0.2
     """
 
-    def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the Hann-weighted mean of a window."""
-        samples = raw_samples(window)
-        return LoadEstimate(float(hann_mean(samples)), rough_variance(samples))
+    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+        """Return the Hann-weighted mean."""
+        return float(hann_mean(samples))

@@ -118,6 +118,19 @@ class Estimator(ABC):
         return [self.estimate(window) for window in windows]
 
 
+class Average(Estimator):
+    """Estimate by an average of the raw samples from t2 to t3."""
+
+    @abstractmethod
+    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+        """Return the average of the samples of a window, (n,) in kg; NaN if there is none."""
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
+        """Return the average of a window."""
+        samples = raw_samples(window)
+        return LoadEstimate(float(self.average(samples, window)), rough_variance(samples))
+
+
 def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
     """Return the raw signal from t2 to t3 in kg, zero removed: (n,) float64."""
     return window.force_between(window.window_begin, window.window_end)

@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.base import (
-    Estimator,
+    Average,
     EstimatorParameters,
-    LoadEstimate,
-    raw_samples,
-    rough_variance,
 )
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
@@ -48,7 +45,7 @@ class FirModelParameters(EstimatorParameters):
         return count == len(self.speeds) * (self.knots if name == 'weights' else 1)
 
 
-class FirModel(Estimator):
+class FirModel(Average):
     """Estimate by a weighted sum of the samples, the weights learned (reconstruction).
 
     Examples
@@ -59,16 +56,15 @@ class FirModel(Estimator):
 
     parameters: FirModelParameters
 
-    def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the weighted sum of a window."""
-        samples, known = raw_samples(window), self.parameters
+    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
+        """Return the weighted sum, the weights between those of the training speeds."""
+        known = self.parameters
         curves = np.reshape(known.weights, (len(known.speeds), known.knots))
         curve = [np.interp(window.belt_speed, known.speeds, knot) for knot in curves.T]
         try:
-            mass = float(fir_estimate(samples, np.array(curve)))
+            return float(np.add.reduce(samples * fir_weights(np.array(curve), len(samples))))
         except ValueError:  # weights whose sum is 0
-            return LoadEstimate(math.nan)
-        return LoadEstimate(mass, rough_variance(samples))
+            return math.nan
 
 
 def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -90,6 +86,11 @@ def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     ------
     ValueError
         If the weights have no sum that could be made 1.
+
+    Examples
+    --------
+    >>> fir_weights(np.array([0.0, 1.0, 0.0]), 5).tolist()
+    [0.0, 0.25, 0.5, 0.25, 0.0]
     """
     weights = _basis(count, len(knots)) @ knots
     total = float(weights.sum())
@@ -99,34 +100,6 @@ def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 
 
 _LEAST_SUM = 1e-9
-
-
-def fir_estimate(samples: NDArray[np.float64], knots: NDArray[np.float64]) -> Any:
-    """Return the weighted sum of each window, which is unbiased for a constant load.
-
-    Parameters
-    ----------
-    samples : ndarray, (..., n) float64
-        Windows t2..t3, time on the last axis.
-    knots : ndarray, (k,) float64
-        As `fit_fir` learned them.
-
-    Returns
-    -------
-    ndarray, (...,) float64
-        In the unit of `samples`; a float for one window.
-
-    Raises
-    ------
-    ValueError
-        If the weights have no sum that could be made 1.
-
-    Examples
-    --------
-    >>> print(fir_estimate(np.array([1.0, 2.0, 5.0]), np.array([0.0, 1.0, 0.0])))
-    2.0
-    """
-    return np.add.reduce(samples * fir_weights(knots, np.shape(samples)[-1]), axis=-1)
 
 
 def fit_fir(

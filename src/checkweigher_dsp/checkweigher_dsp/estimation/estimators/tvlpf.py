@@ -11,17 +11,14 @@ narrow one is still; the cut-off goes from the one to the other,
 from dataclasses import dataclass
 from functools import lru_cache
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.base import (
-    Estimator,
+    Average,
     EstimatorParameters,
-    LoadEstimate,
-    raw_samples,
-    rough_variance,
 )
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
@@ -48,7 +45,7 @@ class TvlpfParameters(EstimatorParameters):
     )  # fmt: skip
 
 
-class Tvlpf(Estimator):
+class Tvlpf(Average):
     """Estimate by the last output of a low-pass filter whose cut-off falls (reconstruction).
 
     Examples
@@ -59,74 +56,23 @@ class Tvlpf(Estimator):
 
     parameters: TvlpfParameters
 
-    def estimate(self, window: WeighWindow) -> LoadEstimate:
+    def average(self, samples: NDArray[np.float64], window: WeighWindow) -> float:
         """Return the output of the filter at t3."""
-        samples, known, speed = raw_samples(window), self.parameters, window.belt_speed
-        mass = time_varying_lowpass(
-            samples,
+        known, speed = self.parameters, window.belt_speed
+        weights = lowpass_weights(
+            len(samples),
             max(1, round(known.at('sections', speed))),
             known.at('initial_cutoff', speed),
             known.at('final_cutoff', speed),
             decay_of(known.at('half_life', speed), len(samples)),
             window.sample_rate,
         )
-        return LoadEstimate(float(mass), rough_variance(samples))
+        return float(np.add.reduce(samples * weights))
 
 
 def decay_of(half_life: float, count: int) -> float:
     """Return r of a schedule from its half-life, as a share of a window of `count` samples."""
     return float(0.5 ** (1 / (half_life * count)))
-
-
-def time_varying_lowpass(
-    samples: NDArray[np.float64],
-    sections: int,
-    initial_cutoff: float,
-    final_cutoff: float,
-    decay: float,
-    sample_rate: float,
-) -> Any:
-    r"""Return the last output of the filter, which starts with each window.
-
-    Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
-    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has its pole where the analogue section
-    has it and unity gain at any cut-off. All sections start at the first sample: from any other
-    value a constant load would be approached and not shown, and the output would be biased.
-    So the gain is one for any schedule: unbiased for a constant load.
-
-    Parameters
-    ----------
-    samples : ndarray, (..., n) float64
-        Windows t2..t3, time on the last axis; at least one sample.
-    sections : int
-        Number of first-order sections, at least 1; 2 to 4 are used.
-    initial_cutoff, final_cutoff : float
-        f_0 and f_inf in Hz, not negative.
-    decay : float
-        r, 0 to 1, per sample.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    ndarray, (...,) float64
-        In the unit of `samples`; a float for one window.
-
-    Raises
-    ------
-    ValueError
-        If there is no sample or a setting is out of its range.
-
-    Examples
-    --------
-    >>> ringing = 1 + 0.5 * np.cos(np.arange(192.0))
-    >>> print(time_varying_lowpass(ringing, 2, 50.0, 3.0, 0.98, 960.0).round(2))
-    1.0
-    """
-    weights = lowpass_weights(
-        np.shape(samples)[-1], sections, initial_cutoff, final_cutoff, decay, sample_rate
-    )
-    return np.add.reduce(samples * weights, axis=-1)
 
 
 @lru_cache(maxsize=256)
@@ -138,17 +84,28 @@ def lowpass_weights(
     decay: float,
     sample_rate: float,
 ) -> NDArray[np.float64]:
-    """Return the weight of each sample in the last output of `time_varying_lowpass`.
+    r"""Return the weight of each sample in the last output of the filter.
 
-    The filter is linear in the samples for a given schedule, so its last output is one dot product.
+    Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`, which has its pole where the analogue section
+    has it and unity gain at any cut-off. All sections start at the first sample: from any other
+    value a constant load would be approached and not shown, and the output would be biased.
+
+    The filter is linear in the samples for a given schedule, so its last output is a weighted mean.
     The weights follow from running the transposed cascade backwards in time.
 
     Parameters
     ----------
     count : int
-        Length n of the window.
-    sections, initial_cutoff, final_cutoff, decay, sample_rate
-        As in `time_varying_lowpass`.
+        Length n of the window, at least 1.
+    sections : int
+        Number of first-order sections, at least 1; 2 to 4 are used.
+    initial_cutoff, final_cutoff : float
+        f_0 and f_inf in Hz, not negative.
+    decay : float
+        r, 0 to 1, per sample.
+    sample_rate : float
+        Hz.
 
     Returns
     -------
@@ -159,6 +116,13 @@ def lowpass_weights(
     ------
     ValueError
         If `count` is below 1 or a setting is out of its range.
+
+    Examples
+    --------
+    >>> weights = lowpass_weights(192, 2, 50.0, 3.0, 0.98, 960.0)
+    >>> ringing = 1 + 0.5 * np.cos(np.arange(192.0))
+    >>> print((weights @ ringing).round(2))
+    1.0
     """
     if count < 1 or sections < 1:
         raise ValueError(f'{count} samples and {sections} sections, must be at least 1 each')

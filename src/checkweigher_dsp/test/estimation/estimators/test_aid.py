@@ -131,19 +131,6 @@ def test_another_gain_scales_the_mass_and_nothing_else(seed, gain, settings):
     assert scaled.stable == first.stable
 
 
-@pytest.mark.parametrize('settings', SETTINGS)
-def test_a_window_has_the_same_bits_in_any_batch(settings):
-    rng = np.random.default_rng(8)
-    windows = _ringing(38.0, 0.06, 96) + 2e-4 * rng.standard_normal((6, 96))
-
-    result = identify_adaptive(windows, settings, RATE)
-
-    for k, window in enumerate(windows):
-        alone = _identify(window, settings)
-        for name in ('a1', 'a2', 'b1', 'gain', 'variance', 'stable'):
-            assert getattr(result, name)[k] == getattr(alone, name)
-
-
 def test_the_prefilter_takes_away_the_bias_that_coloured_noise_gives_the_coefficients():
     # Least squares errs in the limit where n is not white; with the prefilter it does not.
     samples = _driven(RESONANT, _coloured(11, 40_000))

@@ -55,25 +55,6 @@ def test_windows_agree_with_filterpy(seed, count, share, noise, rise):
     assert (found.gain[0], found.variance[0]) == pytest.approx(expected, rel=ROUNDING)
 
 
-def test_passes_of_several_lengths_have_the_same_bits_as_each_alone():
-    random = np.random.default_rng(10)
-    passes = []
-    for length in (100, 128, 100, 99, 1, 128):
-        loads = np.minimum(np.arange(1, length + 1) / random.uniform(30, 64), 1.0)
-        loads[-1] = 1.0
-        passes.append((0.2 * loads + 0.01 * random.standard_normal(length), loads))
-    passes[2][0][:] = math.nan
-    removed, rises = random.uniform(0, 1e-4, 6), random.uniform(1.0, 20.0, 6)
-
-    together = identify_passes(passes, removed, NOISE, rises)
-
-    for k in range(len(passes)):
-        alone = identify_passes([passes[k]], removed[[k]], NOISE, rises[[k]])
-        for name in ('a1', 'a2', 'b1', 'gain', 'variance'):
-            assert repr(getattr(together, name)[k]) == repr(getattr(alone, name)[0])
-    assert math.isnan(together.gain[2])
-
-
 @pytest.mark.parametrize('gain', [-3.0, 1e-6, 1e6])
 def test_the_unit_of_a_window_does_not_matter(gain):
     samples = 0.2 + 0.01 * np.random.default_rng(7).standard_normal(64)
