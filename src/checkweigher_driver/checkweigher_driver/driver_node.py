@@ -25,7 +25,7 @@ from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.running import run
 from checkweigher_recording.recording import Event
 
-_LOOK_PERIOD = 0.05  # s, after which trouble of the machine is told at the latest
+_LOOK_PERIOD = 0.2  # s, after which trouble of the machine is reported at the latest
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
@@ -83,7 +83,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ValueError as error:
             # The bag is damaged, or something else keeps the source from being opened.
             raise ParameterError(f'driver.source: {error}') from None
-        self._outputs.open()  # safe until activated
+        self._outputs.open(lambda: bool(self._machine_trouble()))  # safe until activated
 
     def activate(self) -> None:
         """Begin a new stream."""
@@ -94,7 +94,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._calibration.begin(load_cell)
         self.diagnostics.set_hardware(load_cell)
         self._watch.begin(load_cell, time.monotonic())
-        self._outputs.hold(False)
         self._outputs.activate()
         if self._outputs.exist or not self._source.paced:
             self._look_timer.reset()
@@ -155,17 +154,17 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if isinstance(event, EyeEdge):
             self._outputs.edge(event)
 
-    def _look_after_machine(self) -> None:
-        """Stop the line while it cannot weigh, and report what is wrong when that changes."""
+    def _machine_trouble(self) -> str:
+        """Return why the line cannot weigh, empty if it can; for any thread."""
         source = self._source
-        if source is None:
-            return
-        failed = self.stream.failure or source.trouble
-        self._outputs.hold(bool(failed))
+        return '' if source is None else self.stream.failure or source.trouble
+
+    def _look_after_machine(self) -> None:
+        """Report trouble of the machine when it changes; stop the line that gets no verdicts."""
         name = self.resolve_topic_name(ports.STOP_REQUEST.name)
         if self._outputs.exist and self.count_publishers(name) == 0:
             self._outputs.lose_request()
-        self.stream.tell_trouble(self._outputs.trouble_with(failed))
+        self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
         """Forget products that the rejector can have missed."""
@@ -181,7 +180,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Begin a new stream with a load cell that has changed; return why that failed."""
         self.trigger_deactivate()
         self.trigger_activate()
-        return '' if self.state == 'active' else self.stream.failure
+        return '' if self.state == 'active' else self._failure
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return the aspects of source, samples, clock, eyes and outputs."""

@@ -1,7 +1,7 @@
 """Rejector and stop output of the line, switched by a thread at the time they are due."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import threading
 import time
@@ -67,6 +67,7 @@ class MachineOutputs:
         self._control = RejectorControl(parameters)
         self._port_trouble = ''
         self._written: Levels | None = None
+        self._held: Callable[[], bool] = lambda: False
         self._closed = True
         self._thread: threading.Thread | None = None
 
@@ -146,11 +147,6 @@ class MachineOutputs:
         with self._change() as control:
             control.make_safe()
 
-    def hold(self, stop: bool) -> None:
-        """Stop the line while its load cell or photo-eyes do not work."""
-        with self._change() as control:
-            control.held = stop
-
     def take_request(self, stop: bool, reason: str = '', hint: str = '') -> None:
         """Take a stop request: whether to stop, the `StopReason`, and what the request shows."""
         with self._change() as control:
@@ -181,8 +177,12 @@ class MachineOutputs:
             if not self._closed:
                 control.verdict(verdict, time.monotonic_ns())
 
-    def open(self) -> None:
-        """Connect, safe until `activate`; a device that is not there is waited for."""
+    def open(self, held: Callable[[], bool] = lambda: False) -> None:
+        """Connect, safe until `activate`; a device that is not there is waited for.
+
+        `held` is asked each cycle, in the thread of the outputs: whether the line has to stop
+        because its load cell or photo-eyes do not work.
+        """
         if not self._closed or self._port is None:
             return
         if self._thread is not None:
@@ -190,6 +190,7 @@ class MachineOutputs:
         self._control = RejectorControl(self._parameters)
         self._port_trouble = 'the outputs are not connected yet'
         self._written = None
+        self._held = held
         self._closed = False
         be_prompt()
         self._thread = threading.Thread(
@@ -252,8 +253,9 @@ class MachineOutputs:
             if wanted != self._written:
                 self._switch(port, wanted, was_due, now)
             if now >= next_refresh:
-                running = port.refresh(**wanted._asdict())
+                running, held = port.refresh(**wanted._asdict()), self._held()
                 with self._changed:
+                    self._control.held = held
                     self._control.belt(running, time.monotonic_ns())
                 next_refresh = max(next_refresh + cycle, time.monotonic_ns())
 
