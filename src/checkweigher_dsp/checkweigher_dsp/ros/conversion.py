@@ -1,4 +1,4 @@
-"""Records to messages and back, derived from the fields of the record.
+"""Records to messages and back: field by field, under the same names, but for what `_FORMS` says.
 
 Reading takes any object with the fields of the message, so that the same functions serve rclpy and
 readers of bags. Writing converts every field to the exact Python type: rclpy does not check, and
@@ -6,18 +6,112 @@ a numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache, partial
+import math
 from operator import attrgetter
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, Stamp
-from checkweigher_dsp.ros.ports import FORMS, Port, message_class
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    LoadCell,
+    MassEstimate,
+    SampleBlock,
+    Stamp,
+    StopRequest,
+    StreamState,
+    StreamStatus,
+    Verdict,
+    WeighWindow,
+    ZeroChange,
+)
+from checkweigher_dsp.ros.ports import ALL, Port
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a record stands in its message: field by field under the same names, but for these.
+
+    Attributes
+    ----------
+    stamp : str
+        Field of the record that is the stamp of the header, and in the header alone unless
+        `names` has it; ``''`` where the caller gives the stamp.
+    frame : str or callable
+        ``frame_id`` of the header, or how it follows from the record.
+    names : mapping of str to str
+        Field of the message by field of the record.
+    lacks : tuple of str
+        Last fields of the record that the message does not have; they are read as their defaults.
+    derived : mapping of str to callable
+        Fields of the message that follow from the record.
+    unknown : mapping of str to object
+        Member that is read for a value that the enumeration of a field does not have; without it
+        the message is refused.
+    absent : mapping of str to object
+        Fields of the message that there is no such record, empty if there is no such message.
+    amend : callable, optional
+        Takes a message and the record that was read of it, and returns the record that is meant.
+    """
+
+    stamp: str = 'stamp'
+    frame: str | Callable[[Any], str] = ''
+    names: Mapping[str, str] = field(default_factory=dict)
+    lacks: tuple[str, ...] = ()
+    derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
+    unknown: Mapping[str, object] = field(default_factory=dict)
+    absent: Mapping[str, object] = field(default_factory=dict)
+    amend: Callable[[Any, Any], Any] | None = None
+
+
+def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
+    """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
+    weighed = message.status == _WEIGHED and not math.isnan(estimate.mass)
+    return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
+
+
+def _with_text(message: Any, request: StopRequest) -> StopRequest:
+    """Return a stop request with what its hint says beyond that of the reason."""
+    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
+    return replace(request, text=text)
+
+
+_WEIGHED = 1  # of MassEstimate.status
+_RUN = 1  # of StopRequest.state; 0 is STOP
+_FORMS: dict[type, _Form] = {
+    LoadCell: _Form(stamp='', frame='load_cell'),
+    SampleBlock: _Form(frame='load_cell'),
+    EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
+    StreamStatus: _Form(unknown={'state': StreamState.FAILED}),
+    WeighWindow: _Form(stamp='t3', frame='weigh_belt', names={'t3': 't3', 'stamp': 'first_stamp'}),
+    MassEstimate: _Form(
+        stamp='t3',
+        frame='weigh_belt',
+        names={'t3': 't3'},
+        derived={'status': lambda estimate: int(estimate.weighed)},
+        amend=_with_reason,
+    ),
+    Verdict: _Form(stamp='t3', frame='weigh_belt', unknown={'decision': Decision.FAULT}),
+    ZeroChange: _Form(frame='load_cell'),
+    StopRequest: _Form(
+        frame='rejector',
+        unknown={'reason': StopReason.UNKNOWN},
+        lacks=('text',),
+        derived={'hint': lambda request: request.hint},
+        absent={'state': _RUN},
+        amend=_with_text,
+    ),
+}
+# A port of each class of records.
+_PORTS = {port.record: port for port in ALL if port.record is not None}
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
@@ -35,7 +129,7 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """
     message = port.type()
     if record is None and port.record is not None:
-        for name, value in FORMS[port.record].absent.items():
+        for name, value in _plan(cast(Any, port.record)).form.absent.items():
             setattr(message, name, value)
         return message
     return _filled(message, record, stamp)
@@ -78,10 +172,11 @@ def to_record(port: Port, message: Any) -> Any:
 
 
 def _record(kind: Any, message: Any) -> Any:
-    form = FORMS[kind]
+    plan = _plan(kind)
+    form = plan.form
     if form.absent and all(getattr(message, k) == value for k, value in form.absent.items()):
         return None
-    record = kind(*[convert(get(message)) for get, convert in _plan(kind).read])
+    record = kind(*[convert(get(message)) for get, convert in plan.read])
     return record if form.amend is None else form.amend(message, record)
 
 
@@ -111,6 +206,8 @@ class _Plan:
 
     Attributes
     ----------
+    form : _Form
+        What differs.
     stamp : callable or None
         Stamp of the header, from the record; None where the caller gives it.
     frame : callable
@@ -122,6 +219,7 @@ class _Plan:
         How to get the value from the message, and what converts it, in the order of the record.
     """
 
+    form: _Form
     stamp: _Get | None
     frame: _Get
     times: list[tuple[str, _Get]] = field(default_factory=list)
@@ -132,8 +230,10 @@ class _Plan:
 
 @cache
 def _plan(kind: Any) -> _Plan:
-    form, frame = FORMS[kind], FORMS[kind].frame
+    form = _FORMS.get(kind, _Form())
+    frame = form.frame
     plan = _Plan(
+        form,
         attrgetter(form.stamp) if form.stamp else None,
         (lambda _: frame) if isinstance(frame, str) else frame,
     )
@@ -159,7 +259,7 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     """Return what converts a value of this type for a message."""
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
-        if kind in FORMS:
+        if kind in _PORTS:
             return lambda records: [_nested(each) for each in records]
         return lambda values: list(map(kind, values))
     for plain in (bool, int, float, str):
@@ -169,7 +269,7 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
 
 
 def _nested(record: Any) -> Any:
-    return _filled(message_class(FORMS[type(record)].message_type)(), record)
+    return _filled(_PORTS[type(record)].type(), record)
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
@@ -182,7 +282,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
-        if kind in FORMS:
+        if kind in _PORTS:
             return lambda messages: tuple(_record(kind, each) for each in messages)
         return lambda values: tuple(map(kind, values))
     if issubclass(hint, Enum) and unknown is not None:

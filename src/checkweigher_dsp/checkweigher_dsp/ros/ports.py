@@ -1,20 +1,16 @@
-"""The ports of a lane: a row for each topic, and how each record stands in its message.
+"""The ports of a lane: a row for each topic, with what passes there, from where and to where.
 
 Nodes, QoS checks, recordings and docs read this table. All names are relative, so that a namespace
 makes a lane. The module needs no ROS: message classes and QoS profiles are made when they are
 asked for.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
-import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
-    Decision,
     EyeEdge,
     LineHistory,
     LoadCell,
@@ -23,7 +19,6 @@ from checkweigher_dsp.records import (
     SampleBlock,
     Statistics,
     StopRequest,
-    StreamState,
     StreamStatus,
     Verdict,
     WeighWindow,
@@ -46,101 +41,6 @@ NODES = {
 }
 # Those that weigh.
 STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
-
-
-@dataclass(frozen=True)
-class Form:
-    """How a record stands in its message: field by field under the same names, but for these.
-
-    Attributes
-    ----------
-    message_type : str
-        As ROS names it, with ``/msg/`` or ``/srv/``.
-    stamp : str
-        Field of the record that is the stamp of the header, and in the header alone unless
-        `names` has it; ``''`` where the caller gives the stamp.
-    frame : str or callable
-        ``frame_id`` of the header, or how it follows from the record.
-    names : mapping of str to str
-        Field of the message by field of the record.
-    lacks : tuple of str
-        Last fields of the record that the message does not have; they are read as their defaults.
-    derived : mapping of str to callable
-        Fields of the message that follow from the record.
-    unknown : mapping of str to object
-        Member that is read for a value that the enumeration of a field does not have; without it
-        the message is refused.
-    absent : mapping of str to object
-        Fields of the message that there is no such record, empty if there is no such message.
-    amend : callable, optional
-        Takes a message and the record that was read of it, and returns the record that is meant.
-    """
-
-    message_type: str
-    stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''
-    names: Mapping[str, str] = field(default_factory=dict)
-    lacks: tuple[str, ...] = ()
-    derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    unknown: Mapping[str, object] = field(default_factory=dict)
-    absent: Mapping[str, object] = field(default_factory=dict)
-    amend: Callable[[Any, Any], Any] | None = None
-
-
-def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
-    """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
-    weighed = message.status == _WEIGHED and not math.isnan(estimate.mass)
-    return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
-
-
-def _with_text(message: Any, request: StopRequest) -> StopRequest:
-    """Return a stop request with what its hint says beyond that of the reason."""
-    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
-    return replace(request, text=text)
-
-
-_WEIGHED = 1  # of MassEstimate.status
-_RUN = 1  # of StopRequest.state; 0 is STOP
-
-FORMS: dict[type, Form] = {
-    LoadCell: Form('checkweigher_msgs/msg/LoadCellInfo', stamp='', frame='load_cell'),
-    SampleBlock: Form('checkweigher_msgs/msg/LoadCellSamples', frame='load_cell'),
-    EyeEdge: Form('checkweigher_msgs/msg/PhotoEyeEvent', frame=lambda edge: edge.eye.name.lower()),
-    Reference: Form('checkweigher_msgs/msg/ReferenceMass'),
-    StreamStatus: Form('checkweigher_msgs/msg/StreamStatus', unknown={'state': StreamState.FAILED}),
-    WeighWindow: Form(
-        'checkweigher_msgs/msg/WeighWindow',
-        stamp='t3',
-        frame='weigh_belt',
-        names={'t3': 't3', 'stamp': 'first_stamp'},
-    ),
-    MassEstimate: Form(
-        'checkweigher_msgs/msg/MassEstimate',
-        stamp='t3',
-        frame='weigh_belt',
-        names={'t3': 't3'},
-        derived={'status': lambda estimate: int(estimate.weighed)},
-        amend=_with_reason,
-    ),
-    Verdict: Form(
-        'checkweigher_msgs/msg/Verdict',
-        stamp='t3',
-        frame='weigh_belt',
-        unknown={'decision': Decision.FAULT},
-    ),
-    ZeroChange: Form('checkweigher_msgs/msg/ZeroSetting', frame='load_cell'),
-    StopRequest: Form(
-        'checkweigher_msgs/msg/StopRequest',
-        frame='rejector',
-        unknown={'reason': StopReason.UNKNOWN},
-        lacks=('text',),
-        derived={'hint': lambda request: request.hint},
-        absent={'state': _RUN},
-        amend=_with_text,
-    ),
-    Statistics: Form('checkweigher_msgs/msg/Statistics'),
-    LineHistory: Form('checkweigher_msgs/srv/LineHistory_Response'),
-}
 
 
 class History(NamedTuple):
@@ -171,8 +71,10 @@ class Port:
     ----------
     name : str
         Relative to the lane's namespace, unless it begins with a slash.
-    content : type or str
-        Class of the records, or the type of the message where there is no record.
+    message_type : str
+        As ROS names it, with ``/msg/`` or ``/srv/``.
+    record : type or None
+        Class of the records, None where there are only messages.
     history : History
         What is kept.
     maker : str
@@ -186,27 +88,19 @@ class Port:
     """
 
     name: str
-    content: type | str
+    message_type: str
+    record: type | None
     history: History
     maker: str
     takers: tuple[str, ...]
     expected: tuple[str, ...]
     text: str
 
-    @property
-    def record(self) -> type | None:
-        """Class of the records, None where there are only messages."""
-        return None if isinstance(self.content, str) else self.content
-
-    @property
-    def message_type(self) -> str:
-        """Type of the message, as ROS writes it."""
-        return self.content if isinstance(self.content, str) else FORMS[self.content].message_type
-
     @cached_property
     def type(self) -> Any:
         """Class of the message in rclpy."""
-        return message_class(self.message_type)
+        package, folder, name = self.message_type.split('/')
+        return getattr(import_module(f'{package}.{folder}'), name)
 
     @cached_property
     def qos(self) -> 'QoSProfile':
@@ -217,13 +111,6 @@ class Port:
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
         return _reliable(self.history.depth, latched=self.history.stage_latched)
-
-
-@cache
-def message_class(message_type: str) -> Any:
-    """Return the class of a message in rclpy, by its name as ROS writes it."""
-    package, folder, name = message_type.split('/')
-    return getattr(import_module(f'{package}.{folder}'), name)
 
 
 def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
@@ -247,81 +134,97 @@ def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
 
 # fmt: off
 LOAD_CELL_INFO = Port(
-    'load_cell/info', LoadCell, STATE, 'driver', ('all',), ('driver',),
+    'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', LoadCell, STATE,
+    'driver', ('all',), ('driver',),
     'What the load cell is; a bag describes itself by it',
 )
 LOAD_CELL_SAMPLES = Port(
-    'load_cell/samples', SampleBlock, STREAM, 'driver', ('segmenter',), ('driver', 'segmenter'),
+    'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', SampleBlock, STREAM,
+    'driver', ('segmenter',), ('driver', 'segmenter'),
     'Blocks of raw readings; a jump of `first_index` means lost samples',
 )
 PHOTO_EYES = Port(
-    'photo_eyes', EyeEdge, STREAM, 'driver', ('segmenter', 'reject'),
-    ('driver', 'segmenter', 'reject'),
+    'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', EyeEdge, STREAM,
+    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'),
     'Edges of the two eyes',
 )
 REFERENCE_MASS = Port(
-    'reference_mass', Reference, STREAM, 'driver', ('users',), (),
+    'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', Reference, STREAM,
+    'driver', ('users',), (),
     'True masses, where a bag or the simulator knows them',
 )
 DRIVER_STATUS = Port(
-    'load_cell/status', StreamStatus, STATE, 'driver', ('segmenter', 'reject'), (),
+    'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', StreamStatus, STATE,
+    'driver', ('segmenter', 'reject'), (),
     'How much has been sent, how the stream ended, and what is wrong with the machine while it '
     'runs',
 )
 WEIGH_WINDOW = Port(
-    'weigh_window', WeighWindow, STREAM, 'segmenter', ('denoise',), ('segmenter', 'denoise'),
+    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', WeighWindow, STREAM,
+    'segmenter', ('denoise',), ('segmenter', 'denoise'),
     'One for each item, without signal if it cannot be weighed',
 )
 ZERO_SETTING = Port(
-    'zero_setting', ZeroChange, STATE, 'segmenter', ('product', 'users'), (),
+    'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', ZeroChange, STATE,
+    'segmenter', ('product', 'users'), (),
     'The last change of the zero by the service `zero`',
 )
 SEGMENTER_STATUS = Port(
-    'segmenter/status', StreamStatus, STATE, 'segmenter', ('driver',), (),
+    'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', StreamStatus, STATE,
+    'segmenter', ('driver',), (),
     'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
     'by sending its own again',
 )
 DENOISED_WINDOW = Port(
-    'denoised_window', WeighWindow, STREAM, 'denoise', ('identifier',), ('denoise', 'identifier'),
+    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', WeighWindow, STREAM,
+    'denoise', ('identifier',), ('denoise', 'identifier'),
     'The same with the denoised signal beside the raw one',
 )
 MASS_ESTIMATE = Port(
-    'mass_estimate', MassEstimate, RESULTS, 'identifier', ('reject', 'product', 'users'),
-    ('identifier', 'reject'),
+    'mass_estimate', 'checkweigher_msgs/msg/MassEstimate', MassEstimate, RESULTS,
+    'identifier', ('reject', 'product', 'users'), ('identifier', 'reject'),
     'Mass, standard deviation, or the reasons why there is none',
 )
 VERDICT = Port(
-    'verdict', Verdict, RESULTS, 'reject', ('line', 'driver', 'product'), ('reject',),
+    'verdict', 'checkweigher_msgs/msg/Verdict', Verdict, RESULTS,
+    'reject', ('line', 'driver', 'product'), ('reject',),
     'Exactly one for each item',
 )
 REJECT_EYE = Port(
-    'reject_eye', EyeEdge, STREAM, 'machine', ('reject',), (),
+    'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', EyeEdge, STREAM,
+    'machine', ('reject',), (),
     'Edges of an eye that only rejected items pass; `eye` does not matter',
 )
 STOP_REQUEST = Port(
-    'stop_request', StopRequest, STATE, 'reject', ('line', 'driver'), (),
+    'stop_request', 'checkweigher_msgs/msg/StopRequest', StopRequest, STATE,
+    'reject', ('line', 'driver'), (),
     'Whether the line should stop, and why; stays until `reset_stop_request`',
 )
 STATISTICS = Port(
-    'statistics', Statistics, STATE, 'product', ('users',), (),
+    'statistics', 'checkweigher_msgs/msg/Statistics', Statistics, STATE,
+    'product', ('users',), (),
     'Counts, mean, giveaway of this product in this batch, with each verdict',
 )
 DIAGNOSTICS = Port(
-    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', History(10), 'every node', ('users',),
-    (), 'Once a second: see [Diagnostics](#diagnostics)',
+    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
+    'every node', ('users',), (),
+    'Once a second: see [Diagnostics](#diagnostics)',
 )
 # Of the node dynamic_setting, which is no part of the line.
 DYNAMIC_SETTING = Port(
-    'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', STATE, 'dynamic_setting',
-    ('users',), (), 'Passes, what was recorded, the file, and why something failed',
+    'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
+    'dynamic_setting', ('users',), (),
+    'Passes, what was recorded, the file, and why something failed',
 )
 PARAMETER_EVENTS = Port(
-    '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', STREAM, 'every node', ('product',),
-    (), 'Parameters that were set',
+    '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', None, STREAM,
+    'every node', ('product',), (),
+    'Parameters that were set',
 )
 # The answer of the service of this name.
 LINE_HISTORY = Port(
-    'line_history', LineHistory, STATE, 'driver', ('reject',), (),
+    'line_history', 'checkweigher_msgs/srv/LineHistory_Response', LineHistory, STATE,
+    'driver', ('reject',), (),
     'The latest edges of this stream and the latest verdicts',
 )
 
