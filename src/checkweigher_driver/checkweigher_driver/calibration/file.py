@@ -13,13 +13,13 @@ from ament_index_python import get_packages_with_prefixes
 import yaml
 
 from checkweigher_driver.calibration.static_calibration import (
-    GRAMS,
     CalibrationError,
     CalibrationPoint,
     StaticCalibration,
 )
 from checkweigher_driver.devices import source_class
 from checkweigher_dsp.parameters import flatten
+from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services

@@ -21,13 +21,12 @@ from checkweigher_driver.calibration.file import (
 )
 from checkweigher_driver.calibration.session import CalibrationParameters, CalibrationSession
 from checkweigher_driver.calibration.static_calibration import (
-    GRAMS,
     CalibrationError,
     StaticCalibration,
     StaticReading,
 )
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import EyeEdge, LineHistory, LoadCell, SampleBlock
+from checkweigher_dsp.records import GRAMS, EyeEdge, LineHistory, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from checkweigher_driver.calibration.static_calibration import (
-    GRAMS,
     CalibrationError,
     CalibrationPoint,
     RestReading,
@@ -18,7 +17,7 @@ from checkweigher_driver.calibration.static_calibration import (
     zero_only,
 )
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
 _QUIET = 2 * NANOSECONDS  # without an edge, before the stream may be interrupted
 _LONGEST = 3600.0  # s from the first point to the end: the zero drifts

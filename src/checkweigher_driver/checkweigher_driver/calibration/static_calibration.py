@@ -16,9 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import LoadCell
+from checkweigher_dsp.records import GRAMS, LoadCell
 
-GRAMS = 1000.0  # in a kilogram
 _BATCHES = 10  # whose means show the uncertainty of the mean, for any noise
 _LEAST_SAMPLES = 10 * _BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
