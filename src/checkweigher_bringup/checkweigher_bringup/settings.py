@@ -1,15 +1,13 @@
-"""The parameters of the line as the command line gives them."""
+"""Options that several commands check, and the parameters of the line that they name."""
 
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 import re
-from typing import TypeVar
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
-
-N = TypeVar('N', int, float)
 
 
 def line_parameters(
@@ -48,8 +46,10 @@ def check_namespace(name: str) -> str:
     return name
 
 
-def check_positive(option: str, value: N | None) -> N | None:
-    """Return a number that must be above 0 if it is given, or raise UserError."""
-    if value is not None and not value > 0:
-        raise UserError(f'{option} {value}: must be above 0')
-    return value
+def check_positive(arguments: Namespace, *names: str) -> None:
+    """Raise UserError if a number that one of the options gives is not above 0."""
+    for name in names:
+        given = getattr(arguments, name)
+        for value in given if isinstance(given, list) else [given]:
+            if value is not None and not value > 0:
+                raise UserError(f'--{name.replace("_", "-")} {value}: must be above 0')

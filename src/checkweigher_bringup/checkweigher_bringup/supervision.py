@@ -1,33 +1,16 @@
-"""When a process of the line is started again, and when it is taken for hung: policy alone."""
+"""The rules by which a process of the line is started again, or killed because it hangs."""
 
-from dataclasses import dataclass
 from enum import Enum, auto
 import signal
 
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 
 
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """How patient the supervision is; all in s.
-
-    Attributes
-    ----------
-    delay, longest_delay : float
-        Before a process is started again: at first, and at most where it dies again and again.
-    stable : float
-        One that has lived for so long has not died at once.
-    silence : float
-        Without diagnostics after which a process is hung.
-    start : float
-        The same for one that was just started.
-    """
-
-    delay: float = 1.0
-    longest_delay: float = 10.0
-    stable: float = 5.0
-    silence: float = 5.0
-    start: float = 30.0
+# s, before a process is started again: at first, and at most where it dies again and again.
+DELAY, LONGEST_DELAY = 1.0, 10.0
+STABLE = 5.0  # s; a process that has lived for so long has not died at once
+SILENCE = 5.0  # s without diagnostics after which a process hangs
+START = 30.0  # the same for a process that was just started
 
 
 class Action(Enum):
@@ -45,10 +28,9 @@ class Supervision:
     `reason` says why the process ended last.
     """
 
-    def __init__(self, patience: Patience | None = None) -> None:
+    def __init__(self) -> None:
         self.reason = ''
-        self._patience = patience or Patience()
-        self._delay = self._patience.delay
+        self._delay = DELAY
         self._started: float | None = None
         self._ended: float | None = None
         self._heard: float | None = None
@@ -70,12 +52,12 @@ class Supervision:
     def ended(self, now: float, status: int) -> None:
         """Note that the process has ended, with a status as of `subprocess`: -N for signal N."""
         if self._started is not None:
-            at_once = now - self._started < self._patience.stable
-            longer = min(2 * self._delay, self._patience.longest_delay)
-            self._delay = longer if at_once and self.reason else self._patience.delay
+            at_once = now - self._started < STABLE
+            longer = min(2 * self._delay, LONGEST_DELAY)
+            self._delay = longer if at_once and self.reason else DELAY
         # Once it has worked, its parameters are good and it is worth another try.
         self._cannot_start = status == CANNOT_START and not self._was_up
-        silence = f'hung: no diagnostics for {self._patience.silence:g} s'
+        silence = f'hung: no diagnostics for {SILENCE:g} s'
         self.reason = silence if self._hung else _reason(status)
         self._started, self._ended = None, now
 
@@ -86,11 +68,8 @@ class Supervision:
                 return Action.GIVE_UP
             waited = self._ended is None or now - self._ended >= self._delay
             return Action.START if waited else Action.NOTHING
-        if self._heard is None:
-            hung = now - self._started > self._patience.start
-        else:
-            hung = now - self._heard > self._patience.silence
-        if hung and not self._hung:
+        since, longest = (self._started, START) if self._heard is None else (self._heard, SILENCE)
+        if now - since > longest and not self._hung:
             self._hung = True
             return Action.KILL
         return Action.NOTHING

@@ -1,12 +1,10 @@
 """When a process is started again, and when it is hung, without any process."""
 
-from checkweigher_bringup.supervision import Action, Patience, Supervision
-
-PATIENCE = Patience(delay=1.0, longest_delay=10.0, stable=5.0, silence=5.0, start=30.0)
+from checkweigher_bringup.supervision import Action, Supervision
 
 
 def test_a_process_that_died_is_started_again_after_the_delay():
-    process = Supervision(PATIENCE)
+    process = Supervision()
     assert process.due(0.0) is Action.START
     assert process.started(0.0) == 0.0
     process.heard(99.0)
@@ -18,7 +16,7 @@ def test_a_process_that_died_is_started_again_after_the_delay():
 
 
 def test_one_that_dies_at_once_again_and_again_waits_longer_up_to_a_limit():
-    process = Supervision(PATIENCE)
+    process = Supervision()
     now, delays = 0.0, []
     for _ in range(6):
         process.started(now)
@@ -34,11 +32,11 @@ def test_one_that_dies_at_once_again_and_again_waits_longer_up_to_a_limit():
 
 
 def test_what_cannot_start_is_given_up_but_not_what_has_worked():
-    process = Supervision(PATIENCE)
+    process = Supervision()
     process.started(0.0)
     process.ended(1.0, 2)
     assert process.due(1.0) is Action.GIVE_UP
-    process = Supervision(PATIENCE)
+    process = Supervision()
     process.started(0.0)
     process.heard(2.0)
     process.ended(3.0, 2)
@@ -46,7 +44,7 @@ def test_what_cannot_start_is_given_up_but_not_what_has_worked():
 
 
 def test_a_silent_process_is_killed_once_and_said_to_have_hung():
-    process = Supervision(PATIENCE)
+    process = Supervision()
     process.started(0.0)
     assert process.due(29.0) is Action.NOTHING  # it may take its time to start
     process.heard(29.0)
@@ -62,7 +60,7 @@ def test_a_silent_process_is_killed_once_and_said_to_have_hung():
 
 
 def test_diagnostics_of_a_process_that_has_ended_do_not_count_for_the_next():
-    process = Supervision(PATIENCE)
+    process = Supervision()
     process.started(0.0)
     process.ended(1.0, -11)
     process.heard(1.5)

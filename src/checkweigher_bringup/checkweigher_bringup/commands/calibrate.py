@@ -2,19 +2,8 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import add_namespace
-
-if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
-    from checkweigher_bringup.commissioning.sample_feed import SampleFeed
-    from checkweigher_driver.calibration.static_calibration import (
-        CalibrationPoint,
-        StaticCalibration,
-    )
-    from checkweigher_dsp.records import LoadCell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,75 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Guide through the masses and write the file."""
+    """Guide through the masses or the speeds, and write the file."""
     if arguments.dynamic:
         from checkweigher_bringup.commissioning.dynamic_guide import set_dynamically
 
         set_dynamically(arguments)
-        return 0
-    from checkweigher_bringup.commissioning.static_guide import guided_points
-    from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.settings import check_positive
-    from checkweigher_driver.calibration.file import (
-        calibration_table,
-        check_calibration_file,
-        write_version,
-    )
-    from checkweigher_driver.calibration.static_calibration import Steadiness
+    else:
+        from checkweigher_bringup.commissioning.static_guide import calibrate_at_rest
 
-    if arguments.source is None:
-        raise UserError('--source: must name the source whose calibration it is, such as aed')
-    masses = [0.001 * mass for mass in arguments.masses or ()]
-    for option, values in (
-        ('--masses', arguments.masses or ()),
-        ('--duration', [arguments.duration]),
-        ('--tolerance', [arguments.tolerance]),
-        ('--max-residual', [arguments.max_residual]),
-    ):
-        for value in values:
-            check_positive(option, value)
-    if not arguments.mass_uncertainty >= 0:
-        raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
-    check_calibration_file(arguments.output)
-    with _feed(arguments) as feed:
-        load_cell = feed.wait_for_load_cell()
-        points = guided_points(
-            feed, masses, 0.001 * arguments.mass_uncertainty,
-            Steadiness(arguments.duration, 0.001 * arguments.tolerance),
-        )  # fmt: skip
-    found = _calibration(points, load_cell)
-    print('\n'.join(calibration_table(found, points)))
-    if arguments.max_residual and found.largest_residual > 0.001 * arguments.max_residual:
-        raise UserError(
-            f'{arguments.output}: not written: a mass is {1000 * found.largest_residual:.3f} g off '
-            f'the line, more than --max-residual {arguments.max_residual:g}; check the masses, '
-            'and what touches the belt'
-        )
-    version = write_version(arguments.output, arguments.source, found, points, arguments.params)
-    print(f'{arguments.output}: version {version} written; start the line with it')
+        calibrate_at_rest(arguments)
     return 0
-
-
-def _calibration(points: 'list[CalibrationPoint]', load_cell: 'LoadCell') -> 'StaticCalibration':
-    from checkweigher_driver.calibration.static_calibration import calibrate, zero_only
-
-    if len(points) > 1:
-        return calibrate(points)
-    return zero_only(points[0], load_cell.counts_per_kg)
-
-
-def _feed(arguments: argparse.Namespace) -> 'AbstractContextManager[SampleFeed]':
-    """Return where the samples come from."""
-    from checkweigher_bringup.commissioning.sample_feed import line_feed, source_feed
-    from checkweigher_bringup.settings import check_namespace
-    from checkweigher_driver.calibration.file import check_calibrated_source, source_values
-    from checkweigher_driver.devices import source_class
-
-    check_calibrated_source(arguments.source)
-    if not arguments.open:
-        return line_feed(check_namespace(arguments.namespace))
-    values: dict[str, object] = {}
-    if arguments.params is not None:
-        values = source_values(arguments.params, arguments.source)
-    kind = source_class(arguments.source)
-    return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))

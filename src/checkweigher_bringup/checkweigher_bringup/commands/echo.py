@@ -29,8 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.spinning import spinning
 
     namespace = check_namespace(arguments.namespace)
-    count = check_positive('--count', arguments.count) or math.inf
-    duration = check_positive('--duration', arguments.duration) or math.inf
+    check_positive(arguments, 'count', 'duration')
+    count, duration = arguments.count or math.inf, arguments.duration or math.inf
     with spinning(namespace) as spinner:
         node = EchoNode()
         spinner.add(node)

@@ -97,8 +97,7 @@ def _check(arguments: argparse.Namespace) -> None:
 
     if bool(arguments.bags) == bool(arguments.protocol):
         raise UserError('name bags, or --protocol paper to simulate')
-    for name in ('budget', 'jobs', 'nominal'):
-        check_positive(f'--{name}', getattr(arguments, name))
+    check_positive(arguments, 'budget', 'jobs', 'nominal')
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
     given = (arguments.html, arguments.csv, arguments.json, arguments.tuned)

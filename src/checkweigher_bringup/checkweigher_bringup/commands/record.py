@@ -31,15 +31,13 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.recorder import record
     from checkweigher_bringup.settings import check_namespace, check_positive
 
-    reference = check_positive('--reference', arguments.reference)
-    if arguments.passes is not None and reference is None:
+    check_positive(arguments, 'reference', 'duration', 'passes')
+    if arguments.passes is not None and arguments.reference is None:
         raise UserError('--passes: needs the mass of the product, --reference')
     record(
-        arguments.output,
-        check_namespace(arguments.namespace),
-        check_positive('--duration', arguments.duration),
+        arguments.output, check_namespace(arguments.namespace), arguments.duration,
         inputs_only=arguments.inputs_only,
-        reference=None if reference is None else 0.001 * reference,
-        passes=check_positive('--passes', arguments.passes),
-    )
+        reference=None if arguments.reference is None else 0.001 * arguments.reference,
+        passes=arguments.passes,
+    )  # fmt: skip
     return 0

@@ -1,6 +1,7 @@
 """Show what is wrong with a running line, worst first, and what to check."""
 
 import argparse
+import math
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -33,10 +34,9 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_dsp.ros import ports
     from checkweigher_dsp.ros.port_node import PortNode
 
-    namespace = check_namespace(arguments.namespace)
-    count = check_positive('--count', arguments.count)
-    duration = check_positive('--duration', arguments.duration)
-    board = StatusBoard(namespace)
+    check_positive(arguments, 'count', 'duration')
+    duration = arguments.duration or math.inf
+    board = StatusBoard(check_namespace(arguments.namespace))
     began = time.monotonic()
     shown, rows = 0, board.rows(began)
     with spinning() as spinner:
@@ -44,13 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
         node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(time.monotonic(), m.status))
         spinner.add(node)
         try:
-            _wait_for_the_first(board, began + min(_PATIENCE, duration or _PATIENCE))
+            _wait_for_the_first(board, began + min(_PATIENCE, duration))
             while True:
                 rows = board.rows(time.monotonic())
                 _print(rows, values=arguments.values, heard=board.heard)
                 shown += 1
-                over = duration is not None and time.monotonic() - began >= duration
-                if over or shown == count:
+                if shown == arguments.count or time.monotonic() - began >= duration:
                     break
                 time.sleep(_PERIOD)
         except KeyboardInterrupt:

@@ -26,8 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.training import BUDGET, train
 
     estimators = estimator_names(arguments.estimator, ('iswd_eksi',))
-    check_positive('--budget', arguments.budget)
-    check_positive('--jobs', arguments.jobs)
+    check_positive(arguments, 'budget', 'jobs')
     check_output_file(arguments.output, arguments.overwrite)
     base = line_parameters(arguments.params, None, arguments.lane)
     train(

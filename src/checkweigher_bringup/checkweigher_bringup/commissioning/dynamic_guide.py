@@ -45,10 +45,7 @@ def _check(arguments: argparse.Namespace) -> None:
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
-    for option in ('reference', 'passes', 'budget'):
-        check_positive(f'--{option}', getattr(arguments, option))
-    for speed in arguments.speeds:
-        check_positive('--speeds', speed)
+    check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
     if arguments.source is not None or arguments.open:
         raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
     check_namespace(arguments.namespace)

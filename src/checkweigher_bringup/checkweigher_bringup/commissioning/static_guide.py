@@ -1,17 +1,69 @@
 """The static calibration with a technician: known masses at rest, one after another."""
 
+import argparse
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 import sys
 
-from checkweigher_bringup.commissioning.sample_feed import SampleFeed
+from checkweigher_bringup.commissioning.sample_feed import SampleFeed, line_feed, source_feed
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.settings import check_namespace, check_positive
+from checkweigher_driver.calibration.file import (
+    calibration_table,
+    check_calibrated_source,
+    check_calibration_file,
+    source_values,
+    write_version,
+)
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationPoint,
     RestReading,
     StaticReading,
     Steadiness,
+    calibrate,
+    zero_only,
 )
+from checkweigher_driver.devices import source_class
 from checkweigher_dsp.records import GRAMS, LoadCell
+
+
+def calibrate_at_rest(arguments: argparse.Namespace) -> None:
+    """Guide through the masses and write the calibration file."""
+    if arguments.source is None:
+        raise UserError('--source: must name the source whose calibration it is, such as aed')
+    check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
+    if not arguments.mass_uncertainty >= 0:
+        raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
+    check_calibration_file(arguments.output)
+    masses = [mass / GRAMS for mass in arguments.masses or ()]
+    with _feed(arguments) as feed:
+        load_cell = feed.wait_for_load_cell()
+        points = guided_points(
+            feed, masses, arguments.mass_uncertainty / GRAMS,
+            Steadiness(arguments.duration, arguments.tolerance / GRAMS),
+        )  # fmt: skip
+    found = calibrate(points) if masses else zero_only(points[0], load_cell.counts_per_kg)
+    print('\n'.join(calibration_table(found, points)))
+    residual = GRAMS * found.largest_residual
+    if arguments.max_residual and residual > arguments.max_residual:
+        raise UserError(
+            f'{arguments.output}: not written: a mass is {residual:.3f} g off the line, more than '
+            f'--max-residual {arguments.max_residual:g}; check the masses, and the belt'
+        )
+    version = write_version(arguments.output, arguments.source, found, points, arguments.params)
+    print(f'{arguments.output}: version {version} written; start the line with it')
+
+
+def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
+    """Return the samples of a running line, or with `--open` those of the source itself."""
+    check_calibrated_source(arguments.source)
+    if not arguments.open:
+        return line_feed(check_namespace(arguments.namespace))
+    values: dict[str, object] = {}
+    if arguments.params is not None:
+        values = source_values(arguments.params, arguments.source)
+    kind = source_class(arguments.source)
+    return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))
 
 
 def ask(text: str) -> None:
