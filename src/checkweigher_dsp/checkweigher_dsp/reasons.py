@@ -3,7 +3,14 @@
 from enum import StrEnum
 
 
-class Reason(StrEnum):
+class _Hinted(StrEnum):
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _HINTS[self]
+
+
+class Reason(_Hinted):
     """Why an item cannot be weighed. ``DistanceFault`` is the word of OPC 40200."""
 
     DISTANCE_FAULT = 'DistanceFault'
@@ -32,10 +39,16 @@ class Reason(StrEnum):
     ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
     NO_PRODUCT = 'NoProduct'
 
-    @property
-    def hint(self) -> str:
-        """What a technician should look at."""
-        return _HINTS[self]
+
+class StopReason(_Hinted):
+    """Why the line should stop."""
+
+    TOO_MANY_REJECTS = 'TooManyRejects'
+    UNCONFIRMED_REJECT = 'UnconfirmedReject'
+    CONFIRMED_ACCEPT = 'ConfirmedAccept'
+    DRIVER_TROUBLE = 'DriverTrouble'
+    NOT_READY = 'NotReady'
+    UNKNOWN = 'Unknown'
 
 
 _HINTS = {
@@ -64,26 +77,6 @@ _HINTS = {
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
-}
-
-
-class StopReason(StrEnum):
-    """Why the line should stop."""
-
-    TOO_MANY_REJECTS = 'TooManyRejects'
-    UNCONFIRMED_REJECT = 'UnconfirmedReject'
-    CONFIRMED_ACCEPT = 'ConfirmedAccept'
-    DRIVER_TROUBLE = 'DriverTrouble'
-    NOT_READY = 'NotReady'
-    UNKNOWN = 'Unknown'
-
-    @property
-    def hint(self) -> str:
-        """What a technician should look at."""
-        return _STOP_HINTS[self]
-
-
-_STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
