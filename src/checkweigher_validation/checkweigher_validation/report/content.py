@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.classes import (
@@ -95,7 +96,7 @@ class Content:
         self._has_masses = has_paper_masses(evaluation)
         self._has_speeds = has_paper_speeds(evaluation)
         self.part = evaluation.parts[0]
-        self._means = {name: self._mean(name) for name in self._looks}
+        self._means = {name: self._mean(estimator=name) for name in self._looks}
         self._ranking = sorted(self._looks, key=lambda name: _rank(self._means[name].index))
 
     @property
@@ -117,7 +118,7 @@ class Content:
         meeting = [
             look.label
             for name, look in self._looks.items()
-            if all(judge(one, self._class).passed for one in self._conditions(name))
+            if all(judge(one, self._class).passed for one in self._conditions(estimator=name))
         ]
         who = _enumerate(meeting) if meeting else 'no estimator'
         sentences = [
@@ -138,7 +139,7 @@ class Content:
         best = _best(one.index for one in self._means.values())
         rows = []
         for name in self._ranking:
-            one, there = self._means[name], self._conditions(name)
+            one, there = self._means[name], self._conditions(estimator=name)
             passed = sum(judge(condition, self._class).passed for condition in there)
             cells = [
                 Cell(grams(one.index), best=one.index == best),
@@ -152,7 +153,7 @@ class Content:
                 Cell(str(one.faults), state='failed' if one.faults else ''),
             ]
             if 'train' in self._evaluation.parts and self.part != 'train':
-                cells.append(Cell(grams(self._mean(name, part='train').index)))
+                cells.append(Cell(grams(self._mean(estimator=name, part='train').index)))
             if self.has_paper_average:
                 cells.append(Cell(_or_empty(paper_index(name))))
             rows.append(self._row(name, cells))
@@ -161,7 +162,10 @@ class Content:
     def by_speed(self) -> list[Row]:
         """Return A, and sigma over its bound, of each estimator at each speed and on average."""
         speeds = (*self._evaluation.speeds, None)
-        means = {name: [self._mean(name, speed) for speed in speeds] for name in self._looks}
+        means = {
+            name: [self._mean(estimator=name, speed=speed) for speed in speeds]
+            for name in self._looks
+        }
         best = [_best(one.index for one in column) for column in zip(*means.values(), strict=True)]
         rows = [
             self._row(
@@ -181,13 +185,13 @@ class Content:
         groups = {}
         for speed in self._evaluation.speeds:
             at_masses = [
-                self._evaluation.select(speed=speed, mass=mass, part=part)
+                self._conditions(speed=speed, mass=mass, part=part)
                 for mass in self._evaluation.masses
             ]
             bounds = [Cell(grams(there[0].bound) if there else '') for there in at_masses]
             rows = [Row('bound of σ', -1, (*bounds, Cell(''), Cell('')))]
             for name in self._evaluation.estimators:
-                if self._conditions(name, speed, part=part):
+                if self._conditions(estimator=name, speed=speed, part=part):
                     rows.append(self._condition_row(name, speed, part))
                     rows += self._paper_row(name, speed)
             groups[speed_label(speed)] = rows
@@ -218,7 +222,10 @@ class Content:
                 name,
                 (
                     _verdict(judge(there[0], self._class)) if there else Cell('')
-                    for there in (self._conditions(name, *one) for one in conditions)
+                    for there in (
+                        self._conditions(estimator=name, speed=speed, mass=mass)
+                        for speed, mass in conditions
+                    )
                 ),
             )
             for name in self._looks
@@ -230,7 +237,7 @@ class Content:
         for name in self._looks:
             cells = []
             for part in self._evaluation.parts:
-                there = self._evaluation.select(estimator=name, part=part)
+                there = self._conditions(estimator=name, part=part)
                 cells += [Cell(_percent(coverage(there, level))) for level in LEVELS]
                 means = average(there)
                 cells += [Cell(str(means.count)), Cell(str(means.faults))]
@@ -239,10 +246,10 @@ class Content:
 
     def _condition_row(self, name: str, speed: float, part: str) -> Row:
         at_masses = [
-            self._evaluation.select(estimator=name, speed=speed, mass=mass, part=part)
+            self._conditions(estimator=name, speed=speed, mass=mass, part=part)
             for mass in self._evaluation.masses
         ]
-        means = self._mean(name, speed, part)
+        means = self._mean(estimator=name, speed=speed, part=part)
         return self._row(
             name,
             (
@@ -266,21 +273,12 @@ class Content:
                 cells.append(Cell(grams(paper_index(name)) if self._has_speeds else ''))
                 yield Row(f'paper: {look.label}', -1, tuple(cells))
 
-    def _conditions(
-        self,
-        estimator: str | None = None,
-        speed: float | None = None,
-        mass: float | None = None,
-        part: str | None = None,
-    ) -> tuple[ConditionResult, ...]:
-        return self._evaluation.select(
-            estimator=estimator, speed=speed, mass=mass, part=part or self.part
-        )
+    def _conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
+        """Return the conditions as `Evaluation.select` does; those of `part` by default."""
+        return self._evaluation.select(**{'part': self.part, **chosen})
 
-    def _mean(
-        self, estimator: str | None = None, speed: float | None = None, part: str | None = None
-    ) -> Average:
-        return average(self._conditions(estimator, speed, part=part))
+    def _mean(self, **chosen: Any) -> Average:
+        return average(self._conditions(**chosen))
 
     def _row(self, name: str, cells: Iterable[Cell]) -> Row:
         return Row(self._looks[name].label, self._evaluation.estimators.index(name), tuple(cells))
