@@ -13,7 +13,7 @@ from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import Reference, SampleBlock
+from checkweigher_dsp.records import Reference
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
@@ -32,10 +32,8 @@ def _windows(recording):
     segmenter = Segmenter(recording.load_cell, SegmenterParameters())
     windows = []
     for event in recording:
-        if isinstance(event, SampleBlock):
-            windows += segmenter.add_samples(event)
-        elif not isinstance(event, Reference):
-            windows += segmenter.add_edge(event)
+        if not isinstance(event, Reference):
+            windows += segmenter.take(event)
     return windows + segmenter.finish()
 
 

@@ -225,8 +225,7 @@ def _windows(load_cell, blocks, edges):
     segmenter = Segmenter(load_cell, LineParameters().segmenter)
     windows = []
     for event in _in_order(blocks, edges):
-        add = segmenter.add_samples if isinstance(event, SampleBlock) else segmenter.add_edge
-        windows += add(event)
+        windows += segmenter.take(event)
     return windows
 
 

@@ -140,8 +140,7 @@ def windows_of(load_cell, events):
     segmenter = Segmenter(load_cell, SegmenterParameters())
     found = []
     for event in events:
-        is_block = isinstance(event, SampleBlock)
-        found += segmenter.add_samples(event) if is_block else segmenter.add_edge(event)
+        found += segmenter.take(event)
     return found + segmenter.finish()
 
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
+from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 
-_GRAMS = 1e3
 _HOUR = 3600.0  # s
 _DRIFT_SPAN = 1800.0  # s
 _DRIFT_PERIOD = 10.0  # s, between two readings of the drift
@@ -86,17 +86,17 @@ class ZeroWatch:
         share = abs(distance) / self._range if self._range > 0 else math.nan
         std_dev = math.nan if self._zero is None else self._zero.std_dev / abs(self._counts_per_kg)
         values = {
-            'from_calibration_g': _GRAMS * distance,
-            'std_dev_g': _GRAMS * std_dev,
+            'from_calibration_g': GRAMS * distance,
+            'std_dev_g': GRAMS * std_dev,
             'share_of_zero_range': share,
-            'drift_g_per_h': _GRAMS * drift,
+            'drift_g_per_h': GRAMS * drift,
             'age_of_last_update_s': math.nan if self._updated is None else now - self._updated,
             'running_for_min': (now - self._began) / MINUTE,
         }
         warm = now - self._began > _WARM_UP
         found = []
         if self._zero is not None and not self._zero.trusted:
-            text = f'the zero is {_GRAMS * distance:+.1f} g from calibration, out of its limits'
+            text = f'the zero is {GRAMS * distance:+.1f} g from calibration, out of its limits'
             hint = 'clean the belt, free the platform, call the service zero or calibrate'
             found.append(Concern(Level.ERROR, text, hint))
         if share > _NEAR_LIMIT:
@@ -104,7 +104,7 @@ class ZeroWatch:
             hint = 'clean the belt; calibrate if it is clean'
             found.append(Concern(Level.WARN, text, hint))
         if self._range > 0 and abs(distance + drift) > self._range:
-            text = f'the zero drifts by {_GRAMS * drift:+.1f} g/h, beyond zero_range in an hour'
+            text = f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour'
             hint = 'check for dirt that builds up' if warm else 'let the load cell warm up'
             found.append(Concern(Level.WARN, text, hint))
         if (
@@ -115,7 +115,7 @@ class ZeroWatch:
             text = f'the empty belt was not read for {now - self._missed_since:.0f} s of products'
             hint = 'increase the spacing of the products or decrease settle_time'
             found.append(Concern(Level.WARN, text, hint))
-        well = f'{_GRAMS * distance:+.2f} g from calibration'
+        well = f'{GRAMS * distance:+.2f} g from calibration'
         return conclude('Zero', well, found, values)
 
 
@@ -165,17 +165,17 @@ class BeltNoiseWatch:
         noise, frequency = self._recent.median, self.frequency
         usual = self._usual.median if len(self._usual) >= _FEWEST_USUAL else math.nan
         values = {
-            'std_dev_g': _GRAMS * noise,
-            'usual_std_dev_g': _GRAMS * usual,
+            'std_dev_g': GRAMS * noise,
+            'usual_std_dev_g': GRAMS * usual,
             'strongest_frequency_hz': frequency,
         }
         found = []
         hint = f'strongest at {frequency:.1f} Hz: check rollers, belt joint, motor and floor'
         if self._limit and noise > self._limit:
-            text = f'{_GRAMS * noise:.2f} g, above max_belt_noise of {_GRAMS * self._limit:.2f} g'
+            text = f'{GRAMS * noise:.2f} g, above max_belt_noise of {GRAMS * self._limit:.2f} g'
             found.append(Concern(Level.WARN, text, hint))
         elif noise > _NOISY * usual and len(self._recent) == _RECENT_SEGMENTS:
-            text = f'{_GRAMS * noise:.2f} g, {noise / usual:.1f} times the usual'
+            text = f'{GRAMS * noise:.2f} g, {noise / usual:.1f} times the usual'
             found.append(Concern(Level.WARN, text, hint))
-        well = 'not known yet' if math.isnan(noise) else f'{_GRAMS * noise:.2f} g'
+        well = 'not known yet' if math.isnan(noise) else f'{GRAMS * noise:.2f} g'
         return conclude('Belt noise', well, found, values)

@@ -33,8 +33,7 @@ def _items(count, pitch=250):
 
 
 def _give(stage, what, when):
-    add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
-    return add(what, when)
+    return stage.take(what, when)
 
 
 def _history(timed, until, verdicts, limit=400):

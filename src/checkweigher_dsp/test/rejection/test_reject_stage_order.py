@@ -42,8 +42,7 @@ def _play(stage, timed):
         while now < when:
             verdicts += [(now, verdict) for verdict in stage.advance(now)]
             now += 10 * MILLISECOND
-        add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
-        verdicts += [(when, verdict) for verdict in add(what, when)]
+        verdicts += [(when, verdict) for verdict in stage.take(what, when)]
     for end in range(now, now + 6 * NANOSECONDS, 10 * MILLISECOND):
         verdicts += [(end, verdict) for verdict in stage.advance(end)]
     return verdicts
@@ -158,8 +157,7 @@ def test_a_segmenter_started_with_an_item_on_the_belt_makes_no_two_of_it():
         estimate, item_id=2, t1=None, t2=None, reasons=('MissingEdge', 'StartUp'), mass=math.nan
     )
     for what in (*edges[:2], first, *edges[2:], second, *_item(2)[0]):
-        add = stage.add_edge if isinstance(what, EyeEdge) else stage.add_estimate
-        verdicts += add(what)
+        verdicts += stage.take(what)
 
     assert [v.reasons for v in verdicts] == [('SourceRestarted',)]
     assert stage.late_estimates == 1
