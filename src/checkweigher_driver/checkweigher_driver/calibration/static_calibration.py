@@ -33,23 +33,12 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class StaticReading:
-    """Reading of a load at rest, counts.
-
-    Attributes
-    ----------
-    mean : float
-    std_error : float
-        Standard uncertainty of the mean, from the means of ten successive batches.
-    drift : float
-        Mean of the second half less that of the first.
-    noise : float
-        Standard deviation of the samples.
-    """
+    """Reading of a load at rest, counts."""
 
     mean: float
-    std_error: float
-    drift: float
-    noise: float
+    std_error: float  # standard uncertainty of the mean, by those of ten successive batches
+    drift: float  # mean of the second half less that of the first
+    noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
         """Tell whether the halves agree to within `tolerance` counts, and the mean is known to."""
@@ -83,21 +72,11 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """Limits within which a load counts as being at rest.
+    """Limits within which a load counts as being at rest."""
 
-    Attributes
-    ----------
-    duration : float
-        s, for which the load is read.
-    tolerance : float
-        kg, by which the two halves of the reading may differ.
-    patience : float
-        s, after which the reading is given up.
-    """
-
-    duration: float = 5.0
-    tolerance: float = 1e-4
-    patience: float = 60.0
+    duration: float = 5.0  # s, for which the load is read
+    tolerance: float = 1e-4  # kg, by which the two halves of the reading may differ
+    patience: float = 60.0  # s, after which the reading is given up
 
 
 class RestReading:
@@ -183,46 +162,27 @@ class RestReading:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPoint:
-    """A known mass and its reading.
+    """A known mass and its reading, with standard uncertainties."""
 
-    Attributes
-    ----------
-    mass, mass_uncertainty : float
-        kg; both are 0 for the empty belt.
-    reading, reading_uncertainty : float
-        counts.
-    """
-
-    mass: float
-    reading: float
+    mass: float  # kg, 0 for the empty belt
+    reading: float  # counts
     reading_uncertainty: float
     mass_uncertainty: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class StaticCalibration:
-    """Zero and sensitivity with standard uncertainties.
-
-    Attributes
-    ----------
-    zero_counts, zero_uncertainty : float
-        counts.
-    counts_per_kg, counts_per_kg_uncertainty : float
-    correlation : float
-        Of zero and sensitivity.
-    residuals : tuple of float
-        kg, of each point: the mass that the calibration gives its reading, less its true mass.
-    birge_ratio : float
-        Scatter of the points over the scatter that their uncertainties explain; NaN where there
-        are no more points than unknowns.
-    """
+    """Zero (counts) and sensitivity (counts/kg) with standard uncertainties."""
 
     zero_counts: float
     counts_per_kg: float
     zero_uncertainty: float
     counts_per_kg_uncertainty: float
-    correlation: float
+    correlation: float  # of zero and sensitivity
+    # kg, of each point: the mass that the calibration gives its reading, less its true mass.
     residuals: tuple[float, ...]
+    # Scatter of the points over the scatter that their uncertainties explain; NaN where there are
+    # no more points than unknowns.
     birge_ratio: float
 
     @property

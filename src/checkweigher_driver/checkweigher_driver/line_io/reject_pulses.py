@@ -69,24 +69,12 @@ class BeltTime:
 
 @dataclass(frozen=True, slots=True)
 class PulseTimes:
-    """Durations of the pulse schedule, ns.
+    """Durations of the pulse schedule, ns."""
 
-    Attributes
-    ----------
-    duration : int
-        Of the pulse of one item.
-    min_pause : int
-        Pulses that are closer become one.
-    late_tolerance : int
-        The item of a pulse that begins later may have passed.
-    belt_margin : int
-        By which a pulse is longer at both ends if the belt stopped before it.
-    """
-
-    duration: int
-    min_pause: int
-    late_tolerance: int
-    belt_margin: int
+    duration: int  # of the pulse of one item
+    min_pause: int  # pulses that are closer become one
+    late_tolerance: int  # the item of a pulse that begins later may have passed
+    belt_margin: int  # by which a pulse is longer at both ends if the belt stopped before it
 
 
 class RejectPulses:

@@ -31,35 +31,17 @@ class AuditError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry.
+    """One entry; NaN and infinities in values stand as ``'nan'``, ``'inf'`` and ``'-inf'``."""
 
-    Attributes
-    ----------
-    sequence : int
-        From 1, without gaps.
-    time : str
-        ISO 8601, UTC.
-    source : str
-        Node that wrote it, with its namespace.
-    kind : str
-        ``parameter``, ``recipe``, ``calibration``, ...
-    subject : str
-        Name of the thing that was changed.
-    old, new : JSON value
-        NaN and infinities stand as ``'nan'``, ``'inf'`` and ``'-inf'``. None: there is none.
-    previous, hash : str
-        SHA-256 of the entry before and of this one, hexadecimal.
-    """
-
-    sequence: int
-    time: str
-    source: str
-    kind: str
-    subject: str
-    old: Any
+    sequence: int  # from 1, without gaps
+    time: str  # ISO 8601, UTC
+    source: str  # node that wrote it, with its namespace
+    kind: str  # 'parameter', 'recipe', 'calibration', ...
+    subject: str  # name of the thing that was changed
+    old: Any  # JSON value, None: there is none
     new: Any
-    previous: str
-    hash: str = ''
+    previous: str  # SHA-256 of the entry before, hexadecimal
+    hash: str = ''  # SHA-256 of this entry
 
     def line(self) -> bytes:
         """Return the line of the entry in the file."""
@@ -74,27 +56,13 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """Result of verifying a log.
+    """Result of verifying a log."""
 
-    Attributes
-    ----------
-    entries : tuple of Entry
-        Those before the first bad line.
-    bad_line : int
-        Number of the first bad line, from 1; 0 if there is none.
-    problem : str
-        ``changed``, ``removed``, ``inserted`` or ``cut``; empty if the chain is whole.
-    reason : str
-        The fault in words.
-    torn : bytes
-        Beginning of an entry at the end that was never finished.
-    """
-
-    entries: tuple[Entry, ...]
-    bad_line: int = 0
-    problem: str = ''
-    reason: str = ''
-    torn: bytes = b''
+    entries: tuple[Entry, ...]  # before the first bad line
+    bad_line: int = 0  # number of the first bad line, from 1; 0 if there is none
+    problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut'; empty if the chain is whole
+    reason: str = ''  # the fault in words
+    torn: bytes = b''  # beginning of an entry at the end that was never finished
 
     @property
     def whole(self) -> bool:

@@ -44,26 +44,12 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class BatchJudgement:
-    """Judgement of a batch by the directive.
-
-    Attributes
-    ----------
-    limits : Limits
-        Limits for the nominal quantity.
-    count : int
-        Prepackages in the batch.
-    mean : float
-        kg.
-    below_tu1, below_tu2 : int
-        Number below each; those below TU2 are below TU1 as well.
-    mean_passed, tu1_passed, tu2_passed : bool
-        Whether each requirement is met.
-    """
+    """Judgement of a batch by the directive: its figures, and whether each requirement is met."""
 
     limits: Limits
     count: int
-    mean: float
-    below_tu1: int
+    mean: float  # kg
+    below_tu1: int  # those below TU2 included
     below_tu2: int
     mean_passed: bool
     tu1_passed: bool

@@ -53,36 +53,18 @@ class RecipeError(ValueError):
 
 @dataclass(frozen=True)
 class Product:
-    """Recipe of one product.
+    """Recipe of one product; masses are of the contents."""
 
-    Attributes
-    ----------
-    name : str
-        Name by which the operator selects it.
-    nominal : float
-        NominalWeight of OPC 40200, kg of contents.
-    tare : float
-        Of the packaging, kg.
-    lower_limit, upper_limit : float
-        LowerToleranceLimit and UpperToleranceLimit, kg of contents; infinite where there is none.
-    tu1, tu2 : float
-        Of directive 76/211/EEC, kg of contents; NaN where it has none for this nominal weight.
-    length, speed : tuple of float
-        Smallest and largest, m and m/s.
-    parameters : dict
-        Further ones, by node and name.
-    """
-
-    name: str
-    nominal: float
-    tare: float = 0.0
-    lower_limit: float = -math.inf
-    upper_limit: float = math.inf
-    tu1: float = math.nan
+    name: str  # by which the operator selects it
+    nominal: float  # kg, NominalWeight of OPC 40200
+    tare: float = 0.0  # kg, of the packaging
+    lower_limit: float = -math.inf  # kg, LowerToleranceLimit
+    upper_limit: float = math.inf  # kg, UpperToleranceLimit
+    tu1: float = math.nan  # kg, of 76/211/EEC; NaN where it has none for this nominal weight
     tu2: float = math.nan
-    length: tuple[float, float] = (0.0, math.inf)
-    speed: tuple[float, float] = (0.0, math.inf)
-    parameters: Changes = field(default_factory=dict)
+    length: tuple[float, float] = (0.0, math.inf)  # m, smallest and largest
+    speed: tuple[float, float] = (0.0, math.inf)  # m/s, smallest and largest
+    parameters: Changes = field(default_factory=dict)  # further ones
 
     def changes(self) -> Changes:
         """Return the parameters that the product sets, by node and name."""
