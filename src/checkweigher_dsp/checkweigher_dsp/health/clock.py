@@ -1,4 +1,4 @@
-"""Whether the clocks agree: the stamps of samples and edges against their arrival."""
+"""Clocks: the stamps of samples and edges against their arrival."""
 
 from collections import deque
 import math

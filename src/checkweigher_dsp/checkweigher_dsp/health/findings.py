@@ -1,4 +1,4 @@
-"""What a technician is told of the line: findings with a level, and what was seen lately.
+"""Findings on the health of a line, each with a level and a hint, and values seen lately.
 
 Times are seconds on a clock that never steps back, which the caller reads.
 """
@@ -19,7 +19,7 @@ _MAX_VALUES = 10_000
 
 
 class Level(IntEnum):
-    """How bad it is; the numbers of DiagnosticStatus."""
+    """Severity, by the numbers of DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -38,7 +38,7 @@ class Concern:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """How one aspect of a node is.
+    """Finding on one aspect of a node.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ T = TypeVar('T')
 
 
 class Recent(Generic[T]):
-    """What was seen in the last `duration` seconds, at most `limit` of it."""
+    """Entries of the last `duration` seconds, at most `limit` of them."""
 
     def __init__(self, duration: float, limit: int) -> None:
         self._duration = duration
@@ -168,7 +168,7 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """What became of the last items, and why those that failed did.
+    """Outcome of the last items, with the reasons of those that failed.
 
     Parameters
     ----------
@@ -187,12 +187,12 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     @property
     def failed(self) -> int:
-        """How many of them failed."""
+        """Number of those that failed."""
         return sum(bool(reasons) for _, reasons in self._entries)
 
     @property
     def failed_in_a_row(self) -> int:
-        """How many failed since the last one that did not."""
+        """Number of those that failed since the last one that did not."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self._entries)))
 
     @property

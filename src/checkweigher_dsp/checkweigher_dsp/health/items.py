@@ -1,4 +1,4 @@
-"""What becomes of the items at each stage: faults, convergence, time taken, verdicts in time."""
+"""Items at each stage: faults, convergence, time taken, verdicts in time."""
 
 from collections import Counter
 from collections.abc import Sequence

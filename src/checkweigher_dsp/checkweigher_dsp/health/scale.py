@@ -1,4 +1,4 @@
-"""Whether the scale is fit to weigh: its zero, and the noise of the empty belt."""
+"""Fitness of the scale to weigh: its zero, and the noise of the empty belt."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Whether samples and edges come as they should: rate, gaps, saturation, photo-eyes."""
+"""Samples and edges as they come: rate, gaps, saturation, photo-eyes."""
 
 from collections import deque
 import math

@@ -1,4 +1,4 @@
-"""What the eyes have shown: which edges are new, late, chatter or only a state at start-up."""
+"""Photo-eyes: edges that are new, late, chatter or only a state at start-up."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace

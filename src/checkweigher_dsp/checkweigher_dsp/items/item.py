@@ -66,19 +66,19 @@ class Item:
 
     @property
     def entered(self) -> int:
-        """When it was seen first, ns."""
+        """Time at which it was seen first, ns."""
         if self.t1 is not None:
             return self.t1
         return next(stamp for stamp in (self.t2, self.t3) if stamp is not None)
 
     @property
     def length(self) -> int:
-        """How long it takes to pass an eye, ns; 0 if that is not known."""
+        """Time that it takes to pass an eye, ns; 0 if that is not known."""
         return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0
 
     @property
     def departure(self) -> int:
-        """When it is gone, ns: t4, or the time by which its length must have passed the eye."""
+        """Time at which it is gone, ns: t4, or when its length must have passed the eye."""
         if self.t4 is not None:
             return self.t4
         if self.t3 is None and self.given_up is not None:

@@ -1,4 +1,4 @@
-"""Which photo-eye edges belong to which item, and which items cannot be weighed for it.
+"""Item tracking: photo-eye edges are paired to items, some of which cannot be weighed for it.
 
 The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
@@ -52,13 +52,13 @@ class ItemTracker:
 
     @property
     def empty_since(self) -> int | None:
-        """When the last item had left, ns; None if none was there."""
+        """Time at which the last item had left, ns; None if none was there."""
         newest = self._eyes.newest
         return None if newest is None else self._belt.last_departure(newest)
 
     @property
     def overdue_after(self) -> int | None:
-        """Until when the next item to leave may yet come to the outfeed eye, ns; None if empty."""
+        """Time until which the next item may yet come to the outfeed eye, ns; None if empty."""
         belt = self._belt
         if belt.cleared_first is not None:
             return belt.cleared_first + self._max_transit

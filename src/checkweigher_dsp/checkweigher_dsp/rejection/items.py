@@ -99,7 +99,7 @@ class RejectItem:
 
 
 class RejectItems:
-    """What is known of the items on the line, each under one number.
+    """Items on the line, each under one number.
 
     Numbers follow those of the estimates as long as these go forward, so that both are the same
     in a line whose nodes all run from the start. A number is never given twice while the last

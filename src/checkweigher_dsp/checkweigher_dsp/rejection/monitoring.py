@@ -1,4 +1,4 @@
-"""Whether the rejector does what the verdicts say, and when the line should stop."""
+"""Monitoring of the rejector against the verdicts, and requests to stop the line."""
 
 from dataclasses import dataclass
 

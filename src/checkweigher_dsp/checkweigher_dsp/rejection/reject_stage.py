@@ -39,7 +39,7 @@ _Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
 
 @dataclass(slots=True)
 class _Stream:
-    """What the edges of one stream have shown; stamps and times of arrival in ns."""
+    """State of one stream by its edges; stamps and times of arrival in ns."""
 
     first: int | None = None  # the oldest and the youngest stamp
     newest: int | None = None
@@ -108,7 +108,7 @@ class RejectStage:
 
     @property
     def due(self) -> int | None:
-        """When time alone brings something next, on the clock of the arguments."""
+        """Time at which time alone brings something next, on the clock of the arguments."""
         times = [item.due for item in self._items.pending if item.due is not None]
         overdue = self._tracker.overdue_after if self._tracker is not None else None
         newest, came = self._stream.newest, self._stream.came

@@ -34,7 +34,7 @@ class StreamClock:
 
 
 class ArrivalClock:
-    """When an edge would have come if nothing had held it up on its way.
+    """Clock of arrivals: when an edge would have come if nothing had held it up on its way.
 
     A process that stood still, or a network that was away for a while, hands edges over when their
     products have long passed the rejector. Measured is against the fastest edge so far: the clocks

@@ -1,4 +1,4 @@
-"""Whether the scale agrees that a product was alone: its load changes no more than the belt shakes.
+"""Load check: the load of a product that was alone changes no more than the belt shakes.
 
 The eyes do not show a product whose edge was lost. The scale does: while one comes or goes within
 the weigh window, the load changes by more than vibration and ring-down explain.
@@ -17,7 +17,7 @@ _FEWEST = 8  # samples
 
 
 class LoadCheck:
-    """Tell a steady load from one that something else came to or left.
+    """Distinguish a steady load from one that something else came to or left.
 
     The check compares the mean of the last quarter of a window with that of its first half. The
     empty belt before the items shows what vibration does to their difference: the median over all

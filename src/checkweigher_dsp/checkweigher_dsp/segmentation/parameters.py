@@ -9,7 +9,7 @@ from checkweigher_dsp.records import NANOSECONDS
 
 @dataclass(frozen=True)
 class SegmenterParameters(Parameters):
-    """How items are told apart and what counts as the empty belt."""
+    """Parameters of the segmenter."""
 
     node: ClassVar[str] = 'segmenter'
 

@@ -69,7 +69,7 @@ class Segmenter:
 
     @property
     def zero_answer(self) -> ZeroAnswer | None:
-        """What became of the last `request_zero`; None while it waits for the empty belt."""
+        """Answer to the last `request_zero`; None while it waits for the empty belt."""
         return self._zero.answer
 
     @property

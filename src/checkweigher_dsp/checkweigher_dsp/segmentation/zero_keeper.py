@@ -16,7 +16,7 @@ Span = tuple[int, int]  # first index and one past the last index of samples
 
 @dataclass(frozen=True, slots=True)
 class ZeroAnswer:
-    """Whether the belt was zeroed, what to or why not, and if it was, the two zeros."""
+    """Answer to a request to zero: whether it is done, a text for the user, and the two zeros."""
 
     done: bool
     text: str
@@ -29,7 +29,7 @@ class ZeroKeeper:
     Attributes
     ----------
     answer : ZeroAnswer or None
-        What became of the last request; None while it waits for the empty belt.
+        Answer to the last request; None while it waits for the empty belt.
     """
 
     def __init__(
