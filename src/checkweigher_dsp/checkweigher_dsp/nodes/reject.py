@@ -35,7 +35,8 @@ from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import locked
 from checkweigher_dsp.ros.running import run
 
-_TICK = 0.005  # s, well below verdict_margin
+# s, in which a recall is looked after: while records are kept back, and for a late answer.
+_RECALL_PERIOD, _LATE_PERIOD = 0.01, 0.2
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
@@ -142,7 +143,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if (recall := self._recall) is not None and self._holds_back():
             recall.edges.append((edge, self._now()))
         else:
-            self._publish(self._stage.add_edge(edge, self._now()))
+            self._publish(self._stage.take(edge, self._now()))
         self._wake()
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
@@ -156,7 +157,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _judge(self, estimate: MassEstimate) -> None:
         late = self._stage.late_estimates
-        self._publish(self._stage.add_estimate(estimate, self._now()))
+        self._publish(self._stage.take(estimate, self._now()))
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
@@ -206,17 +207,21 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._wake()
 
     def _wake(self) -> None:
-        """Have the alarm ring when time alone brings something, and not before."""
+        """Have the timer ring when time alone brings something, and not before."""
         now = time.monotonic_ns()
-        waiting = self._recall is not None and self._recall.waiting
-        if waiting or self._monitor.waiting:
-            due: int | None = now + round(_TICK * NANOSECONDS)
+        times = []
+        if self.parameters.deadlines:
+            times.append(self._stage.due)
+        if (due := self._monitor.due) is not None:
+            times.append(self._stream_clock.reaches(due, now))
+        if (recall := self._recall) is not None and recall.waiting:
+            period = _LATE_PERIOD if recall.released else _RECALL_PERIOD
+            times.append(now + round(period * NANOSECONDS))
+        known = [due for due in times if due is not None]
+        if known:
+            self._timer.set_by(min(known))
         else:
-            due = self._stage.due if self.parameters.deadlines else None
-        if due is None:
             self._timer.clear()
-        else:
-            self._timer.set_by(due)
 
     def _settle(self, history: LineHistory | None) -> None:
         """Judge what was missed, then go on with what was kept back meanwhile."""
@@ -237,7 +242,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _go_on(self, recall: Recall) -> None:
         """Go on with what was kept back."""
         for edge, came in recall.edges:
-            self._publish(self._stage.add_edge(edge, came))
+            self._publish(self._stage.take(edge, came))
         for estimate in recall.estimates:
             self._judge(estimate)
         recall.edges.clear()

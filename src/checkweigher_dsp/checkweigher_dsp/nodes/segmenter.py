@@ -128,8 +128,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         segmenter = self._segmenter
         assert segmenter is not None
         self._watch.add(time.monotonic(), event)
+        self._publish(segmenter.take(event))
         if isinstance(event, SampleBlock):
-            self._publish(segmenter.add_samples(event))
             self._last_stamp = event.stamp
             self._blocks_since_report += 1
             signal = segmenter.samples - self._reported_samples
@@ -138,8 +138,6 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 or self._blocks_since_report >= _STATUS_BLOCKS
             ):
                 self._publish_status(StreamState.RUNNING)
-        else:
-            self._publish(segmenter.add_edge(event))
         if self._zero_requests and segmenter.zero_answer is not None:
             answer = segmenter.zero_answer
             if answer.change is not None:

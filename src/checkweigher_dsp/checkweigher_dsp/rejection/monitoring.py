@@ -47,9 +47,12 @@ class RejectMonitor:
         self._edges: list[int] = []
 
     @property
-    def waiting(self) -> bool:
-        """Whether time alone may change something."""
-        return bool(self._expected or self._edges)
+    def due(self) -> int | None:
+        """Stamp from which on something can be concluded, ns, None if nothing is waited for."""
+        window = self._window
+        times = [stamp + window for stamp in self._edges]
+        times += [item.reject_at + 2 * window for item in self._expected]
+        return min(times) + 1 if times else None
 
     def add_verdict(self, verdict: Verdict) -> None:
         """Take a verdict."""

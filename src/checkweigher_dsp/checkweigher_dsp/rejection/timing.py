@@ -32,6 +32,16 @@ class StreamClock:
         stamp, came = self._newest
         return stamp + (now - came if self.running else 0)
 
+    def reaches(self, stamp: int, now: int) -> int | None:
+        """Return when the time of the stamps is `stamp`, from `now` on; None if only by a message.
+
+        Both times on the clock of the arrivals, ns.
+        """
+        time = self.at(now)
+        if time is None or (time < stamp and not self.running):
+            return None
+        return now + max(stamp - time, 0)
+
 
 class ArrivalClock:
     """Clock of arrivals: when an edge would have come if nothing had held it up on its way.

@@ -71,7 +71,7 @@ def test_nothing_is_concluded_before_the_window_is_over():
     assert monitor.request is None
     monitor.advance(round(3.2 * SECOND) + 1)
     assert monitor.request.reason is StopReason.UNCONFIRMED_REJECT
-    assert not monitor.waiting
+    assert monitor.due is None
 
 
 def test_what_passes_the_eye_near_no_item_is_counted():
@@ -81,7 +81,7 @@ def test_what_passes_the_eye_near_no_item_is_counted():
 def test_without_the_eye_nothing_is_expected_there():
     monitor = _monitor([_verdict(3)], [_seen(7.0)], RejectParameters())
 
-    assert (monitor.request, monitor.strays, monitor.waiting) == (None, 0, False)
+    assert (monitor.request, monitor.strays, monitor.due) == (None, 0, None)
 
 
 @given(st.lists(st.sampled_from(Decision), max_size=12), st.integers(0, 4))
@@ -146,3 +146,23 @@ def test_the_time_of_the_stamps_goes_on_without_messages_if_it_runs():
         clock.saw(1000, 7)
 
     assert (running.at(10), standing.at(10)) == (1003, 1000)
+
+
+def test_a_stamp_is_reached_by_time_only_where_the_clock_runs():
+    running, standing = StreamClock(running=True), StreamClock(running=False)
+    assert running.reaches(1000, 5) is None
+    for clock in (running, standing):
+        clock.saw(1000, 7)
+
+    assert (running.reaches(1010, 9), running.reaches(990, 9)) == (17, 9)
+    assert (standing.reaches(1010, 9), standing.reaches(990, 9)) == (None, 9)
+
+
+def test_what_is_expected_is_due_when_its_window_is_over():
+    monitor = RejectMonitor(WINDOW)
+    monitor.add_verdict(_verdict(3))
+    assert monitor.due == round(3.2 * SECOND) + 1
+    monitor.add_edge(_seen(3.0))
+    assert monitor.due == round(3.1 * SECOND) + 1
+    monitor.advance(monitor.due)
+    assert monitor.due == round(3.2 * SECOND) + 1
