@@ -43,8 +43,9 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         overrides: dict[str, object] | None = None,
     ) -> None:
         StageNode.__init__(self, parameters, read_only=read_only, overrides=overrides)
-        already = set(self.services)
+        already, before = set(self.services), set(vars(self))
         LifecycleNodeMixin.__init__(self)
+        self._life_cycle = set(vars(self)) - before
         self.state = 'unconfigured'
         self._failure = ''
         self._beginning = False
@@ -119,6 +120,13 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """Leave the outputs safe before the process ends."""
         if self.state in ('unconfigured', 'inactive', 'active'):
             self.trigger_shutdown()
+
+    def destroy_node(self) -> None:
+        """Destroy the node with its state machine, which would keep its place in the graph."""
+        super().destroy_node()
+        for name in vars(self).get('_life_cycle', ()):  # empty if a parameter was refused
+            delattr(self, name)
+        self._life_cycle = set()
 
     def _release(self) -> None:
         self.deactivate()
