@@ -39,9 +39,7 @@ class SourceStream:
     node : StageNode
         The driver, which knows the graph.
     parameters : DriverParameters
-        Pace of a recording, and the nodes that it waits for.
     watch : DriverWatch
-        Takes what the stream waits for, and how the source ended.
     note : callable
         Called with each event before it is sent.
     machine_ready : callable
@@ -51,10 +49,8 @@ class SourceStream:
     ----------
     sent : SentStream
         The latest stream.
-    status : Output
-        Of the status of the stream.
     failure : str
-        How the source of the latest stream failed; empty if it did not.
+        How its source failed; empty if it did not.
     """
 
     def __init__(

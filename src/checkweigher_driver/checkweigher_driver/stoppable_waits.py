@@ -12,17 +12,9 @@ _REMINDER = 5.0  # s
 
 
 class StoppableWaits:
-    """Waits that end as soon as they need not go on.
+    """Waits that end as soon as they need not go on, or once `stopping` is set.
 
-    Parameters
-    ----------
-    lock : lock, optional
-        Held while a condition is looked at or something is changed, and free during a wait.
-
-    Attributes
-    ----------
-    stopping : bool
-        Whether the thread was told to stop.
+    A lock that is given is held while a condition is looked at or changed, and free during a wait.
     """
 
     def __init__(self, lock: Any = None) -> None:
@@ -57,16 +49,8 @@ class StoppableWaits:
     ) -> bool:
         """Wait until a condition holds or `patience` s are over; return whether to go on.
 
-        Parameters
-        ----------
-        condition : callable
-            Looked at after each change, and every 20 ms.
-        patience : float
-            s.
-        meanwhile : callable, optional
-            Called before each wait with the s waited so far; nothing is locked then.
-        remind : callable, optional
-            Called each 5 s.
+        The condition is looked at after each change, and every 20 ms. Before each wait `meanwhile`
+        is called with the s waited so far, while nothing is locked; `remind` is called each 5 s.
         """
         began = reminded = time.monotonic()
         while not self._is_over(condition):

@@ -123,12 +123,8 @@ def write_version(
     """Write a calibration as the newest version of a file and return its number.
 
     The version before is kept as ``NAME.vN.yaml``. Its other values, or those of `base`, go into
-    the new one.
-
-    Raises
-    ------
-    CalibrationError, OutputError
-        If it cannot be written; the file that is there stays.
+    the new one. Raises CalibrationError or OutputError if it cannot be written; the file that is
+    there stays.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None

@@ -90,13 +90,6 @@ class CalibrationSession:
     A session is either idle or reading: `begin` starts a reading; its point, an error or `cancel`
     ends it; `finish` needs an idle session with points.
 
-    Parameters
-    ----------
-    load_cell : LoadCell
-        With its present calibration.
-    steadiness : Steadiness
-        Limits of a load at rest.
-
     Attributes
     ----------
     points : list of CalibrationPoint
@@ -168,10 +161,8 @@ class CalibrationSession:
         ----------
         max_residual : float
             kg, by which a mass may be off the line; 0 for any.
-        edges : sequence of EyeEdge
-            The latest of the line.
-        stamp : int
-            ns, how far the stream has come.
+        edges, stamp
+            The latest edges of the line, and how far its stream has come, ns.
         now : float
             s, on the clock of `add`.
 

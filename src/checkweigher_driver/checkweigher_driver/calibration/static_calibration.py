@@ -82,16 +82,8 @@ class Steadiness:
 class RestReading:
     """Reading of a load, taken as soon as it has been at rest for long enough.
 
-    Parameters
-    ----------
-    load_cell : LoadCell
-        The cell that takes the samples; its present sensitivity turns the tolerance into counts.
-    steadiness : Steadiness
-
-    Attributes
-    ----------
-    latest : StaticReading or None
-        Of the latest samples, at rest or not.
+    The present sensitivity of `load_cell` turns the tolerance of `steadiness` into counts. `latest`
+    is the reading of the latest samples, at rest or not, None before the first.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -201,10 +193,7 @@ class StaticCalibration:
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     """Fit zero and sensitivity by weighted least squares with effective variances.
 
-    Parameters
-    ----------
-    points : sequence of CalibrationPoint
-        At least two different masses; the same mass may come several times.
+    The points need at least two different masses; the same mass may come several times.
 
     Raises
     ------

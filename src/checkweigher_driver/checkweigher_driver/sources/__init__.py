@@ -16,20 +16,8 @@ from checkweigher_recording.recording import Event
 class Device(ABC):
     """The part of the interface that sources of samples and of edges share.
 
-    Parameters
-    ----------
-    parameters : Parameters
-        An instance of the class's own set.
-
-    Raises
-    ------
-    ValueError
-        If it cannot be opened; the message is one line for a technician.
-
-    Attributes
-    ----------
-    parameters : type of Parameters
-        The parameter set of the class.
+    `parameters` of the class is its parameter set. The constructor raises ValueError if the device
+    cannot be opened; the message is one line for a technician.
     """
 
     parameters: ClassVar[type[Parameters]]

@@ -89,17 +89,7 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
-    """Verify a log.
-
-    Parameters
-    ----------
-    data : bytes
-        The log.
-    head : bytes
-        Content of the file beside it, empty if there is none.
-    known_hash : str
-        Hash of an entry that has to be there.
-    """
+    """Verify a log by the file beside it (empty if there is none) and by a hash that it has."""
     entries: list[Entry] = []
     try:
         torn = _follow_chain(data, entries)
@@ -192,11 +182,6 @@ def _check_head(entries: list[Entry], torn: bytes, head: bytes) -> None:
 
 class AuditLog:
     """A log that is open for appending, locked against other processes.
-
-    Parameters
-    ----------
-    path : Path
-        The log; its folder must exist.
 
     Attributes
     ----------
