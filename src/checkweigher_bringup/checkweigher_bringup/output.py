@@ -1,11 +1,14 @@
 """Output of the commands: a table on the screen, and files that are written whole or not at all."""
 
+from collections import Counter
 from collections.abc import Iterable
 from io import StringIO
+import math
 from pathlib import Path
 import sys
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.records import GRAMS, Decision
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import check_folder_of, write_whole
 from checkweigher_validation.accuracy.results import (
@@ -54,14 +57,15 @@ class Table:
 
     def __init__(self, origin: int | None = None) -> None:
         self._origin = origin
-        self._results: list[ItemResult] = []
+        self._decisions: Counter[Decision] = Counter()
+        self._errors: list[float] = []  # g
         if origin is not None:
             print(TABLE_HEADER, flush=True)
 
     @property
     def count(self) -> int:
         """Items that were shown."""
-        return len(self._results)
+        return self._decisions.total()
 
     def show(self, *results: ItemResult) -> None:
         """Show further items."""
@@ -69,11 +73,13 @@ class Table:
             first = results[0].estimate
             self._origin = first.t1 or first.t3 or 0
             print(TABLE_HEADER)
-        self._results += results
+        self._decisions.update(result.verdict.decision for result in results)
+        errors = (GRAMS * result.error for result in results)
+        self._errors += [error for error in errors if not math.isnan(error)]
         rows = ''.join(f'{table_row(result, self._origin)}\n' for result in results)
         print(rows, end='', flush=True)
 
     def close(self) -> None:
         """Show the summary."""
         if self._origin is not None:
-            print(summary(self._results), flush=True)
+            print(summary(self._decisions, self._errors), flush=True)

@@ -1,8 +1,7 @@
 """Results of items, joined with their references: the table, the CSV and the summary."""
 
 from bisect import bisect_right
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import math
@@ -188,12 +187,11 @@ def table_row(result: ItemResult, origin: int) -> str:
     )
 
 
-def summary(results: Sequence[ItemResult]) -> str:
-    """Return one line on all items: counts, and the errors of those with a reference."""
-    counts = Counter(result.verdict.decision for result in results)
-    parts = [f'{len(results)} item{"" if len(results) == 1 else "s"}']
-    parts += [f'{counts[decision]} {decision.name}' for decision in Decision if counts[decision]]
-    errors = [GRAMS * result.error for result in results if not math.isnan(result.error)]
+def summary(decisions: Mapping[Decision, int], errors: Sequence[float]) -> str:
+    """Return one line on all items: how many had each decision, and the errors in g."""
+    count = sum(decisions.values())
+    parts = [f'{count} item{"" if count == 1 else "s"}']
+    parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]
     if errors:
         parts.append(f'mean error {np.mean(errors):+.3f} g')
     if len(errors) > 1:
