@@ -58,13 +58,12 @@ def extrapolate(
     if order < 1:
         return result, np.ones((windows, 1))
     # The blocks are aligned to the end from which the signal goes on.
-    sides = disturbances, disturbances[:, ::-1]
-    means = np.stack([block_means(side, block) for side in sides], axis=1)
+    means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
-    centres = np.concatenate([means[..., -1:], predicted], axis=-1)
-    result[:, before + count :] = _between_centres(centres[:, 0], block, after)
-    result[:, :before] = _between_centres(centres[:, 1], block, before)[:, ::-1]
+    samples = _between_centres(np.concatenate([means[..., -1:], predicted], axis=-1), block)
+    result[:, before + count :] = samples[:, 0, :after]
+    result[:, :before] = samples[:, 1, :before][:, ::-1]
     return result, taps
 
 
@@ -147,21 +146,23 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([weights, further], axis=1)
 
 
-def _between_centres(means: NDArray[np.float64], block: int, count: int) -> NDArray[np.float64]:
+def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     """Return the samples after the first block, on straight lines between the block centres.
 
     Parameters
     ----------
-    means : ndarray, (windows, blocks) float64
+    means : ndarray, (..., blocks) float64
         Values at the centres.
+    block : int
+        Number of samples in a block.
 
     Returns
     -------
-    ndarray, (windows, count) float64
+    ndarray, (..., n) float64
+        Up to the centre of the last block.
     """
     # The centre of a block of an even number of samples lies between two of them.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
-    slopes = means[:, 1:] - means[:, :-1]
-    samples = means[:, :-1, np.newaxis] + slopes[..., np.newaxis] * share
-    first = 1 + (block - 1) // 2
-    return samples.reshape(len(means), -1)[:, first : first + count]
+    slopes = means[..., 1:] - means[..., :-1]
+    samples = means[..., :-1, np.newaxis] + slopes[..., np.newaxis] * share
+    return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

@@ -127,7 +127,7 @@ def time_since_entry(
 ) -> NDArray[np.float64]:
     """Return the time since t1 in s of the samples from position `begin` up to `end`.
 
-    The first sample of the window lies within one sample after t2, whatever its stamp says.
+    The first sample of the window lies within one sample after t2, even where its stamp is wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS

@@ -82,7 +82,8 @@ class EstimatorParameters(Parameters):
 
     def at(self, name: str, speed: float) -> float:
         """Return the value of the list `name` at a belt speed in m/s."""
-        return float(np.interp(speed, self.speeds, getattr(self, name)))
+        values = getattr(self, name)
+        return float(np.interp(speed, self.speeds, values) if len(values) > 1 else values[0])
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
         """Tell whether a speed lies among those of the training passes, or near (relative)."""
