@@ -80,7 +80,7 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-@pytest.mark.parametrize('busy', [0.0, 2.0])
+@pytest.mark.parametrize('busy', [0.0, 1.0])
 def test_an_interrupt_ends_it_without_a_word(started, busy, tmp_path):
     workers(started, busy)
 
@@ -93,7 +93,7 @@ def test_an_interrupt_ends_it_without_a_word(started, busy, tmp_path):
 
 
 def test_a_worker_that_is_killed_ends_it_with_one_line(started, tmp_path):
-    one, *_ = workers(started, 2.0)
+    one, *_ = workers(started, 1.0)
 
     os.kill(one, signal.SIGKILL)
 
