@@ -1,4 +1,4 @@
-"""The command line: finds the command, runs it, and puts every error on one line."""
+"""The command line: runs a command, and prints each error as one line."""
 
 import argparse
 from collections.abc import Sequence
@@ -44,27 +44,20 @@ _PROGRAM = 'checkweigher'
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, as all others."""
+    """A parser whose errors are one line, as those of the commands are."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """Return the parser of the whole command line.
-
-    Parameters
-    ----------
-    only : str or None
-        The one command whose options are wanted; those of the others take their time. None for
-        all, also if there is no such command.
-    """
+    """Return the parser of the command line, with the options of `only` one command or of all."""
     names = [name for name, *_ in COMMANDS]
     examples = '\n'.join(f'  {_PROGRAM} {example}' for *_, example in COMMANDS)
     parser = _Parser(
         prog=_PROGRAM,
         description='An in-motion checkweigher: masses and verdicts of products on a belt scale.',
-        epilog=f'examples:\n{examples}\n\n{_PROGRAM} COMMAND --help tells the options of each.',
+        epilog=f'examples:\n{examples}\n\n{_PROGRAM} COMMAND --help shows the options of each.',
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(
@@ -110,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             raise
         status = _complain(parsed.command, error)
     except BrokenPipeError:
-        # Whoever read our output has seen enough.
+        # The reader of the output, such as head, has ended.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     except KeyboardInterrupt:

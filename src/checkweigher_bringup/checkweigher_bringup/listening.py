@@ -90,7 +90,7 @@ class ResultListener(PortNode):
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return the estimate of an item as far as its verdict has it."""
+    """Return an estimate with the fields that its verdict repeats."""
     reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
     return MassEstimate(
         verdict.item_id, verdict.t1, None, verdict.t3, reasons, mass=verdict.mass,
@@ -123,5 +123,5 @@ class EchoNode(ResultListener):
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:
-                return f'no verdict yet: nobody publishes {name}; is the line running, and here?'
+                return f'no verdict yet: no node publishes {name}; is the line running, and here?'
         return 'no verdict yet: the line is running, but no product has passed'

@@ -111,7 +111,7 @@ def make_line(context):
 def on_exit(event, context, *, respawn):
     """End the launch when a process cannot start, or with any process where none comes back.
 
-    A line that lacks a node gives no verdicts: whoever watches over launch has to see it. The
+    A line that lacks a node gives no verdicts, and the supervisor of launch has to see it. The
     delay before a process is started again leaves the time for that.
     """
     if event.returncode == CANNOT_START:

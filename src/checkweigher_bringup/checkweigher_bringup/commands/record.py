@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--inputs-only', action='store_true',
-        help='leave out windows, estimates and verdicts, which a replay makes anew',
+        help='leave out windows, estimates and verdicts, which a replay makes again',
     )  # fmt: skip
     parser.add_argument(
         '--reference', type=float, metavar='G',

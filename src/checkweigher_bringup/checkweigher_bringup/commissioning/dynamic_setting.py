@@ -97,7 +97,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._said.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(self._said)
 
-    # What is asked for
+    # Services
 
     def _on_record(
         self, request: RecordPasses.Request, response: RecordPasses.Response
@@ -138,7 +138,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             )  # fmt: skip
             self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
             response.success = True
-            response.message = f'begun; {ports.DYNAMIC_SETTING.name} tells when it is done'
+            response.message = f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
         return response
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
@@ -160,7 +160,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
 
-    # What is under way
+    # The child
 
     def _begin(self, *words: object) -> None:
         self._cancelled = False

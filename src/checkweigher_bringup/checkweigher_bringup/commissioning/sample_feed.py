@@ -36,13 +36,13 @@ class SampleFeed:
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
-        """Return what the load cell is, or raise UserError if nobody says so."""
+        """Return the load cell, or raise UserError if it does not come."""
         while self.load_cell is None:
             self._take()
         return self.load_cell
 
     def forget(self) -> None:
-        """Drop what has come up to now: it was before the load was put on."""
+        """Drop the samples up to now, which are from before the load was put on."""
         while not self._messages.empty():
             self._take()
         self._next = None

@@ -235,7 +235,7 @@ def test_echo_shows_each_verdict_of_its_lane_and_no_other(bag: Path):
         other.send_signal(signal.SIGINT)
         rows_of_other, _ = other.communicate(timeout=60)
     assert rows_of_other == ''
-    assert 'nobody publishes /other/load_cell/samples' in silence
+    assert 'no node publishes /other/load_cell/samples' in silence
 
 
 def test_passes_of_a_known_mass_are_recorded_with_it(
