@@ -90,14 +90,14 @@ def reading(plc, **parameters):
 
 
 @contextmanager
-def switching(plc, port_parameters=None, **parameters):
+def switching(plc, port_parameters=None, held=lambda: False, **parameters):
     port = ModbusOutputs(
         ModbusOutputParameters(
             host='127.0.0.1', port=plc.port, stop=RELEASE, watchdog=0, **(port_parameters or {})
         )
     )
     outputs = MachineOutputs(port, OutputParameters(**parameters))
-    outputs.open()
+    outputs.open(held)
     try:
         yield outputs
     finally:

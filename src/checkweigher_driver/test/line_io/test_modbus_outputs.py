@@ -127,6 +127,20 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
     assert plc.state(RELEASE) is False
 
 
+def test_trouble_of_load_cell_or_eyes_stops_the_line_that_may_run_by_request(plc):
+    plc.start()
+    trouble = []
+    with switching(plc, held=lambda: bool(trouble)) as outputs:
+        run(outputs)
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        trouble.append('the load cell is unplugged')
+        wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
+        outputs.take_request(False)
+        trouble.clear()
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
+        assert outputs.trouble == ''
+
+
 def test_a_verdict_that_comes_too_late_is_rejected_at_once_and_stops_the_line(plc):
     plc.start()
     with switching(plc, pulse=0.05) as outputs:
