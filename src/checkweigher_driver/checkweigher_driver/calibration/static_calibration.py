@@ -185,9 +185,9 @@ class StaticCalibration:
     def mass_uncertainty(self, mass: float) -> float:
         """Return the standard uncertainty that the calibration gives a mass, kg."""
         zero, slope = self.zero_uncertainty, mass * self.counts_per_kg_uncertainty
-        return math.sqrt(zero**2 + slope**2 + 2 * self.correlation * zero * slope) / abs(
-            self.counts_per_kg
-        )
+        # A sum of squares: where the two cancel, zero^2 + 2 c zero slope + slope^2 may be negative.
+        apart = slope * math.sqrt(max(1 - self.correlation**2, 0.0))
+        return math.hypot(zero + self.correlation * slope, apart) / abs(self.counts_per_kg)
 
 
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:

@@ -1,5 +1,6 @@
 """Static calibration against numbers worked by hand, scipy and repeated simulation."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -28,6 +29,16 @@ def test_two_points_give_the_line_through_them():
     # At the points themselves it is known as well as they are.
     assert found.mass_uncertainty(0.0) == pytest.approx(3.0 / 2000, rel=1e-9)
     assert found.mass_uncertainty(2.0) == pytest.approx(4.0 / 2000, rel=1e-6)
+
+
+@pytest.mark.parametrize('mass', np.linspace(0.1, 1.0, 10))
+def test_where_zero_and_sensitivity_cancel_the_mass_is_certain(mass):
+    found = calibrate([CalibrationPoint(0.0, 0.0, 1.0), CalibrationPoint(1.0, 1e6, 1.0)])
+    # -1 with a rounding error.
+    cancelling = replace(
+        found, zero_uncertainty=0.7 * mass, counts_per_kg_uncertainty=0.7, correlation=-1 - 2**-52
+    )
+    assert cancelling.mass_uncertainty(mass) == pytest.approx(0.0, abs=1e-20)
 
 
 def test_uncertain_masses_make_the_sensitivity_uncertain():

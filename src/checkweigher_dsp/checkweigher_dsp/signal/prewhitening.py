@@ -147,5 +147,5 @@ def pooled_reflections(
         reflection = -2 * np.sum(ahead * behind) / energy if energy > 0 else 0.0
         forward, backward = ahead + reflection * behind, behind + reflection * ahead
         reflections[m] = reflection
-        power *= 1 - reflection**2
-    return reflections, float(np.sqrt(power))
+        power *= max(1 - reflection**2, 0.0)  # rounding may bring a reflection beyond 1
+    return reflections, math.sqrt(power)
