@@ -65,8 +65,11 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
     >>> shrink(np.array([-5.0, -1.0, 3.0]), Shrinkage(gain=0.5, threshold=2.0)).tolist()
     [-1.5, -0.0, 0.5]
     """
-    remaining = np.maximum(np.abs(coefficients) - shrinkage.threshold, 0.0)
-    return np.copysign(shrinkage.gain * remaining, coefficients)
+    remaining = np.abs(coefficients)
+    remaining -= shrinkage.threshold
+    np.maximum(remaining, 0.0, out=remaining)
+    remaining *= shrinkage.gain
+    return np.copysign(remaining, coefficients, out=remaining)
 
 
 @lru_cache(maxsize=64)
@@ -198,9 +201,13 @@ def denoise_periodic(
         else:
             shrunk.append((band, shrinkage))
     result = spectrum * gain
-    for band, shrinkage in shrunk:
-        kept = shrink(np.fft.irfft(spectrum * responses[band], length), shrinkage)
-        result += np.fft.rfft(kept) * syntheses[band]
+    if shrunk:
+        # One more axis, that of the bands, before that of time.
+        numbers = [band for band, _ in shrunk]
+        bands = np.fft.irfft(spectrum[..., np.newaxis, :] * responses[numbers], length)
+        for k, (_, shrinkage) in enumerate(shrunk):
+            bands[..., k, :] = shrink(bands[..., k, :], shrinkage)
+        result += (np.fft.rfft(bands) * syntheses[numbers]).sum(axis=-2)
     return np.fft.irfft(result, length)
 
 

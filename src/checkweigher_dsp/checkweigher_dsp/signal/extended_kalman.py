@@ -149,7 +149,7 @@ def identify(
             state = _filter(state, z[begin:end], u, r, noise.process * r_at_rest)
             begin = end
             ended = slice(None) if len(lengths) == 1 else counts == end
-            found[:, ended] = np.reshape(_identified(state), (5, -1))[:, ended]
+            found[:, ended] = np.array(_identified(state)).reshape(5, -1)[:, ended]
     return Identification(*found)
 
 
@@ -221,6 +221,5 @@ def _identified(state: _State) -> tuple[Any, ...]:
     # d gain / d (a1, a2, b1) = (-gain, -gain, 1) / total, once divided by total
     gain = b1 / total
     spread = gain * gain * (p33 + 2 * p34 + p44) - 2 * gain * (p35 + p45) + p55
-    known = np.isfinite(total) & (total != 0)
-    nothing = np.where(known, 0.0, np.nan)
+    nothing = total / total - 1.0  # NaN where the total is 0 or not finite
     return a1, a2, b1, gain + nothing, spread / total / total + nothing

@@ -124,14 +124,14 @@ def identify_passes(
     counts = np.array([len(denoised) for denoised, _ in passes], int)
     rises = [int(np.count_nonzero(share < 1.0)) for _, share in passes]
     samples = np.zeros((len(passes), counts.max(initial=0)))
-    inputs = np.ones((len(passes), max(rises, default=0)))
+    inputs = np.empty((len(passes), max(rises, default=0)))
     scales = np.empty(len(passes))
     with np.errstate(all='ignore'):
         for number, ((denoised, share), begin) in enumerate(zip(passes, rises, strict=True)):
             scale = float(np.add.reduce(denoised[begin:]) / (len(denoised) - begin))
             scales[number] = scale if math.isfinite(scale) and scale != 0 else math.nan
             np.divide(denoised, scales[number], out=samples[number, : len(denoised)])
-            inputs[number, :begin] = share[:begin]
+            inputs[number, :begin], inputs[number, begin:] = share[:begin], 1.0
         variance = removed_variance / scales / scales
         found = identify(samples, variance, noise, inputs=inputs, counts=counts, rise=rise)
         return found.in_unit(scales)
