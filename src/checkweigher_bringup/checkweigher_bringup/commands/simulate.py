@@ -48,12 +48,12 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
     given: dict[str, object] = {
-        name: getattr(arguments, name)
+        name: value
         for name in (
             'count', 'profile', 'seed', 'spacing', 'product_length', 'weigh_length', 'lead_in',
             'run_out',
         )
-        if getattr(arguments, name) is not None
+        if (value := getattr(arguments, name)) is not None
     }  # fmt: skip
     if arguments.count == 0:
         raise UserError('--count 0 is an endless line, which fits in no bag')
@@ -73,15 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _to_si(option: str, value: float) -> float:
-    """Return the value of an option in SI; a refusal is in the unit that the user gave it in."""
-    from dataclasses import fields
-
+    """Return the value of an option in SI; a refusal is in the unit of the option."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_dsp.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
     name, unit, per_si = _CONVERTED[option]
-    allowed = describe(next(entry for entry in fields(SimulationParameters) if entry.name == name))
+    allowed = describe(SimulationParameters.entries()[name])
     converted = value / per_si
     if not allowed.minimum <= converted <= allowed.maximum:  # NaN is not
         raise UserError(
