@@ -22,7 +22,7 @@ from graph import parameters, write_line
 
 from checkweigher_bringup import line
 from checkweigher_bringup.spinning import write_parameter_file
-from checkweigher_driver.driver_node import DriverNode
+from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.identifier import IdentifierNode
@@ -35,7 +35,7 @@ _SPACING = 0.35  # m, at 1.5 m/s
 _SETTLED = 10.0  # s, until all have found each other and are warm
 # What is timed, and its name in the table.
 _TIMED: tuple[tuple[type, str, str], ...] = (
-    (DriverNode, '_publish', 'driver, all that follows'),
+    (SourceStream, '_send', 'driver, all that follows'),
     (StoppableWaits, 'until', 'driver: waits'),
     (SegmenterNode, '_on_event', 'segmenter'),
     (DenoiseNode, '_on_window', 'denoise'),
@@ -45,7 +45,7 @@ _TIMED: tuple[tuple[type, str, str], ...] = (
     (ProductNode, '_on_verdict', 'product: verdict'),
     (Diagnostics, '_publish', 'diagnostics, of each node'),
 )
-_OF_EVENTS = {'_publish', '_on_event'}
+_OF_EVENTS = {'_send', '_on_event'}
 
 
 class StageTimes:
