@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 import copy
 import threading
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
@@ -72,7 +72,7 @@ class Input:
 
     Parameters
     ----------
-    node : InputNode
+    node : PortNode
         Takes them.
     port : Port
         Topic.
@@ -93,7 +93,7 @@ class Input:
 
     def __init__(
         self,
-        node: 'InputNode',
+        node: Any,
         port: Port,
         callback: Callable[[Any], None],
         qos: QoSProfile,
@@ -141,30 +141,12 @@ class Input:
                 self.take(record)
 
 
-class InputNode(Protocol):
-    """A node that has inputs."""
-
-    inputs: list[Input]
-    outputs: list[Output]
-
-    def received(self, port: Port) -> None:
-        """Note that a record has come."""
-
-    def refuse(self, port: Port, error: Exception) -> None:
-        """Go on after a record that cannot be used."""
-
-    def create_subscription(self, *args: Any, **options: Any) -> Subscription:
-        """Subscribe to a topic."""
-
-    def resolve_topic_name(self, topic: str) -> str:
-        """Return a topic's whole name after remapping."""
-
-
 def connect(nodes: Sequence[Any]) -> None:
     """Connect the inputs of the nodes of a process, before any of them begins to work.
 
     An input whose topic an output of these nodes makes, with a QoS that fits, is called by that
-    output, and takes nothing over DDS. All other inputs subscribe.
+    output, and takes nothing over DDS. All other inputs subscribe. A node that is no `PortNode`
+    has none.
     """
     members = [node for node in nodes if hasattr(node, 'inputs')]
     outputs = [output for node in members for output in node.outputs]
@@ -184,7 +166,7 @@ def connect(nodes: Sequence[Any]) -> None:
         output.connected()
 
 
-def disconnect(node: InputNode) -> None:
+def disconnect(node: Any) -> None:
     """Let go of the inputs and outputs of a node that is about to be destroyed."""
     with LOCK:
         for entry in node.inputs:

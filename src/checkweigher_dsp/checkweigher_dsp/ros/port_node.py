@@ -30,17 +30,13 @@ class PortNode(Node):
 
     def output(self, port: Port) -> Output:
         """Return an output of a port."""
-        return self._add(Output(self, port))
+        self.outputs.append(Output(self, port))
+        return self.outputs[-1]
 
-    def held_output(self, port: Port, answer: Port | None = None) -> HeldOutput:
+    def held_output(self, port: Port, answer: Port | None = None) -> Output:
         """Return an output that waits for its consumer; see `HeldOutput`."""
-        output = HeldOutput(self, port, answer)
-        self._add(output)
-        return output
-
-    def _add(self, output: Output) -> Output:
-        self.outputs.append(output)
-        return output
+        self.outputs.append(HeldOutput(self, port, answer))
+        return self.outputs[-1]
 
     def subscribe(
         self,
@@ -79,23 +75,16 @@ class PortNode(Node):
         value raises.
         """
         guarded = locked(callback)
-        if not inspect.iscoroutinefunction(callback):
-            guarded = self.guarded(srv_type, srv_name, guarded)
-        return super().create_service(srv_type, srv_name, guarded, **options)
-
-    def guarded(
-        self, srv_type: Any, srv_name: str, callback: Callable[..., Any]
-    ) -> Callable[..., Any]:
-        """Return the callback of a service so that what it raises is an empty answer."""
 
         def answer(request: Any, response: Any) -> Any:
             try:
-                return callback(request, response)
+                return guarded(request, response)
             except Exception as error:
                 self.warn(f'refused a call of {srv_name}: {type(error).__name__}: {error}')
                 return srv_type.Response()
 
-        return answer
+        waits = inspect.iscoroutinefunction(callback)
+        return super().create_service(srv_type, srv_name, guarded if waits else answer, **options)
 
     def warn(self, text: str) -> None:
         """Log a warning."""
