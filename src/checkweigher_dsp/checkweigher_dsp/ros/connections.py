@@ -30,6 +30,7 @@ class Connections:
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
+        self._told: set[str] = set()  # of the endpoints whose QoS does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Take that a message could not be used."""
@@ -76,6 +77,9 @@ class Connections:
             does = 'publishes' if is_input else 'subscribes to'
             why = reason.replace('ERROR: ', '').strip('; ').lower()
             text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
+            if text not in self._told:
+                self._told.add(text)
+                self._node.get_logger().warning(text)
             level = Level.ERROR if needed else Level.WARN
             yield Concern(level, text, f'change the QoS of {who} to that of docs/interfaces.md')
 

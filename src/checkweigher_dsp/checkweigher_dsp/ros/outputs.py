@@ -5,6 +5,7 @@ import copy
 import threading
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -18,6 +19,8 @@ from checkweigher_dsp.ros.ports import Port, fits
 # One lock for a process. Callbacks of stages run in the thread of the executor and, called from
 # the source of the driver, in its thread, but never two at once.
 LOCK = threading.RLock()
+# Endpoints have no event callbacks: each is one more entity that every wake of the executor
+# collects. `Connections` finds a QoS that does not fit in the graph.
 
 
 class Output:
@@ -43,7 +46,13 @@ class Output:
         self.qos = copy.copy(port.qos)
         self.takers: list[Input] = []
         self.publisher = with_overrides(
-            lambda options: node.create_publisher(port.type, port.name, self.qos, **options)
+            lambda options: node.create_publisher(
+                port.type,
+                port.name,
+                self.qos,
+                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+                **options,
+            )
         )
         self.topic_name: str = self.publisher.topic_name
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
@@ -121,7 +130,12 @@ class Input:
         """Take records over DDS."""
         self.subscription = with_overrides(
             lambda options: self._node.create_subscription(
-                self.port.type, self.port.name, self._take_message, self.qos, **options
+                self.port.type,
+                self.port.name,
+                self._take_message,
+                self.qos,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                **options,
             )
         )
 
