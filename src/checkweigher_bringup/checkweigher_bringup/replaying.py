@@ -130,8 +130,9 @@ def replay(plan: Replay) -> Iterator[Weighing]:
         collector = Collector(patience, waits=plan.listeners > 0)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
+            conflict = collector.conflict()
             collector.destroy_node()
-            raise collector.conflict()
+            raise conflict
         children: list[Process] = []
         nodes: list[Node] = [collector]
         if plan.processes:
