@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[2]
 BAGS = ROOT / 'bags'
 PATIENCE = 60.0  # s, for an event that comes at once unless the machine is busy
 
-# A run of the tests talks to nobody but itself. Domains up to 101 leave all ports below those that
+# A run of the tests talks to itself alone. Domains up to 101 leave all ports below those that
 # Linux hands out to others.
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

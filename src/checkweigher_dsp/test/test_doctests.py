@@ -11,7 +11,7 @@ import pytest
 import checkweigher_dsp
 
 ROOMS = ('signal', 'denoising', 'estimation')
-# Modules of which each kernel or estimator shows an example.
+# Each kernel or estimator of these modules shows an example.
 WITH_EXAMPLES = {
     'denoising.entry_fit', 'denoising.extrapolation', 'denoising.load_rise',
     'denoising.shrinkage_table', 'denoising.wavelet_shrinkage', 'estimation.estimators.aeksi',

@@ -128,7 +128,7 @@ def test_a_source_is_opened_and_its_zero_read(tmp_path: Path):
     )
     output = tmp_path / 'calibrated.yaml'
     command = ('calibrate', '--zero', '--source', 'simulator', '--open', '--params', base)
-    # Nobody is at the keyboard.
+    # Standard input is closed.
     done = run_command(*command, '--output', output, '--duration', 0.5)
     assert done.returncode == 2
     assert 'the input ended' in done.stderr.splitlines()[-1]
@@ -152,7 +152,7 @@ def test_old_versions_are_kept_as_they_were(tmp_path: Path):
         assert write_version(path, 'aed', calibrate(points), points) == version
         texts.append(path.read_text())
     assert [(tmp_path / f'cell.v{number}.yaml').read_text() for number in (1, 2)] == texts[:2]
-    # Whoever removes the newest one does not have its number used again for another.
+    # The number of a newest version that was removed is not used again.
     path.unlink()
     assert write_version(path, 'aed', calibrate(POINTS), POINTS) == 3
     assert sorted(each.name for each in tmp_path.iterdir()) == [

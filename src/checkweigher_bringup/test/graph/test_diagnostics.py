@@ -39,7 +39,7 @@ def spinner() -> Iterator[Spinner]:
 
 
 class Told:
-    """The last that was told of each aspect, and whatever was not OK."""
+    """The latest status of each aspect, and each one that was not OK."""
 
     def __init__(self, spinner: Spinner) -> None:
         self.node = Node('others')
@@ -236,7 +236,7 @@ def test_the_product_node_tells_of_its_recipe_and_its_log(spinner: Spinner, tmp_
 
 
 class Status:
-    """A DiagnosticStatus as far as `status` looks at it."""
+    """The fields of a DiagnosticStatus that `status` reads."""
 
     def __init__(self, name: str, level: int, message: str) -> None:
         self.name, self.level, self.message = name, bytes([level]), message

@@ -120,7 +120,7 @@ def lanes(tmp_path: Path) -> Iterator[dict[str, Lane]]:
 
 
 def change_all(lane: Lane) -> None:
-    """Do to a lane whatever an operator can do."""
+    """Do to a lane all that an operator can do."""
     answer = lane.call(SelectProduct, 'select_product', product='crisps')
     assert answer.success, answer.message
     assert lane.call(NewBatch, 'new_batch', batch='monday').success

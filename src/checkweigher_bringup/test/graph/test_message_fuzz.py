@@ -39,7 +39,7 @@ TEXTS = ('', 'a', '\n', 'ß' * 300, '../..', *(reason.value for reason in Reason
 
 
 def spoil(message: Any, chance: random.Random) -> Any:
-    """Fill a message with whatever its types allow, and sometimes leave a field as it is."""
+    """Fill a message with any values that its types allow, and sometimes leave a field as it is."""
     for name, kind in message.get_fields_and_field_types().items():
         if chance.random() < 0.1:
             continue

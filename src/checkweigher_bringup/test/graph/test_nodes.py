@@ -1,4 +1,4 @@
-"""The nodes over real DDS against whatever a message may hold."""
+"""The nodes over real DDS, given any content that a message may have."""
 
 from collections.abc import Iterator
 import math

@@ -76,7 +76,7 @@ def test_a_killed_identifier_costs_its_items_and_no_more(spinner: Spinner):
         t3 = stamp_from(verdict.header.stamp)
         assert came < seen[t3] + stamp_from(verdict.reject_at) - t3
     assert weighed.item_id > faults[-1][1].item_id
-    # Whoever listens hears of what was not weighed as well.
+    # A listener hears of items that were not weighed as well.
     shown = []
     while not listener.weighings.empty():
         shown.append(listener.weighings.get().verdict.item_id)

@@ -70,7 +70,7 @@ def _entered(line: SupervisedLine) -> list[int]:
 
 
 def _streams(stamps: list[int], first: int) -> list[list[int]]:
-    """Split at the first item of a simulation that has begun anew, and with it its stamps."""
+    """Split at the first item of a simulation that was started again, with the same stamps."""
     begins = [n for n, stamp in enumerate(stamps) if n > 0 and stamp == first]
     return [stamps[i:j] for i, j in zip([0, *begins], [*begins, None], strict=True)]
 

@@ -1,4 +1,4 @@
-"""Item tracking: photo-eye edges are paired to items, some of which cannot be weighed for it.
+"""Item tracking: photo-eye edges become items, and some items become faults by them.
 
 The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).

@@ -73,7 +73,7 @@ def settle_first(belt: Belt) -> None:
 
 
 def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> Item:
-    """Put an item on the belt of which the infeed eye showed the t2 alone."""
+    """Put an item on the belt whose t2 alone the infeed eye showed."""
     item = belt.new_item()
     item.t2 = stamp
     item.fault(reason)

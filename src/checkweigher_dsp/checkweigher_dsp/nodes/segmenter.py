@@ -114,7 +114,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
             self._items_before += self._segmenter.items
             count = self._segmenter.item_count
-            self._answer_zero(False, 'the stream began anew: not zeroed')
+            self._answer_zero(False, 'the stream was started again: not zeroed')
         self._segmenter = Segmenter(self._load_cell, self.parameters, count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:

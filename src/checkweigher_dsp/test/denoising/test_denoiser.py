@@ -134,7 +134,7 @@ def test_a_constant_window_stays_as_it_is(make_window, way):
 @pytest.mark.parametrize(('rise', 'stay'), [(0.1, 0.1), (0.067, 0.067), (0.2, 0.2), (0.05, 0.3)])
 def test_a_pass_without_disturbance_becomes_its_load(make_window, rise, stay):
     # What is left is the rounding of the counts, 1e-9 kg, and a level that is found from the
-    # ringing window: each time anew a small share of its error remains.
+    # ringing window: each time a small share of its error remains.
     window = _make_pass(make_window, rise=rise, stay=stay)
 
     denoised, share = denoised_pass(Denoiser(DenoiseParameters(iterations=20)).denoise(window))

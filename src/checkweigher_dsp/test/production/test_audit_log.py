@@ -1,4 +1,4 @@
-"""The audit log: whatever is done to it is found, and a power loss is told apart from it."""
+"""The audit log: each tampering is found, and a power loss is told apart from it."""
 
 from functools import partial
 import hashlib

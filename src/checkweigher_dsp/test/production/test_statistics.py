@@ -80,7 +80,7 @@ def test_the_spread_does_not_suffer_from_a_large_mean(deviations: list[float], m
 
 def test_throughput_counts_the_distances_between_items_in_the_time_of_the_samples():
     counted = ProductionStatistics()
-    # Four distances of 0.6 s are 100 items in a minute, in whatever order they come.
+    # Four distances of 0.6 s are 100 items in a minute, in any order.
     for number in (0, 2, 1, 4, 3):
         counted.add(verdict(0.1, t3=START + number * 6 * NANOSECONDS // 10))
     counted.add(verdict(math.nan, Decision.FAULT, t3=None))

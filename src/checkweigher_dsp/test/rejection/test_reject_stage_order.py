@@ -112,7 +112,7 @@ def test_a_verdict_after_its_reject_time_says_so():
     edges, estimate = _item(1)
     for edge in edges:
         stage.add_edge(edge, edge.stamp)
-    # Nobody looked at the time: the process was not given any.
+    # The clock was not read: the process had no processor time.
     (verdict,) = stage.add_estimate(estimate, estimate.t3 + REJECT_TIME + 1)
 
     assert verdict.late

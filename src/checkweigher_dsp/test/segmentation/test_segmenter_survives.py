@@ -1,4 +1,4 @@
-"""Whatever happens on a line: each item one window, a named reason, no wrong window as sound."""
+"""Disturbed lines of any kind: each item one window, a named reason, no wrong window as sound."""
 
 from dataclasses import replace
 import os

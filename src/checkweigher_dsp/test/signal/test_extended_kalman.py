@@ -170,7 +170,7 @@ def test_the_steady_state_of_a_noise_free_step_response_is_recovered(frequency, 
 @pytest.mark.parametrize(('frequency', 'damping'), PLATFORMS)
 def test_an_oscillation_seen_from_its_middle_is_averaged_out(frequency, damping):
     # X0 = 0 takes the first sample for b1, so the start is modelled wrongly and a part of the
-    # oscillation stays in the result whatever R is: a tenth of it is the bound held here.
+    # oscillation stays in the result for any R: a tenth of it is the bound held here.
     amplitude = 0.3
     k = np.arange(192)
     step = 2 * math.pi * frequency / RATE

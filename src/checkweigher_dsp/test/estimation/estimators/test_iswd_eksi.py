@@ -16,7 +16,7 @@ NOISE = IswdEksiParameters().noise
 
 
 def test_a_window_without_platform_is_weighed_by_least_squares():
-    # With a1 = a2 = 0 known the model is z = b1 u + noise; x, which is predicted anew at each
+    # With a1 = a2 = 0 known the model is z = b1 u + noise; x, which is predicted again at each
     # step, adds its Q to R, and 1 / P0 is the weight of the prior.
     loads = np.minimum(np.arange(1, 91) / 45, 1.0)
     samples = 0.2 * loads + 0.01 * np.random.default_rng(6).standard_normal(90)
