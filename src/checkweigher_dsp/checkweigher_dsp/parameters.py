@@ -38,18 +38,9 @@ def parameter(
 ) -> Any:
     """Declare a field of a `Parameters` class.
 
-    Parameters
-    ----------
-    default : bool, int, float, str or tuple of float
-        Its type is the parameter's type.
-    text : str
-        Meaning, for the ROS descriptor and the docs.
-    unit : str
-        SI unit, empty for a pure number.
-    minimum, maximum : float
-        Inclusive range; for a tuple, of each element.
-    choices : tuple of str
-        Allowed values of a string, empty for any.
+    The type of `default` (bool, int, float, str or tuple of float) is the parameter's type. `text`
+    and `unit` (SI, empty for a pure number) are for the ROS descriptor and the docs. The range is
+    inclusive; that of a tuple holds for each element. A string may be any if it has no `choices`.
     """
     description = Description(text, unit, minimum, maximum, choices)
     return field(default=default, metadata={'description': description})
@@ -78,22 +69,16 @@ class Parameters:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            value = getattr(self, entry.name)
             if not isinstance(entry.default, Parameters):
-                value = check(f'{self.node}.{entry.name}', entry, value)
-            object.__setattr__(self, entry.name, value)
+                value = check(f'{self.node}.{entry.name}', entry, getattr(self, entry.name))
+                object.__setattr__(self, entry.name, value)
 
     @classmethod
     def entries(cls) -> 'dict[str, Field[Any]]':
         """Return all parameters by their name, those of inner sets with a dot."""
-        return flatten(
-            {
-                entry.name: type(entry.default).entries()
-                if isinstance(entry.default, Parameters)
-                else entry
-                for entry in fields(cls)
-            }
-        )
+        own = {entry.name: entry for entry in fields(cls)}
+        sets = {name: e.default for name, e in own.items() if isinstance(e.default, Parameters)}
+        return flatten(own | {name: each.entries() for name, each in sets.items()})
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
@@ -101,10 +86,8 @@ class Parameters:
         known = cls.entries()
         for name in values:
             if name not in known:
-                raise ParameterError(
-                    f'{cls.node}.{name}: no such parameter; {cls.node} has '
-                    f'{", ".join(_names_like(name, sorted(known)))}'
-                )
+                has = f'{cls.node} has {", ".join(_names_like(name, sorted(known)))}'
+                raise ParameterError(f'{cls.node}.{name}: no such parameter; {has}')
         own: dict[str, Any] = {name: value for name, value in values.items() if '.' not in name}
         for entry in fields(cls):
             if isinstance(entry.default, Parameters):
@@ -135,9 +118,9 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
     if isinstance(default, str):
         if not isinstance(value, str):
             raise ParameterError(f'{name}: {value!r} is not a string')
-        choices = description.choices
-        if choices and value not in choices:
-            raise ParameterError(f'{name}: {value!r} is not one of {", ".join(choices)}')
+        if description.choices and value not in description.choices:
+            choices = ', '.join(description.choices)
+            raise ParameterError(f'{name}: {value!r} is not one of {choices}')
         return value
     if isinstance(default, tuple):
         if isinstance(value, str) or not isinstance(value, Iterable):
@@ -155,10 +138,8 @@ def _check_number(name: str, default: object, description: Description, value: o
     except OverflowError:
         number = math.nan  # a whole number that no float can hold
     if not description.minimum <= number <= description.maximum:  # NaN is not
-        raise ParameterError(
-            f'{name}: {value} is not in {description.minimum:g}..{description.maximum:g}'
-            + (f' {description.unit}' if description.unit else '')
-        )
+        span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
+        raise ParameterError(f'{name}: {value} is not in {span}')
     return number
 
 
@@ -175,22 +156,10 @@ def read_parameter_file(
 ) -> dict[str, dict[str, object]]:
     """Read a ROS parameter file into names and values for each node.
 
-    Parameters
-    ----------
-    path : Path
-        YAML as ``ros2 run --params-file`` takes it. A section ``/**`` addresses all nodes that
-        know the name, ``/**/segmenter`` or ``/lane1/segmenter`` one of them.
-    sets : dict of str to Parameters class
-        By name of the node.
-    other_nodes : tuple of str
-        Nodes that the file may address as well; their sections are passed over.
-    lane : str, optional
-        Namespace of the nodes, where the file addresses several lanes.
-
-    Returns
-    -------
-    dict of str to dict
-        By name of the node; its own section wins over ``/**``.
+    The file is YAML as ``ros2 run --params-file`` takes it. A section ``/**`` addresses all nodes
+    that know the name, ``/**/segmenter`` or ``/lane1/segmenter`` one of them, and wins over it.
+    `sets` has the classes of parameters by name of the node; sections of `other_nodes` are passed
+    over. `lane` is the namespace of the nodes, where the file addresses several lanes.
 
     Raises
     ------
@@ -228,9 +197,8 @@ def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> s
     named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
-        raise ParameterError(
-            f'{path}: addresses several lanes, {", ".join(lanes)}; name one of them'
-        )
+        names = ', '.join(lanes)
+        raise ParameterError(f'{path}: addresses several lanes, {names}; name one of them')
     return {each for each in named if lane is not None and named[each] != lane.strip('/')}
 
 

@@ -55,20 +55,10 @@ def seconds(stamp: int | None) -> float:
 class LoadCell:
     """A load cell, and how its readings become kilograms.
 
-    Attributes
-    ----------
-    sample_rate : float
-        Hz.
-    counts_per_kg : float
-        Static sensitivity, not 0; negative where the cell is mounted upside down.
-    zero_counts : float
-        Reading of the empty belt at calibration, counts.
-    min_counts, max_counts : int
-        Converter limits; a reading at or beyond one is saturated.
-    capacity : float
-        kg.
-    weigh_length : float
-        m, between the infeed and the outfeed eye.
+    `sample_rate` is in Hz, `capacity` in kg, `weigh_length` (from the infeed to the outfeed eye)
+    in m. `counts_per_kg` is the static sensitivity, negative where the cell is mounted upside
+    down, `zero_counts` the reading of the empty belt at calibration. A reading at or beyond
+    `min_counts` or `max_counts` is saturated.
 
     Raises
     ------
@@ -87,7 +77,7 @@ class LoadCell:
     serial_number: str = ''
 
     def __post_init__(self) -> None:
-        rate, sensitivity = self.sample_rate, self.counts_per_kg
+        rate, sensitivity, zero = self.sample_rate, self.counts_per_kg, self.zero_counts
         lower, upper = self.min_counts, self.max_counts
         for name in ('sample_rate', 'capacity', 'weigh_length'):
             value = getattr(self, name)
@@ -96,8 +86,7 @@ class LoadCell:
         _require(rate <= MAX_SAMPLE_RATE, f'sample_rate is {rate:g} Hz, must not exceed {limit}')
         usable = math.isfinite(sensitivity) and sensitivity != 0
         _require(usable, f'counts_per_kg is {sensitivity:g}, must not be 0')
-        known = math.isfinite(self.zero_counts)
-        _require(known, f'zero_counts is {self.zero_counts:g}, must be finite')
+        _require(math.isfinite(zero), f'zero_counts is {zero:g}, must be finite')
         _require(lower < upper, f'min_counts {lower} is not below max_counts {upper}')
 
     @classmethod
@@ -143,20 +132,11 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
-    """Progress of the driver or the segmenter in a stream.
+    """Progress of the driver or the segmenter in a stream, to which the driver gave a number.
 
-    Attributes
-    ----------
-    stamp : int
-        ns, of the last sample.
-    stream : int
-        Number that the driver gave the stream.
-    samples, edges : int
-        Sent by the driver, or taken by the segmenter.
-    items : int
-        Items that have left the segmenter.
-    text : str
-        What a technician should know; empty while all is well.
+    `stamp` is that of the last sample in ns; `samples` and `edges` were sent by the driver, or
+    taken by the segmenter, which `items` have left. `text` is for a technician, empty while all
+    is well.
     """
 
     stamp: Stamp
@@ -185,16 +165,13 @@ class WeighWindow:
     line_speed : float
         m/s, `belt_speed`, or where an edge is missing that of the last whole item: no
         measurement, only to time the rejector.
-    sample_rate : float
-        Hz.
-    counts_per_kg, zero_counts : float
-        Static calibration.
+    sample_rate, counts_per_kg, zero_counts : float
+        Those of the load cell.
     zero, zero_std_dev : float
         Empty belt as last seen before t1 and its standard deviation, counts.
-    first_index : int
-        Index of ``counts[0]`` since the source started.
-    stamp : int
-        ns, time of ``counts[0]``, at the nominal rate from that of the sample at `window_begin`.
+    first_index, stamp : int
+        Index of ``counts[0]`` since the source started and its time in ns, at the nominal rate
+        from that of the sample at `window_begin`.
     empty_begin : int
         Position in `counts` of the first sample at which the item before had left the belt; at
         dense spacing it lies after t1, where the item is entering already.
@@ -287,17 +264,10 @@ class MassEstimate:
 class Verdict:
     """What is to become of one item; masses and limits in kg.
 
-    Attributes
-    ----------
-    item_id : int
-        That of the estimate, or without one the reject stage's own count. No two verdicts share
-        a number, so it is that count too where a restarted segmenter begins at 1 again.
-    reject_at : int or None
-        ns, when the rejector has to be told.
-    estimate_id : int
-        `item_id` of the estimate that the verdict rests on, 0 without one.
-    late : bool
-        Whether the verdict came after `reject_at`.
+    `item_id` is that of the estimate, or without one the reject stage's own count. No two verdicts
+    share a number, so it is that count too where a restarted segmenter begins at 1 again;
+    `estimate_id` is that of the estimate in any case, 0 without one. The rejector has to be told
+    at `reject_at` (ns); a verdict is `late` if it came after that.
     """
 
     item_id: int

@@ -133,8 +133,7 @@ def _follow_chain(data: bytes, entries: list[Entry]) -> bytes:
 def _check_place(line: int, entry: Entry, expected: int, previous: str, torn: bytes) -> None:
     number = entry.sequence
     if entry.kind == TORN and not (torn and _records(entry, torn)):
-        reason = 'the torn entry that it records is not there before it'
-        raise _FaultError(line, 'removed', reason)
+        raise _FaultError(line, 'removed', 'the torn entry that it records is not there before it')
     if number > expected:
         reason = f'entry {number} stands where entry {expected} should be'
         raise _FaultError(line, 'removed', reason)
@@ -183,12 +182,7 @@ def _check_head(entries: list[Entry], torn: bytes, head: bytes) -> None:
 class AuditLog:
     """A log that is open for appending, locked against other processes.
 
-    Attributes
-    ----------
-    entries : tuple of Entry
-        Entries of the file when it was opened.
-    last_hash : str
-        Of the last entry.
+    `entries` are those of the file when it was opened, `last_hash` is that of the last one now.
 
     Raises
     ------
@@ -241,31 +235,20 @@ class AuditLog:
     def append(
         self, time: str, source: str, kind: str, subject: str, old: object, new: object
     ) -> Entry:
-        """Append an entry; once this returns, it is on the disk.
-
-        Raises
-        ------
-        AuditError
-            If it cannot be written.
-        """
+        """Append an entry; once this returns, it is on the disk. `AuditError` if it cannot be."""
         try:
             if self._torn:
                 # First the end of the torn line, then its record: a reader needs both.
                 torn = _fingerprint(self._torn)
-                self._write(self._entry(time, source, TORN, 'last entry', None, torn), b'\n')
-            return self._write(self._entry(time, source, kind, subject, old, new))
+                self._write((time, source, TORN, 'last entry', None, torn), b'\n')
+            return self._write((time, source, kind, subject, plain(old), plain(new)))
         except OSError as error:
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
-    def _entry(
-        self, time: str, source: str, kind: str, subject: str, old: object, new: object
-    ) -> Entry:
-        entry = Entry(
-            self._count + 1, time, source, kind, subject, plain(old), plain(new), self.last_hash
-        )
-        return replace(entry, hash=entry.digest())
-
-    def _write(self, entry: Entry, before: bytes = b'') -> Entry:
+    def _write(self, change: tuple[str, str, str, str, Any, Any], before: bytes = b'') -> Entry:
+        """Write the entry of a change, behind some other bytes."""
+        entry = Entry(self._count + 1, *change, self.last_hash)
+        entry = replace(entry, hash=entry.digest())
         line = before + entry.line()
         written = os.write(self._file, line)
         if written < len(line):
@@ -323,8 +306,7 @@ def _fingerprint(torn: bytes) -> dict[str, object]:
 
 
 def _canonical(values: Mapping[str, Any]) -> bytes:
-    text = json.dumps(values, ensure_ascii=True, allow_nan=False, separators=(',', ':'))
-    return text.encode('ascii')
+    return json.dumps(values, allow_nan=False, separators=(',', ':')).encode('ascii')
 
 
 def _head_text(sequence: int, digest: str) -> bytes:

@@ -18,18 +18,8 @@ RESTORED, ZERO = 'restored', 'zero'
 class AuditTrail:
     """Changes, written to the log; a value that has not changed is not written.
 
-    Parameters
-    ----------
-    log : AuditLog or None
-        None writes nothing.
-    source : str
-        Node that writes.
-    clock : callable
-        Returns the time of an entry, ISO 8601, UTC.
-
-    Notes
-    -----
-    All methods raise `AuditError` of `audit_log` if the log cannot be written.
+    `source` is the node that writes; `clock` returns the time of an entry, ISO 8601, UTC. Without a
+    log nothing is written. All methods raise `AuditError` if the log cannot be written.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:

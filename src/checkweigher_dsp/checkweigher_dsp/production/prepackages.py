@@ -29,7 +29,7 @@ _ROWS = (
 )
 
 # A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,18 +69,12 @@ class BatchJudgement:
 def tolerable_negative_error(nominal: float) -> float:
     """Return the tolerable negative error in kg for a nominal quantity of 0.005..10 kg.
 
-    Raises
-    ------
-    ValueError
-        If the directive has no row for it.
+    `ValueError` if the directive has no row for it.
     """
-    if not SMALLEST * (1 - _ROUNDING) <= nominal <= LARGEST * (1 + _ROUNDING):
-        raise ValueError(
-            f'nominal {nominal:g} kg is not in {SMALLEST:g}..{LARGEST:g} kg, for which the '
-            'directive has limits'
-        )
-    row = next(row for row in _ROWS if nominal <= row[0] * (1 + _ROUNDING))
-    _, share, constant = row
+    if not SMALLEST * (1 - ROUNDING) <= nominal <= LARGEST * (1 + ROUNDING):
+        span = f'{SMALLEST:g}..{LARGEST:g} kg, for which the directive has limits'
+        raise ValueError(f'nominal {nominal:g} kg is not in {span}')
+    _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
     return share * nominal + constant
 
 
@@ -91,14 +85,7 @@ def limits(nominal: float) -> Limits:
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Judge a batch by the three requirements.
-
-    Parameters
-    ----------
-    masses : iterable of float
-        Contents of each prepackage, without its tare, kg.
-    nominal : float
-        Nominal quantity, kg.
+    """Judge a batch by the three requirements; masses are those of the contents in kg.
 
     Raises
     ------
@@ -111,7 +98,7 @@ def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
     if not np.isfinite(batch).all():
         raise ValueError('a mass is not finite; leave out the prepackages that were not weighed')
     its = limits(nominal)
-    slack = _ROUNDING * nominal
+    slack = ROUNDING * nominal
     mean = float(batch.mean())
     below_tu1 = int(np.sum(batch < its.tu1 - slack))
     below_tu2 = int(np.sum(batch < its.tu2 - slack))
@@ -122,6 +109,6 @@ def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
         below_tu1=below_tu1,
         below_tu2=below_tu2,
         mean_passed=mean >= nominal - slack,
-        tu1_passed=below_tu1 <= MAX_SHARE_BELOW_TU1 * len(batch) * (1 + _ROUNDING),
+        tu1_passed=below_tu1 <= MAX_SHARE_BELOW_TU1 * len(batch) * (1 + ROUNDING),
         tu2_passed=below_tu2 == 0,
     )

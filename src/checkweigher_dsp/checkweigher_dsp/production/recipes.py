@@ -86,13 +86,7 @@ class Product:
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
-    """Read all products of a recipe file.
-
-    Raises
-    ------
-    RecipeError
-        If the file or a part of it cannot be used; no recipe of it is then taken.
-    """
+    """Read all products of a recipe file; `RecipeError` if a part of it cannot be used."""
     try:
         content = yaml.load(path.read_text(encoding='utf-8'), _Loader)
     except OSError as error:
@@ -130,17 +124,15 @@ def make_product(name: object, values: object) -> Product:
     if SMALLEST <= nominal <= LARGEST:
         its = limits(nominal)
         tu1, tu2 = its.tu1, its.tu2
-    upper = values.get('upper_limit')
+    lower, upper = values.get('lower_limit'), values.get('upper_limit')
+    if upper is not None:
+        upper = _number(f'{name}.upper_limit', upper, nominal, _LARGEST_MASS, 'kg')
     return Product(
         name=name,
         nominal=nominal,
         tare=_number(f'{name}.tare', values.get('tare', 0.0), 0, _LARGEST_MASS, 'kg'),
-        lower_limit=_lower_limit(
-            f'{name}.lower_limit', values.get('lower_limit'), nominal, tu1, tu2
-        ),
-        upper_limit=math.inf
-        if upper is None
-        else _number(f'{name}.upper_limit', upper, nominal, _LARGEST_MASS, 'kg'),
+        lower_limit=_lower_limit(f'{name}.lower_limit', lower, nominal, tu1, tu2),
+        upper_limit=math.inf if upper is None else upper,
         tu1=tu1,
         tu2=tu2,
         length=_range(f'{name}.length', values.get('length'), 'm'),
@@ -155,10 +147,8 @@ def _lower_limit(key: str, value: object, nominal: float, tu1: float, tu2: float
     if value not in ('TU1', 'TU2'):
         return _number(key, value, 0, nominal, 'kg (or TU1 or TU2 of 76/211/EEC)')
     if math.isnan(tu1):
-        raise RecipeError(
-            f'{key}: 76/211/EEC has no {value} for a nominal weight of {nominal:g} kg, only for '
-            f'{SMALLEST:g}..{LARGEST:g} kg'
-        )
+        why = f'76/211/EEC has no {value} for a nominal weight of {nominal:g} kg'
+        raise RecipeError(f'{key}: {why}, only for {SMALLEST:g}..{LARGEST:g} kg')
     return tu1 if value == 'TU1' else tu2
 
 
@@ -178,9 +168,8 @@ def _range(key: str, value: object, unit: str) -> tuple[float, float]:
     smallest = _number(key, value[0], 0, _NO_MORE, unit)
     largest = _number(key, value[1], smallest, _NO_MORE, unit)
     if smallest == largest:
-        raise RecipeError(
-            f'{key}: from {smallest:g} to {largest:g} {unit} nothing would be weighed'
-        )
+        text = f'from {smallest:g} to {largest:g} {unit} nothing would be weighed'
+        raise RecipeError(f'{key}: {text}')
     return (smallest, largest)
 
 
@@ -202,10 +191,8 @@ def _parameters(key: str, value: object) -> Changes:
         made[node] = {}
         for name, each in flatten(cast(Mapping[str, object], section)).items():
             if node == 'reject' and name in _OWN:
-                raise RecipeError(
-                    f'{key}.reject.{name}: no recipe sets it here; limits, length and speed stand '
-                    'beside nominal'
-                )
+                why = 'no recipe sets it here; limits, length and speed stand beside nominal'
+                raise RecipeError(f'{key}.reject.{name}: {why}')
             if name not in known:
                 raise RecipeError(f'{key}.{node}.{name}: {node} has no such parameter')
             try:
@@ -224,8 +211,7 @@ class _Loader(yaml.SafeLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if isinstance(key, str) and key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f'{key} stands twice', key_node.start_mark
-                )
+                text, mark = f'{key} stands twice', key_node.start_mark
+                raise yaml.constructor.ConstructorError(None, None, text, mark)
             seen.add(key if isinstance(key, str) else id(key_node))
         return super().construct_mapping(node, deep)

@@ -8,21 +8,17 @@ masses are of the contents, without tare.
 from collections import Counter
 import math
 
+from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 
 _MINUTE = 60 * NANOSECONDS
-# A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
-_ROUNDING = 1e-9
 
 
 class ProductionStatistics:
     """Counts, mean and spread of one product in one batch.
 
-    Parameters
-    ----------
-    product : Product or None
-        None while none was selected: nominal weight and limits are then not known.
+    While no product is selected, nominal weight and limits are not known.
     """
 
     def __init__(self, product: Product | None = None) -> None:
@@ -56,7 +52,7 @@ class ProductionStatistics:
         self._mean = before + (mass - before) / self._accepted
         self._squares += (mass - before) * (mass - self._mean)
         if self.product is not None:
-            slack = _ROUNDING * self.product.nominal
+            slack = ROUNDING * self.product.nominal
             self._below_tu1 += mass < self.product.tu1 - slack
             self._below_tu2 += mass < self.product.tu2 - slack
 

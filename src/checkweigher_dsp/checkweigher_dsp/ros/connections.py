@@ -15,15 +15,7 @@ _PATIENCE = 5.0  # s, in which the nodes of a line find each other
 
 
 class Connections:
-    """Watch of the inputs and outputs of a node.
-
-    Parameters
-    ----------
-    node : PortNode
-        Whose topics they are.
-    began : float
-        s on a clock that never steps back, when the node was started.
-    """
+    """Watch of the inputs and outputs of a node that was started at `began`, s of its clock."""
 
     def __init__(self, node: PortNode, began: float) -> None:
         self._node = node

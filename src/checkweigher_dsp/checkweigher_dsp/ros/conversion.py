@@ -38,37 +38,19 @@ from checkweigher_dsp.ros.ports import ALL, Port
 
 @dataclass(frozen=True)
 class _Form:
-    """How a record stands in its message: field by field under the same names, but for these.
+    """How a record stands in its message: field by field under the same names, but for these."""
 
-    Attributes
-    ----------
-    stamp : str
-        Field of the record that is the stamp of the header, and in the header alone unless
-        `names` has it; ``''`` where the caller gives the stamp.
-    frame : str or callable
-        ``frame_id`` of the header, or how it follows from the record.
-    names : mapping of str to str
-        Field of the message by field of the record.
-    lacks : tuple of str
-        Last fields of the record that the message does not have; they are read as their defaults.
-    derived : mapping of str to callable
-        Fields of the message that follow from the record.
-    unknown : mapping of str to object
-        Member that is read for a value that the enumeration of a field does not have; without it
-        the message is refused.
-    absent : mapping of str to object
-        Fields of the message that there is no such record, empty if there is no such message.
-    amend : callable, optional
-        Takes a message and the record that was read of it, and returns the record that is meant.
-    """
-
+    # Field of the record that is the stamp of the header, and in the header alone unless `names`
+    # has it; '' where the caller gives the stamp.
     stamp: str = 'stamp'
-    frame: str | Callable[[Any], str] = ''
-    names: Mapping[str, str] = field(default_factory=dict)
-    lacks: tuple[str, ...] = ()
+    frame: str | Callable[[Any], str] = ''  # of the header, or how it follows from the record
+    names: Mapping[str, str] = field(default_factory=dict)  # in the message, by those of the record
+    lacks: tuple[str, ...] = ()  # last fields that the message lacks; read as their defaults
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
+    # What is read for a value that an enumeration does not have; otherwise the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    absent: Mapping[str, object] = field(default_factory=dict)
+    absent: Mapping[str, object] = field(default_factory=dict)  # fields that say: no such record
+    # Takes a message and the record that was read of it, and returns the record that is meant.
     amend: Callable[[Any, Any], Any] | None = None
 
 
@@ -117,50 +99,33 @@ _PORTS = {port.record: port for port in ALL if port.record is not None}
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """Return the message of a record for rclpy.
 
-    Parameters
-    ----------
-    port : Port
-        Where it goes.
-    record : object
-        Of the port's class. None is the message that says that there is no such record, where the
-        port has one.
-    stamp : int, optional
-        ns, for the header, where the record has no stamp of its own.
+    `record` is of the port's class; None gives the message that there is no such record, where
+    the port has one. `stamp` (ns) is for the header, where the record has none of its own.
     """
     message = port.type()
     if record is None and port.record is not None:
-        for name, value in _plan(cast(Any, port.record)).form.absent.items():
-            setattr(message, name, value)
-        return message
-    return _filled(message, record, stamp)
+        return _filled(message, _plan(cast(Any, port.record)).form.absent)
+    return _filled(message, to_fields(record, stamp))
 
 
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
-    """Return the fields of a record's message by name, for a library other than rclpy.
+    """Return the fields of a record's message by name.
 
     Header and times are mappings, arrays of the type of the message and contiguous; all else is of
-    plain Python types. A record of records has no such fields.
+    plain Python types, but for the records of a record, which are messages of rclpy.
     """
     plan = _plan(cast(Any, type(record)))
-    sec, nanosec = _time(plan.stamp(record) if plan.stamp else stamp)
-    fields: dict[str, Any] = {
-        'header': {'stamp': {'sec': sec, 'nanosec': nanosec}, 'frame_id': plan.frame(record)}
-    }
-    for place, get in plan.times:
-        sec, nanosec = _time(get(record))
-        fields[place] = {'sec': sec, 'nanosec': nanosec}
-    for place, get, dtype in plan.arrays:
-        fields[place] = np.ascontiguousarray(get(record), dtype)
-    for place, get, convert in plan.others:
+    time = _time(plan.stamp(record) if plan.stamp else stamp)
+    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': plan.frame(record)}}
+    for place, get, convert in plan.write:
         fields[place] = convert(get(record))
     return fields
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message of rclpy or of a bag.
+    """Return the record of a message of rclpy or of a bag, None if it says that there is none.
 
     Its arrays are those of the message, not to be written to: others may have the same message.
-    Where the message says that there is no such record, that is None.
 
     Raises
     ------
@@ -168,32 +133,23 @@ def to_record(port: Port, message: Any) -> Any:
         If a field holds what the record cannot have, such as an eye that does not exist.
     """
     assert port.record is not None, f'{port.name} has no record'
-    return _record(port.record, message)
-
-
-def _record(kind: Any, message: Any) -> Any:
-    plan = _plan(kind)
+    plan = _plan(cast(Any, port.record))
     form = plan.form
     if form.absent and all(getattr(message, k) == value for k, value in form.absent.items()):
         return None
-    record = kind(*[convert(get(message)) for get, convert in plan.read])
+    record = port.record(*[convert(get(message)) for get, convert in plan.read])
     return record if form.amend is None else form.amend(message, record)
 
 
-def _filled(message: Any, record: Any, stamp: int | None = None) -> Any:
+def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
     """Fill in an empty message: one that is made of parts makes them all twice."""
-    plan = _plan(cast(Any, type(record)))
-    header = message.header
-    header.frame_id = plan.frame(record)
-    header.stamp.sec, header.stamp.nanosec = _time(plan.stamp(record) if plan.stamp else stamp)
-    for place, get in plan.times:
-        time = getattr(message, place)
-        time.sec, time.nanosec = _time(get(record))
-    for place, get, dtype in plan.arrays:  # an ndarray would take twenty times as long
-        values = np.ascontiguousarray(get(record), dtype)
-        setattr(message, place, array.array(dtype.char, values.tobytes()))
-    for place, get, convert in plan.others:
-        setattr(message, place, convert(get(record)))
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            _filled(getattr(message, name), value)
+        elif isinstance(value, np.ndarray):  # itself it would take twenty times as long
+            setattr(message, name, array.array(value.dtype.char, value.tobytes()))
+        else:
+            setattr(message, name, value)
     return message
 
 
@@ -202,29 +158,14 @@ _Get = Callable[[Any], Any]
 
 @dataclass(slots=True)
 class _Plan:
-    """Conversion of a class of records, field by field.
-
-    Attributes
-    ----------
-    form : _Form
-        What differs.
-    stamp : callable or None
-        Stamp of the header, from the record; None where the caller gives it.
-    frame : callable
-        Frame of the header, from the record.
-    times, arrays, others : list
-        Name in the message and how to get the value from the record; for arrays the type of the
-        elements, for others what converts the value.
-    read : list
-        How to get the value from the message, and what converts it, in the order of the record.
-    """
+    """Conversion of a class of records, field by field."""
 
     form: _Form
-    stamp: _Get | None
+    stamp: _Get | None  # of the header, from the record; None where the caller gives it
     frame: _Get
-    times: list[tuple[str, _Get]] = field(default_factory=list)
-    arrays: list[tuple[str, _Get, np.dtype[Any]]] = field(default_factory=list)
-    others: list[tuple[str, _Get, _Get]] = field(default_factory=list)
+    # Name in the message, how to get the value from the record, and what converts it.
+    write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
+    # How to get each field of the record from the message, and what converts it.
     read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 
@@ -241,26 +182,24 @@ def _plan(kind: Any) -> _Plan:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if name in form.lacks:
             continue
-        place, get = names.get(name, name), attrgetter(name)
+        place = names.get(name, name)
         plan.read.append((attrgetter(place), _reader(hint, form.unknown.get(name))))
-        if place == 'header.stamp':
-            continue
-        if hint in (Stamp, Stamp | None):
-            plan.times.append((place, get))
-        elif get_origin(hint) is np.ndarray:
-            plan.arrays.append((place, get, _dtype(hint)))
-        else:
-            plan.others.append((place, get, _writer(hint)))
-    plan.others += [(place, derive, lambda value: value) for place, derive in form.derived.items()]
+        if place != 'header.stamp':
+            plan.write.append((place, attrgetter(name), _writer(hint)))
+    plan.write += [(place, derive, lambda value: value) for place, derive in form.derived.items()]
     return plan
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
     """Return what converts a value of this type for a message."""
+    if hint in (Stamp, Stamp | None):
+        return _time
+    if get_origin(hint) is np.ndarray:
+        return partial(np.ascontiguousarray, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in _PORTS:
-            return lambda records: [_nested(each) for each in records]
+            return lambda records: [to_message(_PORTS[kind], each) for each in records]
         return lambda values: list(map(kind, values))
     for plain in (bool, int, float, str):
         if issubclass(hint, plain):
@@ -268,22 +207,18 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     raise TypeError(f'{hint}: no message has such a field')
 
 
-def _nested(record: Any) -> Any:
-    return _filled(_PORTS[type(record)].type(), record)
-
-
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     """Return what makes a value of this type of the field of a message."""
     if hint == Stamp:
         return stamp_from
     if hint == Stamp | None:
-        return _known_stamp
+        return lambda time: stamp_from(time) or None  # 0 means that it is not known
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in _PORTS:
-            return lambda messages: tuple(_record(kind, each) for each in messages)
+            return lambda messages: tuple(to_record(_PORTS[kind], each) for each in messages)
         return lambda values: tuple(map(kind, values))
     if issubclass(hint, Enum) and unknown is not None:
         members = {member.value: member for member in hint}
@@ -292,21 +227,17 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     return reader
 
 
-def _time(stamp: int | None) -> tuple[int, int]:
+def _time(stamp: int | None) -> dict[str, int]:
     """Return a stamp in ns as s and ns, 0 if it is not known or no time message can hold it."""
     sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
     # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
-    return (sec, nanosec) if -(2**31) <= sec < 2**31 else (0, 0)
+    held = -(2**31) <= sec < 2**31
+    return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}
 
 
 def stamp_from(time: Any) -> int:
     """Return a time message in ns."""
     return int(time.sec) * NANOSECONDS + int(time.nanosec)
-
-
-def _known_stamp(time: Any) -> int | None:
-    """Return a time message in ns, None for the 0 that means that it is not known."""
-    return stamp_from(time) or None
 
 
 def _dtype(hint: Any) -> np.dtype[Any]:

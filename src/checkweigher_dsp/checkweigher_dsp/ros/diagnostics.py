@@ -19,14 +19,8 @@ class Diagnostics:
     """Publisher of the findings of a node.
 
     The first status is the node's own: the worst of all, the last warning, the counters. The
-    others are named '<node>: <Aspect>', as those of diagnostic_updater.
-
-    Parameters
-    ----------
-    node : PortNode
-        Whose findings they are.
-    diagnose : callable
-        Returns them for a time of the monotonic clock, s.
+    others are named '<node>: <Aspect>', as those of diagnostic_updater. `diagnose` returns the
+    findings for a time of the monotonic clock in s.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -67,13 +61,9 @@ class Diagnostics:
             *self._found('Connections', lambda: [self.connections.finding(now)]),
         ]
         name = self._node.get_fully_qualified_name().lstrip('/')
-        summary = self._summary(findings)
-        message = DiagnosticArray(
-            status=[
-                self._status(name, summary),
-                *(self._status(f'{name}: {finding.aspect}', finding) for finding in findings),
-            ]
-        )
+        own = self._status(name, self._summary(findings))
+        others = [self._status(f'{name}: {finding.aspect}', finding) for finding in findings]
+        message = DiagnosticArray(status=[own, *others])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._output.send(message)
 
@@ -105,9 +95,8 @@ class Diagnostics:
             name=name,
             message=finding.message,
             hardware_id=self._hardware_id,
-            values=[KeyValue(key=key, value=_text(v)) for key, v in finding.values.items()],
+            values=[
+                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else str(v))
+                for key, v in finding.values.items()
+            ],
         )
-
-
-def _text(value: float | str) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)

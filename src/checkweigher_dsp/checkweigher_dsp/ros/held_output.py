@@ -22,15 +22,9 @@ class HeldOutput(Output):
     At start-up the nodes of a line find each other in any order: without this, what the first one
     sends before it has found the second would be lost, and an item without its verdict. Once
     there has been a consumer nothing is held any more: a stale window helps no one. A taker in
-    the same process is a consumer from the start.
-
-    Parameters
-    ----------
-    node, port
-        As of `Output`.
-    answer : Port, optional
-        What the consumer makes of it and publishes, under any name: a recorder that was there
-        first does not pass for it, unless it remains alone. Without, any subscriber is one.
+    the same process is a consumer from the start. Elsewhere it is a node that publishes records of
+    the port `answer`, under any name: a recorder that was there first does not pass for it, unless
+    it remains alone. Without `answer` any subscriber is the consumer.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:

@@ -5,9 +5,11 @@ from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
+
+from checkweigher_dsp.ros.node_parameters import ros_parameters
 
 Values = dict[str, object]
 
@@ -25,14 +27,7 @@ class LineParametersClient:
 
     Its coroutines are for callbacks of a single-threaded executor, which serves others while one
     waits for an answer. That needs a callback group of its own: the group of the callback that
-    waits is taken until it ends.
-
-    Parameters
-    ----------
-    node : Node
-        In whose namespace the others are.
-    patience : float
-        s, how long to wait for an answer.
+    waits is taken until it ends. The others are in the namespace of `node`; `patience` is in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -60,10 +55,7 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, all or none.
 
-        Raises
-        ------
-        RefusedError
-            If a node refuses; the parameters that others had taken are then put back.
+        `RefusedError` if a node refuses; what the others had taken is put back then.
         """
         for node in changes:
             if not self.ready(node):
@@ -90,10 +82,7 @@ class LineParametersClient:
         return ''
 
     async def _set_one(self, node: str, values: Values) -> None:
-        parameters = [
-            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
-            for name, value in values.items()
-        ]
+        parameters = ros_parameters(values)
         answer = await self._answer(node, self._client(node).set_parameters_atomically(parameters))
         if not answer.result.successful:
             raise RefusedError(f'{node}: {answer.result.reason}')
@@ -116,15 +105,10 @@ class LineParametersClient:
 
 
 class LineNodes:
-    """Watch of the starts of the nodes of the lane.
+    """Watch of the starts of the nodes in the namespace of a node.
 
     Each node has a publisher of its parameter events, and each start another one. The graph shows
     that even where the messages of the start itself were lost.
-
-    Parameters
-    ----------
-    node : Node
-        In whose namespace the others are.
     """
 
     def __init__(self, node: Node) -> None:

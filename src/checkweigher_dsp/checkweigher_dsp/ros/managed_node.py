@@ -20,29 +20,12 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
 
     A subclass says what to do in `configure`, `activate`, `deactivate` and `clean_up`, and calls
     `begin` when it is made. An exception in one of them is logged and lets the transition fail:
-    rclpy would swallow it.
-
-    Parameters
-    ----------
-    parameters : Parameters class
-        With a field ``autostart``: whether the node configures and activates itself.
-    read_only, overrides
-        As of `StageNode`.
-
-    Attributes
-    ----------
-    state : str
-        By its name: unconfigured, inactive, active or finalized.
+    rclpy would swallow it. With the parameter ``autostart`` the node configures and activates
+    itself. `state` is unconfigured, inactive, active or finalized.
     """
 
-    def __init__(
-        self,
-        parameters: type[P],
-        *,
-        read_only: bool = False,
-        overrides: dict[str, object] | None = None,
-    ) -> None:
-        StageNode.__init__(self, parameters, read_only=read_only, overrides=overrides)
+    def __init__(self, parameters: type[P], **options: Any) -> None:
+        StageNode.__init__(self, parameters, **options)
         already, before = set(self.services), set(vars(self))
         LifecycleNodeMixin.__init__(self)
         self._life_cycle = set(vars(self)) - before
@@ -69,10 +52,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def begin(self) -> None:
         """Configure now, if the node is to start by itself; `start` activates it.
 
-        Raises
-        ------
-        ParameterError
-            If it cannot be configured; the node is destroyed then.
+        `ParameterError` if it cannot be configured; the node is destroyed then.
         """
         if not getattr(self.parameters, 'autostart', True):
             return

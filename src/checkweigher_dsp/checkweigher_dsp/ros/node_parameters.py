@@ -1,5 +1,6 @@
 """Parameter sets of the stages as parameters of a node."""
 
+from collections.abc import Mapping
 from dataclasses import Field
 import math
 from typing import Any, TypeVar
@@ -7,6 +8,7 @@ from typing import Any, TypeVar
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe
 
@@ -15,40 +17,37 @@ _LARGEST_INTEGER = 2**63 - 1
 P = TypeVar('P', bound=Parameters)
 
 
+def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
+    """Return parameters of ROS of these names and values."""
+    return [
+        Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+        for name, value in values.items()
+    ]
+
+
 def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
     """Return the ROS descriptor of a field made by `checkweigher_dsp.parameters.parameter`."""
     allowed = describe(entry)
-    text = allowed.text + (f' [{allowed.unit}]' if allowed.unit else '')
     result = ParameterDescriptor(
-        description=text,
+        description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
     if isinstance(entry.default, float) and bounded:
-        result.floating_point_range = [
-            FloatingPointRange(
-                from_value=float(allowed.minimum), to_value=float(allowed.maximum), step=0.0
-            )
-        ]
+        lower, upper = float(allowed.minimum), float(allowed.maximum)
+        result.floating_point_range = [FloatingPointRange(from_value=lower, to_value=upper)]
     elif isinstance(entry.default, int) and not isinstance(entry.default, bool) and bounded:
-        result.integer_range = [
-            IntegerRange(
-                from_value=int(max(allowed.minimum, -_LARGEST_INTEGER)),
-                to_value=int(min(allowed.maximum, _LARGEST_INTEGER)),
-                step=0,
-            )
-        ]
+        least = int(max(allowed.minimum, -_LARGEST_INTEGER))
+        most = int(min(allowed.maximum, _LARGEST_INTEGER))
+        result.integer_range = [IntegerRange(from_value=least, to_value=most)]
     return result
 
 
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
     """Declare a parameter set to ROS and return it with the values that the node was given.
 
-    Raises
-    ------
-    ParameterError
-        If a value cannot be used.
+    `ParameterError` if one of them cannot be used.
     """
     values = {}
     for own_name, entry in parameters.entries().items():

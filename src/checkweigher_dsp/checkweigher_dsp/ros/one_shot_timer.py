@@ -13,13 +13,6 @@ class OneShotTimer:
 
     A timer of rclpy must not be cancelled in another thread than that of its executor, which may
     be about to call it and then raises: this one rings for nothing instead.
-
-    Parameters
-    ----------
-    node : Node
-        Its executor calls.
-    callback : callable
-        What is called.
     """
 
     def __init__(self, node: Node, callback: Callable[[], None]) -> None:

@@ -19,6 +19,7 @@ from checkweigher_dsp.ros.ports import Port, fits
 # One lock for a process. Callbacks of stages run in the thread of the executor and, called from
 # the source of the driver, in its thread, but never two at once.
 LOCK = threading.RLock()
+Callback = Callable[[Any], None]  # takes a record
 # Endpoints have no event callbacks: each is one more entity that every wake of the executor
 # collects. `Connections` finds a QoS that does not fit in the graph.
 
@@ -26,34 +27,15 @@ LOCK = threading.RLock()
 class Output:
     """Where a node sends the records of a port.
 
-    Parameters
-    ----------
-    node : Node
-        Publishes.
-    port : Port
-        Topic and QoS.
-
-    Attributes
-    ----------
-    takers : list of Input
-        Of the same process; each record is handed to them by a plain call.
-    publisher : Publisher
-        For all others.
+    The `takers` of the same process get each record by a plain call, all others from `publisher`.
     """
 
     def __init__(self, node: Node, port: Port) -> None:
         self.port = port
         self.qos = copy.copy(port.qos)
         self.takers: list[Input] = []
-        self.publisher = with_overrides(
-            lambda options: node.create_publisher(
-                port.type,
-                port.name,
-                self.qos,
-                event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
-                **options,
-            )
-        )
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
         self.topic_name: str = self.publisher.topic_name
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
@@ -61,12 +43,11 @@ class Output:
         """Hand a record to the takers; `header` goes to the message alone."""
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
-                self.publisher.publish(self._message(record, **header))
+                is_message = self.port.record is None
+                message = record if is_message else to_message(self.port, record, **header)
+                self.publisher.publish(message)
             for taker in self.takers:
                 taker.take(record)
-
-    def _message(self, record: Any, **header: Any) -> Any:
-        return record if self.port.record is None else to_message(self.port, record, **header)
 
     def connected(self) -> None:
         """Take that all takers of the process are known."""
@@ -77,37 +58,15 @@ class Output:
 
 
 class Input:
-    """Where a node takes the records of a port.
+    """Where a node takes the records of a port, from its `makers` or over DDS.
 
-    Parameters
-    ----------
-    node : PortNode
-        Takes them.
-    port : Port
-        Topic.
-    callback : callable
-        Gets each record; what it raises is passed to ``node.refuse``.
-    qos : QoSProfile
-        For DDS.
-    needed : bool
-        Whether the node lacks something where nothing makes the records.
-
-    Attributes
-    ----------
-    makers : list of Output
-        Of the same process. With any, there is no subscription.
-    subscription : Subscription or None
-        To all others.
+    The callback gets each record; what it raises is passed to ``node.refuse``. There is a
+    `subscription`, with `qos`, only if there are no makers in the same process. A `needed` input
+    without any maker is an error of the line.
     """
 
     def __init__(
-        self,
-        node: Any,
-        port: Port,
-        callback: Callable[[Any], None],
-        qos: QoSProfile,
-        *,
-        needed: bool = True,
+        self, node: Any, port: Port, callback: Callback, qos: QoSProfile, *, needed: bool
     ) -> None:
         self.port = port
         self.needed = needed
@@ -128,16 +87,9 @@ class Input:
 
     def subscribe(self) -> None:
         """Take records over DDS."""
-        self.subscription = with_overrides(
-            lambda options: self._node.create_subscription(
-                self.port.type,
-                self.port.name,
-                self._take_message,
-                self.qos,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-                **options,
-            )
-        )
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        create, call = self._node.create_subscription, self._take_message
+        self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
 
     def count(self) -> int:
         """Return how many make the records."""
@@ -193,15 +145,10 @@ def disconnect(node: Any) -> None:
             output.takers = []
 
 
-def with_overrides(create: Callable[[dict[str, Any]], Any]) -> Any:
-    """Return an endpoint whose depth, history and reliability may be set by parameters.
-
-    Raises
-    ------
-    ParameterError
-        If such a parameter cannot be used.
-    """
+def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:
+    """Return an endpoint whose depth, history and reliability may be set by parameters."""
+    overriding = QoSOverridingOptions.with_default_policies()
     try:
-        return create({'qos_overriding_options': QoSOverridingOptions.with_default_policies()})
+        return create(port.type, port.name, *arguments, qos_overriding_options=overriding, **events)
     except (InvalidParameterTypeException, RuntimeError) as error:
         raise ParameterError(f'qos_overrides: {error}') from None

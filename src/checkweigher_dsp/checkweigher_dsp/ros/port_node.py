@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
 from checkweigher_dsp.ros.held_output import HeldOutput
-from checkweigher_dsp.ros.outputs import LOCK, Input, Output, disconnect
+from checkweigher_dsp.ros.outputs import LOCK, Callback, Input, Output, disconnect
 from checkweigher_dsp.ros.ports import Port
 
 
@@ -39,12 +39,7 @@ class PortNode(Node):
         return self.outputs[-1]
 
     def subscribe(
-        self,
-        port: Port,
-        callback: Callable[[Any], None],
-        *,
-        qos: QoSProfile | None = None,
-        needed: bool = True,
+        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
     ) -> Input:
         """Have a callback called with each record of a port; see `Input`."""
         entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
@@ -56,9 +51,7 @@ class PortNode(Node):
 
     def refuse(self, port: Port, error: Exception) -> None:
         """Log a record that the callback cannot use, which is not fatal."""
-        self.get_logger().warning(
-            f'refused a message on {port.name}: {type(error).__name__}: {error}'
-        )
+        self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any

@@ -10,20 +10,7 @@ from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from checkweigher_dsp.records import (
-    EyeEdge,
-    LineHistory,
-    LoadCell,
-    MassEstimate,
-    Reference,
-    SampleBlock,
-    Statistics,
-    StopRequest,
-    StreamStatus,
-    Verdict,
-    WeighWindow,
-    ZeroChange,
-)
+from checkweigher_dsp import records
 
 if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
@@ -65,36 +52,16 @@ RESULTS = History(1000, latched=True)
 
 @dataclass(frozen=True)
 class Port:
-    """A topic with what passes there, who makes it and who takes it.
+    """A topic with what passes there, who makes it and who takes it."""
 
-    Attributes
-    ----------
-    name : str
-        Relative to the lane's namespace, unless it begins with a slash.
-    message_type : str
-        As ROS names it, with ``/msg/`` or ``/srv/``.
-    record : type or None
-        Class of the records, None where there are only messages.
-    history : History
-        What is kept.
-    maker : str
-        Node, or who else.
-    takers : tuple of str
-        Nodes, and who else.
-    expected : tuple of str
-        Nodes that have to be there: the other end reports their absence.
-    text : str
-        What it is for.
-    """
-
-    name: str
-    message_type: str
-    record: type | None
+    name: str  # relative to the lane's namespace, unless it begins with a slash
+    message_type: str  # as ROS names it, with /msg/ or /srv/
+    record: type | None  # class of the records, None where there are only messages
     history: History
-    maker: str
-    takers: tuple[str, ...]
-    expected: tuple[str, ...]
-    text: str
+    maker: str  # node, or who else
+    takers: tuple[str, ...]  # nodes, and who else
+    expected: tuple[str, ...]  # nodes that have to be there: the other end reports their absence
+    text: str  # what it is for
 
     @cached_property
     def type(self) -> Any:
@@ -134,99 +101,81 @@ def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
 
 # fmt: off
 LOAD_CELL_INFO = Port(
-    'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', LoadCell, STATE,
+    'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', records.LoadCell, STATE,
     'driver', ('all',), ('driver',),
-    'What the load cell is; a bag describes itself by it',
-)
+    'What the load cell is; a bag describes itself by it')
 LOAD_CELL_SAMPLES = Port(
-    'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', SampleBlock, STREAM,
+    'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', records.SampleBlock, STREAM,
     'driver', ('segmenter',), ('driver', 'segmenter'),
-    'Blocks of raw readings; a jump of `first_index` means lost samples',
-)
+    'Blocks of raw readings; a jump of `first_index` means lost samples')
 PHOTO_EYES = Port(
-    'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', EyeEdge, STREAM,
+    'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
     'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'),
-    'Edges of the two eyes',
-)
+    'Edges of the two eyes')
 REFERENCE_MASS = Port(
-    'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', Reference, STREAM,
+    'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', records.Reference, STREAM,
     'driver', ('users',), (),
-    'True masses, where a bag or the simulator knows them',
-)
+    'True masses, where a bag or the simulator knows them')
 DRIVER_STATUS = Port(
-    'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', StreamStatus, STATE,
+    'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'driver', ('segmenter', 'reject'), (),
     'How much has been sent, how the stream ended, and what is wrong with the machine while it '
-    'runs',
-)
+    'runs')
 WEIGH_WINDOW = Port(
-    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', WeighWindow, STREAM,
+    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'segmenter', ('denoise',), ('segmenter', 'denoise'),
-    'One for each item, without signal if it cannot be weighed',
-)
+    'One for each item, without signal if it cannot be weighed')
 ZERO_SETTING = Port(
-    'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', ZeroChange, STATE,
+    'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', records.ZeroChange, STATE,
     'segmenter', ('product', 'users'), (),
-    'The last change of the zero by the service `zero`',
-)
+    'The last change of the zero by the service `zero`')
 SEGMENTER_STATUS = Port(
-    'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', StreamStatus, STATE,
+    'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver',), (),
     'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
-    'by sending its own again',
-)
+    'by sending its own again')
 DENOISED_WINDOW = Port(
-    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', WeighWindow, STREAM,
+    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'denoise', ('identifier',), ('denoise', 'identifier'),
-    'The same with the denoised signal beside the raw one',
-)
+    'The same with the denoised signal beside the raw one')
 MASS_ESTIMATE = Port(
-    'mass_estimate', 'checkweigher_msgs/msg/MassEstimate', MassEstimate, RESULTS,
+    'mass_estimate', 'checkweigher_msgs/msg/MassEstimate', records.MassEstimate, RESULTS,
     'identifier', ('reject', 'product', 'users'), ('identifier', 'reject'),
-    'Mass, standard deviation, or the reasons why there is none',
-)
+    'Mass, standard deviation, or the reasons why there is none')
 VERDICT = Port(
-    'verdict', 'checkweigher_msgs/msg/Verdict', Verdict, RESULTS,
+    'verdict', 'checkweigher_msgs/msg/Verdict', records.Verdict, RESULTS,
     'reject', ('line', 'driver', 'product'), ('reject',),
-    'Exactly one for each item',
-)
+    'Exactly one for each item')
 REJECT_EYE = Port(
-    'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', EyeEdge, STREAM,
+    'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
     'machine', ('reject',), (),
-    'Edges of an eye that only rejected items pass; `eye` does not matter',
-)
+    'Edges of an eye that only rejected items pass; `eye` does not matter')
 STOP_REQUEST = Port(
-    'stop_request', 'checkweigher_msgs/msg/StopRequest', StopRequest, STATE,
+    'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
     'reject', ('line', 'driver'), (),
-    'Whether the line should stop, and why; stays until `reset_stop_request`',
-)
+    'Whether the line should stop, and why; stays until `reset_stop_request`')
 STATISTICS = Port(
-    'statistics', 'checkweigher_msgs/msg/Statistics', Statistics, STATE,
+    'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
     'product', ('users',), (),
-    'Counts, mean, giveaway of this product in this batch, with each verdict',
-)
+    'Counts, mean, giveaway of this product in this batch, with each verdict')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (),
-    'Once a second: see [Diagnostics](#diagnostics)',
-)
+    'Once a second: see [Diagnostics](#diagnostics)')
 # Of the node dynamic_setting, which is no part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
-    'Passes, what was recorded, the file, and why something failed',
-)
+    'Passes, what was recorded, the file, and why something failed')
 PARAMETER_EVENTS = Port(
     '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', None, STREAM,
     'every node', ('product',), (),
-    'Parameters that were set',
-)
+    'Parameters that were set')
 # The answer of the service of this name.
 LINE_HISTORY = Port(
-    'line_history', 'checkweigher_msgs/srv/LineHistory_Response', LineHistory, STATE,
+    'line_history', 'checkweigher_msgs/srv/LineHistory_Response', records.LineHistory, STATE,
     'driver', ('reject',), (),
-    'The latest edges of this stream and the latest verdicts',
-)
+    'The latest edges of this stream and the latest verdicts')
 
 # All topics of a lane, and so of a bag of it: the first four are played again, all others follow.
 ALL = (

@@ -22,7 +22,7 @@ _FAREWELL = Duration(seconds=1)  # for the last words of a process that is about
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
     """Run one node until it is interrupted; exit with 2 and one line if it cannot start."""
-    run_all(cast(Callable[[], Sequence[Node]], lambda: [make_node()]), arguments)
+    run_all(lambda: [make_node()], arguments)
 
 
 def run_all(

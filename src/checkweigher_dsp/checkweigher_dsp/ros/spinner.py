@@ -1,6 +1,7 @@
 """An executor in a thread of its own."""
 
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from contextlib import suppress
 import threading
 
@@ -17,17 +18,8 @@ class Spinner:
     """Serves nodes in a thread, by an executor of rclpy.
 
     Each wake of that executor collects all entities of all nodes, 1 ms and more for a line: what
-    happens often must not wake it.
-
-    Parameters
-    ----------
-    on_end : callable, optional
-        Called in the thread when it ends, for example by an exception of a callback.
-
-    Attributes
-    ----------
-    error : Exception or None
-        What a callback raised, which ended the thread.
+    happens often must not wake it. The thread calls `on_end` when it ends, for example by the
+    `error` that a callback raised.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -70,22 +62,19 @@ class Spinner:
 
         Only there entities may be destroyed and timers cancelled: the executor may use them.
         """
-        done = threading.Event()
-        error: list[Exception] = []
+        answer: Future[object] = Future()
 
         def locked() -> None:
             try:
                 with LOCK:
-                    function()
-            except Exception as raised:
-                error.append(raised)
-            done.set()
+                    answer.set_result(function())
+            except Exception as error:
+                answer.set_exception(error)
 
         self._executor.create_task(locked)
-        if not done.wait(_PATIENCE):
+        if not wait([answer], _PATIENCE).done:
             raise RuntimeError('the executor does not answer')
-        if error:
-            raise error[0]
+        answer.result()
 
     def stop(self) -> None:
         """Stop, and destroy the nodes in the order opposite to that in which they came."""

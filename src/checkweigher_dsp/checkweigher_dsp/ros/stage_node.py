@@ -11,40 +11,26 @@ from rclpy.parameter import Parameter
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.ros.diagnostics import Diagnostics
-from checkweigher_dsp.ros.node_parameters import P, declare
+from checkweigher_dsp.ros.node_parameters import P, declare, ros_parameters
 from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import Port
 
+Overrides = dict[str, object]
+
 
 class StageNode(PortNode, Generic[P]):
-    """A node around one stage of the line.
+    """A node around one stage of the line, named ``parameters.node``.
 
-    Parameters
-    ----------
-    parameters : Parameters class
-        What the stage takes; ``parameters.node`` names the node.
-    read_only : bool
-        Whether the parameters are fixed once the node runs.
-    overrides : mapping of str to object
-        Values that win over those from the command line.
+    Its parameters are fixed once it runs if they are `read_only`; `overrides` win over values from
+    the command line.
     """
 
     def __init__(
-        self,
-        parameters: type[P],
-        *,
-        read_only: bool = False,
-        overrides: dict[str, object] | None = None,
+        self, parameters: type[P], *, read_only: bool = False, overrides: Overrides | None = None
     ) -> None:
         try:
-            super().__init__(
-                parameters.node,
-                parameter_overrides=[
-                    Parameter(name, value=list(value) if isinstance(value, tuple) else value)
-                    for name, value in (overrides or {}).items()
-                ],
-            )
+            super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
         self.diagnostics = Diagnostics(self, self.diagnose)
@@ -78,8 +64,8 @@ class StageNode(PortNode, Generic[P]):
         self.count(f'{port.name} received')
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Count a record that the stage cannot use, which is not fatal."""
-        self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
+        """Log and count a record that the stage cannot use."""
+        super().refuse(port, error)
         self.count(f'{port.name} refused')
         self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
 
