@@ -13,7 +13,7 @@ from running import ROOT
 import yaml
 
 PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/package.xml'))
-SUPPORT = {path.stem: path for folder in ('test/support', 'bench') for path in
+SUPPORT = {path.stem: path for folder in ('test/support', 'test/support/devices', 'bench') for path in
            (ROOT / folder).glob('*.py')}  # fmt: skip
 # The rosdep key of a module, where its name is another one.
 KEYS = {
