@@ -94,12 +94,8 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     """Return a function that opens a source, with the photo-eyes that are read beside it.
 
     The function raises ValueError if a device cannot be opened; the message is one line for a
-    technician.
-
-    Raises
-    ------
-    ParameterError
-        If source and eyes do not go together or a parameter cannot be used.
+    technician. Raises ParameterError if source and eyes do not go together or a parameter cannot
+    be used.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -124,13 +120,7 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
 
 
 def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
-    """Return the outputs of a machine, which are yet to be opened.
-
-    Raises
-    ------
-    ParameterError
-        If there are no such outputs or a parameter cannot be used.
-    """
+    """Return the outputs of a machine, not yet open; `ParameterError` if that cannot be done."""
     if name == NONE:
         return MachineOutputs(None, OutputParameters())
     kind = _find('outputs', name, OUTPUTS)

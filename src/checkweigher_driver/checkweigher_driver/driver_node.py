@@ -31,13 +31,9 @@ _LOOK_PERIOD = 0.2  # s, after which trouble of the machine is reported at the l
 class DriverNode(ManagedStageNode[DriverParameters]):
     """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
 
-    The source is read in a thread of its own, by blocking reads. Each activation is a stream of
-    its own. The service line_history returns the latest events of it.
-
-    Attributes
-    ----------
-    stream : SourceStream
-        The stream that is sent, in step with the line behind the driver.
+    The source is read in a thread of its own, by blocking reads. Each activation is a `stream` of
+    its own, sent in step with the line behind the driver; the service line_history returns the
+    latest of it.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:

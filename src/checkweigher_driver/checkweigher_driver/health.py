@@ -10,12 +10,7 @@ class DriverWatch:
     """State of a source and of its stream, for the diagnostics.
 
     Times are in s on a clock that never steps back. All but `findings` may be called from the
-    thread that reads the source.
-
-    Parameters
-    ----------
-    name : str
-        Of the source.
+    thread that reads the source, whose name is `name`.
     """
 
     def __init__(self, name: str) -> None:

@@ -1,5 +1,6 @@
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
+from collections import deque
 from collections.abc import Callable
 import math
 import threading
@@ -8,16 +9,22 @@ from typing import Any
 
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
-from checkweigher_driver.sent_stream import SentStream
 from checkweigher_driver.sources import Source
 from checkweigher_driver.stoppable_waits import StoppableWaits
-from checkweigher_dsp.records import EyeEdge, SampleBlock, StreamState, StreamStatus, Verdict
+from checkweigher_dsp.records import (
+    EyeEdge,
+    LineHistory,
+    SampleBlock,
+    StreamState,
+    StreamStatus,
+    Verdict,
+)
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.connections import has_matched_all
 from checkweigher_dsp.ros.outputs import LOCK
 from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_recording.block_cutting import cut_for_pace
-from checkweigher_recording.pacing import Pacer
+from checkweigher_recording.pacing import FlowControl, Pacer
 from checkweigher_recording.recording import Event
 
 _PATIENCE = 5.0  # s without the line behind it
@@ -26,31 +33,58 @@ _END_PATIENCE = 2.0  # s, for the last read of a source
 # there may not know the writer yet, and hears of a stream with the next heartbeat, after 3 s: it
 # would take the first items for those of another stream.
 _REPEATS = (0.2, 0.5, 1.0)
+_MAX_EDGES, _MAX_VERDICTS = 400, 200  # of the history: 20 s and more at five items a second
+
+
+class SentStream:
+    """Events of one stream, by its number; `flow` counts those on their way to the line."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.flow = FlowControl()
+        self.edges_sent = 0
+        self._stamp = 0  # ns, of the last block
+        self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
+        self._verdicts: deque[Verdict] = deque(maxlen=_MAX_VERDICTS)
+
+    def add(self, event: Event) -> None:
+        """Take an event that is about to be sent."""
+        self.flow.sent(event)
+        if isinstance(event, SampleBlock):
+            self._stamp = event.stamp
+        elif isinstance(event, EyeEdge):
+            self._edges.append(event)
+            self.edges_sent += 1
+
+    def add_verdict(self, verdict: Verdict) -> None:
+        """Take a verdict that came."""
+        self._verdicts.append(verdict)
+        self.flow.judged(verdict.estimate_id or verdict.item_id)  # as the segmenter counts
+
+    def history(self) -> LineHistory:
+        """Return the latest edges and verdicts."""
+        return LineHistory(
+            stream=self.number,
+            stamp=self._stamp,
+            first_edge=self.edges_sent - len(self._edges),
+            edges=tuple(self._edges),
+            verdicts=tuple(self._verdicts),
+        )
+
+    def status(self, state: StreamState, text: str) -> StreamStatus:
+        """Return how far the stream is."""
+        return StreamStatus(
+            self._stamp, self.number, state, self.flow.samples_sent, self.edges_sent, text=text
+        )
 
 
 class SourceStream:
     """Send the events of a source, one stream after the other, each in a thread of its own.
 
     The thread has the lock of the process while it sends, in one process until all that follows
-    from an event has been done, and never while it waits or reads.
-
-    Parameters
-    ----------
-    node : StageNode
-        The driver, which knows the graph.
-    parameters : DriverParameters
-    watch : DriverWatch
-    note : callable
-        Called with each event before it is sent.
-    machine_ready : callable
-        Tells whether the outputs of the machine can be switched.
-
-    Attributes
-    ----------
-    sent : SentStream
-        The latest stream.
-    failure : str
-        How its source failed; empty if it did not.
+    from an event has been done, and never while it waits or reads. `note` is called with each event
+    before it is sent; `machine_ready` tells whether the outputs of the machine can be switched.
+    `sent` is the latest stream, `failure` how its source failed, empty if it did not.
     """
 
     def __init__(

@@ -23,7 +23,6 @@ from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
-_DRIVER = '/**/driver'
 
 
 def check_calibration_file(path: Path) -> None:
@@ -71,28 +70,6 @@ def read_version(path: Path) -> int:
     return int(found.group(1))
 
 
-def calibration_text(
-    version: int,
-    source: str,
-    calibration: StaticCalibration,
-    points: Sequence[CalibrationPoint],
-    sections: dict[str, Any],
-    made: datetime | None = None,
-) -> str:
-    """Return the text of a calibration file: the values of a source, added to other `sections`."""
-    made = made or datetime.now(UTC)
-    lines = [
-        f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
-        f'# {made.isoformat(timespec="seconds")}',
-        *(f'# {line}' for line in calibration_table(calibration, points)),
-    ]
-    driver = sections.setdefault(_DRIVER, {}).setdefault('ros__parameters', {})
-    own = driver.setdefault(source, {})
-    own['counts_per_kg'] = calibration.counts_per_kg
-    own['zero_counts'] = calibration.zero_counts
-    return '\n'.join(lines) + '\n' + yaml.safe_dump(sections, sort_keys=False, width=100)
-
-
 def calibration_table(
     calibration: StaticCalibration, points: Sequence[CalibrationPoint]
 ) -> list[str]:
@@ -129,11 +106,20 @@ def write_version(
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
     sections = _sections(base if base is not None else path if old else None)
+    driver = sections.setdefault('/**/driver', {}).setdefault('ros__parameters', {})
+    values = driver.setdefault(source, {})
+    values['counts_per_kg'] = calibration.counts_per_kg
+    values['zero_counts'] = calibration.zero_counts
     version = max([old or 0, *_kept_versions(path)]) + 1
-    text = calibration_text(version, source, calibration, points, sections)
+    lines = [
+        f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
+        f'# {datetime.now(UTC).isoformat(timespec="seconds")}',
+        *(f'# {line}' for line in calibration_table(calibration, points)),
+        yaml.safe_dump(sections, sort_keys=False, width=100),
+    ]
     if old is not None:
         _keep(path, old)
-    write_whole(path, text)
+    write_whole(path, '\n'.join(lines))
     return version
 
 
@@ -200,10 +186,7 @@ def check_calibrated_source(source: str) -> None:
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
     """Return counts_per_kg and zero_counts of a source, None while there is no file.
 
-    Raises
-    ------
-    CalibrationError
-        If the file is no calibration of this source.
+    Raises CalibrationError if the file is no calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None

@@ -51,16 +51,8 @@ class _Wait:
 class CalibrationServices:
     """Services that read loads at rest, calibrate, write the file and restart the stream with it.
 
-    Parameters
-    ----------
-    node : StageNode
-    parameters : CalibrationParameters
-    source : str
-        Name of the source that is calibrated.
-    history : callable
-        Returns the latest of the stream.
-    restart : callable
-        Begins a new stream; returns why that could not be done, else an empty string.
+    `history` returns the latest of the stream. `restart` begins a new stream; it returns why that
+    could not be done, else an empty string.
     """
 
     def __init__(
@@ -90,25 +82,15 @@ class CalibrationServices:
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return the load cell with the calibration of the file, if there is one.
-
-        Raises
-        ------
-        ParameterError
-            If the file cannot be used.
-        """
-        found = self.read()
-        if found is None:
+        """Return the load cell with the calibration that `read` finds."""
+        if (found := self.read()) is None:
             return load_cell
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
         """Return counts_per_kg and zero_counts of the file, None if there is none.
 
-        Raises
-        ------
-        ParameterError
-            If the file cannot be used.
+        Raises ParameterError if the file cannot be used.
         """
         path = self._parameters.path
         try:

@@ -89,11 +89,6 @@ class CalibrationSession:
 
     A session is either idle or reading: `begin` starts a reading; its point, an error or `cancel`
     ends it; `finish` needs an idle session with points.
-
-    Attributes
-    ----------
-    points : list of CalibrationPoint
-        Read so far.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -101,19 +96,14 @@ class CalibrationSession:
         self._steadiness = steadiness
         self._began = math.nan
         self.points: list[CalibrationPoint] = []
-        self._reading: _LoadReading | None = None
-
-    @property
-    def reading(self) -> bool:
-        """Whether a load is being read."""
-        return self._reading is not None
+        self.reading: _LoadReading | None = None  # None while idle
 
     def begin(self, mass: float, uncertainty: float, edges: Sequence[EyeEdge]) -> None:
         """Begin to read a load; mass and uncertainty in kg, both 0 for the empty belt.
 
         `edges` are the latest of the line. Raises CalibrationError if the load cannot be read now.
         """
-        if self._reading is not None:
+        if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
         if not (math.isfinite(mass) and math.isfinite(uncertainty) and uncertainty >= 0):
             raise CalibrationError(
@@ -123,7 +113,7 @@ class CalibrationSession:
         if mass == 0:
             _check_clear(edges)
         rest = RestReading(self.load_cell, self._steadiness)
-        self._reading = _LoadReading(mass, uncertainty, rest)
+        self.reading = _LoadReading(mass, uncertainty, rest)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
         """Take an event of the stream, and return the reading of the point that it completes.
@@ -131,16 +121,16 @@ class CalibrationSession:
         `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
         be read; there is no point then.
         """
-        load = self._reading
+        load = self.reading
         if load is None:
             return None
         try:
             found = load.take(event)
         except CalibrationError:
-            self._reading = None
+            self.reading = None
             raise
         if found is not None:
-            self._reading = None
+            self.reading = None
             if not self.points:
                 self._began = now
             self.points.append(
@@ -150,28 +140,18 @@ class CalibrationSession:
 
     def cancel(self) -> None:
         """Give up the reading."""
-        self._reading = None
+        self.reading = None
 
     def finish(
         self, max_residual: float, edges: Sequence[EyeEdge], stamp: int, now: float
     ) -> StaticCalibration:
         """Return the calibration of the points; they are kept.
 
-        Parameters
-        ----------
-        max_residual : float
-            kg, by which a mass may be off the line; 0 for any.
-        edges, stamp
-            The latest edges of the line, and how far its stream has come, ns.
-        now : float
-            s, on the clock of `add`.
-
-        Raises
-        ------
-        CalibrationError
-            If the points make no calibration, or a product may be on the belt.
+        A mass may be off the line by `max_residual`, kg; 0 for any. `edges` are the latest of the
+        line, `stamp` is how far its stream has come, ns, and `now` in s on the clock of `add`.
+        Raises CalibrationError if the points make no calibration, or a product may be on the belt.
         """
-        if self._reading is not None:
+        if self.reading is not None:
             raise CalibrationError('a load is being read; wait for its answer')
         if not self.points:
             raise CalibrationError('no load was read; call calibrate_zero and calibrate_span first')

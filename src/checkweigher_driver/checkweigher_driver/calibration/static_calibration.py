@@ -95,19 +95,11 @@ class RestReading:
         self.latest: StaticReading | None = None
 
     def add(self, counts: NDArray[np.int32], *, whole: bool = True) -> StaticReading | None:
-        """Take samples and return the reading if the load has been at rest for long enough.
+        """Take samples, (n,), and return the reading if the load has been at rest long enough.
 
-        Parameters
-        ----------
-        counts : ndarray, (n,) int32
-        whole : bool
-            Whether they follow on the samples before. The reading begins again after a loss,
-            which may hide a movement.
-
-        Raises
-        ------
-        CalibrationError
-            If the converter is at its limit, or the load has not come to rest in time.
+        `whole` tells whether they follow on the samples before: the reading begins again after a
+        loss, which may hide a movement. Raises CalibrationError if the converter is at its limit,
+        or the load has not come to rest in time.
         """
         rate, wanted = self._load_cell.sample_rate, self._steadiness
         self._gaps += not whole

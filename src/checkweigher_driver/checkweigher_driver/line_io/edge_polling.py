@@ -21,23 +21,11 @@ class Poll:
 
 
 class EdgePolling:
-    """Find the edges in polls.
+    """Find the edges in polls; all times in ns.
 
-    Parameters
-    ----------
-    max_uncertainty : int
-        ns; an edge that is less certain counts as a loss of the eyes.
-    longest_gap : int
-        ns without a poll after which a product may have passed unseen.
-    delay : int
-        ns, from an eye to the state that a poll reads.
-
-    Attributes
-    ----------
-    uncertainty, worst_uncertainty : int
-        ns, of the last edge and the largest one that was taken.
-    losses : int
-        How often the eyes were lost.
+    An edge that is less certain than `max_uncertainty` counts as a loss of the eyes, and so does a
+    time of `longest_gap` without a poll, in which a product may have passed unseen. `delay` is that
+    from an eye to the state that a poll reads.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -46,7 +34,7 @@ class EdgePolling:
         self._delay = delay
         self._last: Poll | None = None
         self._lost = False
-        self.uncertainty = self.worst_uncertainty = 0
+        self.uncertainty = self.worst_uncertainty = 0  # of the last edge, of all that were taken
         self.losses = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:

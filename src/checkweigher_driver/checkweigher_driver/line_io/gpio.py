@@ -81,6 +81,7 @@ class GpioEyes(EdgeSource):
     """Photo-eyes whose edges have the stamps of the kernel, on the clock of the host."""
 
     parameters = GpioEyesParameters
+    trouble = ''
 
     def __init__(self, parameters: GpioEyesParameters) -> None:
         lines = {
@@ -103,26 +104,14 @@ class GpioEyes(EdgeSource):
         self._closing = threading.Event()
         self._ended = threading.Event()
         self._ended.set()
-        self._trouble = ''
         self._edges = 0
-
-    @property
-    def trouble(self) -> str:
-        """One line while the eyes cannot be read, else empty."""
-        return self._trouble
 
     def figures(self) -> dict[str, float]:
         """Return what /diagnostics shows."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges until `close`.
-
-        Raises
-        ------
-        OSError
-            If the chip is gone; only a new start brings it back.
-        """
+        """Yield edges until `close`; `OSError` if the chip is gone, until a new start."""
         self._ended.clear()
         try:
             while not self._closing.is_set():
@@ -132,7 +121,7 @@ class GpioEyes(EdgeSource):
                     self._edges += 1
                     yield from self._order.take(event)
         except OSError as error:
-            self._trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
+            self.trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
             raise
         finally:
             self._request.release()

@@ -38,12 +38,7 @@ _TRANSITIONS = {
 
 
 class MissedProducts:
-    """The latch, and what to look for.
-
-    Attributes
-    ----------
-    state : Latch
-    """
+    """The state of the latch, and what to look for."""
 
     def __init__(self) -> None:
         self.state = Latch.CLEAR

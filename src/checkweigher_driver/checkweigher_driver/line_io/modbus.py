@@ -88,6 +88,7 @@ class ModbusEyes(EdgeSource):
     """Both eyes, polled; a device that is not there is waited for, with the eyes lost."""
 
     parameters = ModbusEyesParameters
+    trouble = 'the photo-eyes have not been read yet'
 
     def __init__(self, parameters: ModbusEyesParameters) -> None:
         self._parameters = parameters
@@ -100,13 +101,7 @@ class ModbusEyes(EdgeSource):
         self._closing = threading.Event()
         self._ended = threading.Event()
         self._ended.set()
-        self._trouble = 'the photo-eyes have not been read yet'
         self._timing = _PollTiming()
-
-    @property
-    def trouble(self) -> str:
-        """One line while the eyes cannot be read, else empty."""
-        return self._trouble
 
     def figures(self) -> dict[str, float]:
         """Return what /diagnostics shows; times in ms.
@@ -131,14 +126,14 @@ class ModbusEyes(EdgeSource):
                     self._link.connect()
                     poll = self._poll()
                 except ModbusLinkError as error:
-                    self._trouble = f'the photo-eyes are not read: {error}'
+                    self.trouble = f'the photo-eyes are not read: {error}'
                     self._timing.interrupt()
-                    yield from self._polling.lose(begin, _to_stamp(), self._trouble)
+                    yield from self._polling.lose(begin, _to_stamp(), self.trouble)
                     self._closing.wait(backoff)
                     backoff = min(2 * backoff, _LONGEST_BACKOFF)
                     continue
                 backoff = _FIRST_BACKOFF
-                self._trouble = ''
+                self.trouble = ''
                 yield from self._polling.add(poll, _to_stamp())
                 rest = begin / NANOSECONDS + self._parameters.poll_period - time.monotonic()
                 if rest > 0:

@@ -51,13 +51,8 @@ class MachineOutputs:
     that the line may run. A rejected product that the rejector can have missed sets it as well,
     until a stop request that showed the product is taken back, or `reset`.
 
-    Parameters
-    ----------
-    port : OutputPort or None
-        Opened, and opened again when it is lost, by the thread of this object. None for a machine
-        without outputs, which then are never open, and never in trouble.
-    parameters : OutputParameters
-        Times and the safe state.
+    The thread of this object opens the port, again when it is lost. A `port` of None is that of a
+    machine without outputs, which then are never open, and never in trouble.
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:

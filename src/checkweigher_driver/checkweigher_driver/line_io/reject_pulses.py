@@ -24,18 +24,12 @@ class BeltTime:
     def __init__(self) -> None:
         self._stops: deque[_Stop] = deque(maxlen=_MAX_STOPS)
         self._stopped_at: int | None = None
+        self._stood = 0  # ns, in all the stops that are over
 
     @property
     def stopped(self) -> bool:
         """Whether the belt stands still."""
         return self._stopped_at is not None
-
-    @property
-    def _stood(self) -> int:
-        if not self._stops:
-            return 0
-        last = self._stops[-1]
-        return last.stood_before + last.end - last.begin
 
     def stop(self, now: int) -> None:
         """Note that the belt has stopped."""
@@ -46,6 +40,7 @@ class BeltTime:
         """Note that the belt runs."""
         if self._stopped_at is not None:
             self._stops.append(_Stop(self._stopped_at, now, self._stood))
+            self._stood += now - self._stopped_at
             self._stopped_at = None
 
     def at(self, time: int) -> int:
@@ -105,25 +100,12 @@ class RejectPulses:
     def add(
         self, due: int | None, since: int | None, now: int, entered: int | None = None
     ) -> int | None:
-        """Take a rejected item.
+        """Take a rejected item; return by how many ns its pulse is late, 0 if it is in time.
 
-        Parameters
-        ----------
-        due : int or None
-            ns, when its pulse begins if the belt does not stop; None if that is not known.
-        since : int or None
-            ns, when the item was where `due` was computed from.
-        now : int
-            ns.
-        entered : int, optional
-            ns, when the item was at the infeed eye. If the belt has stood since, its speed by the
-            eyes, from which `due` was computed, is too slow by that.
-
-        Returns
-        -------
-        int or None
-            By how many ns the pulse is late, 0 if it is in time; None if `due` is not known: the
-            rejector acts at once, perhaps on another item.
+        Its pulse begins at `due`, ns, if the belt does not stop. None if that is not known: the
+        rejector acts at once, perhaps on another item, and None is returned. At `since` the item
+        was where `due` was computed from, at `entered` at the infeed eye: if the belt has stood
+        in between, its speed by the eyes, from which `due` was computed, is too slow by that.
         """
         here, duration = self._belt.at(now), self._times.duration
         if due is None:

@@ -102,18 +102,9 @@ class SwitchFigures:
 class RejectorControl:
     """Levels of rejector and stop output at each moment, and what the rejector can have missed.
 
-    `now` is ns of the monotonic clock throughout.
-
-    Attributes
-    ----------
-    active : bool
-        Whether the safe state was left.
-    stop_requested, held : bool
-        The two reasons to stop the line beside a missed product.
-    connected : bool
-        Whether the port can be switched.
-    belt_runs : bool or None
-        None where no input tells.
+    `now` is ns of the monotonic clock throughout. `active` tells whether the safe state was left,
+    `connected` whether the port can be switched; `stop_requested` and `held` are the two reasons to
+    stop the line beside a missed product; `belt_runs` is None where no input tells.
     """
 
     def __init__(self, parameters: OutputParameters) -> None:

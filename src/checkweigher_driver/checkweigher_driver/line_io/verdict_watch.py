@@ -12,13 +12,9 @@ class VerdictWatch:
     """Notice that a verdict is overdue: the node that gives verdicts hangs.
 
     All times are in ns. Those of the edges are their stamps; `now` is on any clock that never
-    steps back.
-
-    Parameters
-    ----------
-    timeout : int
-        From a product at the outfeed eye to the next verdict, at most. 0: as long as the product
-        before took from the outfeed eye to the moment at which the rejector had to be told.
+    steps back. From a product at the outfeed eye to the next verdict there is `timeout` at most; 0
+    for as long as the product before took from the outfeed eye to the moment at which the rejector
+    had to be told.
     """
 
     def __init__(self, timeout: int) -> None:

@@ -180,24 +180,18 @@ class AedDialogue:
                 continue
             fields = [field.strip(' "') for field in reply.split(',')]
             if len(fields) >= 3 and all(field.isprintable() and field for field in fields[:3]):
-                self._drop_late(attempt)
+                while attempt and self._line():
+                    attempt -= 1  # a late reply would pass for that to the next query
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
             f'{self._port.name}: replied {reply!r} to IDN?, which is no load cell of the AED '
             'family; check baud_rate and what is connected'
         )
 
-    def _drop_late(self, count: int) -> None:
-        """Drop the replies to queries that were given up, or they pass for those to the next."""
-        while count and self._line():
-            count -= 1
-
     def _line(self) -> str:
         """Return a reply without its end, empty if none comes in time."""
         line = b''
         end = time.monotonic() + self._patience
-        while time.monotonic() < end and len(line) < _LONGEST_REPLY:
+        while not line.endswith(b'\n') and len(line) < _LONGEST_REPLY and time.monotonic() < end:
             line += self._port.read(max(1, self._port.in_waiting))
-            if line.endswith(b'\n'):
-                return line.decode('ascii', 'replace').strip()
         return line.decode('ascii', 'replace').strip()

@@ -72,22 +72,11 @@ def _command(text: str) -> bytes:
 class LineDecoder:
     """Find the readings in a stream of lines; any cut of the stream gives the same.
 
-    Parameters
-    ----------
-    pattern : str
-        Regular expression of a whole line without its end; its first group is the number. There is
-        no checksum, so only what the pattern refuses is noticed: let it fix the number of digits,
-        or a lost digit makes another number.
-    decimals : int
-        Digits after the point that make up the counts: 1 of the last one is 1 count.
+    `pattern` is the regular expression of a whole line without its end; its first group is the
+    number. There is no checksum, so only what the pattern refuses is noticed: let it fix the number
+    of digits, or a lost digit makes another number. Of the last of the `decimals` digits after the
+    point 1 is 1 count. Raises ValueError if the pattern is no regular expression or has no group.
 
-    Raises
-    ------
-    ValueError
-        If the pattern is no regular expression or has no group.
-
-    Notes
-    -----
     Lines end with CR, LF or both. A line that is no reading counts as one lost value, or as so many
     as it is longer than the lines before. What comes before the first end of a line is passed over.
     """

@@ -9,40 +9,21 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Values in the order of the stream.
-
-    Attributes
-    ----------
-    counts : ndarray, (n,) int32
-        Readings.
-    overflow : ndarray, (n,) bool
-        Whether the device reports that its converter or its scale was exceeded.
-    lost : ndarray, (n,) int64
-        Values that are missing between each reading and the one before it, at least 1 wherever
-        bytes were skipped.
-    """
+    """Values in the order of the stream, arrays of shape (n,)."""
 
     counts: NDArray[np.int32]
-    overflow: NDArray[np.bool_]
+    overflow: NDArray[np.bool_]  # the device reports that its converter or scale was exceeded
+    # Values that are missing between each reading and the one before it, at least 1 wherever bytes
+    # were skipped.
     lost: NDArray[np.int64]
 
 
 class Decoder(Protocol):
-    """A stream of bytes in, readings out; any cut of the stream gives the same readings.
+    """A stream of bytes in, readings out; any cut of the stream gives the same readings."""
 
-    Attributes
-    ----------
-    frame_bytes : int
-        Size of a reading on the wire, 0 while that is not known.
-    skipped_bytes : int
-        Bytes that were part of no reading, so far.
-    bad_frames : int
-        Readings that were refused where one was expected, so far.
-    """
-
-    frame_bytes: int
-    skipped_bytes: int
-    bad_frames: int
+    frame_bytes: int  # size of a reading on the wire, 0 while that is not known
+    skipped_bytes: int  # part of no reading, so far
+    bad_frames: int  # readings that were refused where one was expected, so far
 
     def feed(self, data: bytes) -> Decoded:
         """Take the next bytes of the stream and return the readings that they complete."""

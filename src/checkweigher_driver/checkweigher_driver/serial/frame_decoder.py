@@ -88,32 +88,17 @@ class _Places:
 class FrameDecoder:
     """Readings from frames; any cut of the stream gives the same readings.
 
-    Parameters
-    ----------
-    checksum : bool
-        Whether the fourth byte is the XOR of the three before it; else it is the status. Without
-        it a disturbed byte inside a frame cannot be noticed.
-    trailer : str
-        Whether CR LF follows: 'crlf', 'none', or 'auto' for finding out.
+    With `checksum` the fourth byte is the XOR of the three before it; else it is the status, and a
+    disturbed byte inside a frame cannot be noticed. `trailer` tells whether CR LF follows: 'crlf',
+    'none', or 'auto' for finding out. Raises ValueError without either: frames could not be told
+    apart.
 
-    Raises
-    ------
-    ValueError
-        If there is neither a checksum nor a trailer: frames could not be told apart.
-
-    Notes
-    -----
-    Where a frame is bad, the search goes on from its second byte. Frames are
-    found again from the first place on at which five in a row are good.
+    Where a frame is bad, the search goes on from its second byte. Frames are found again from the
+    first place on at which five in a row are good.
 
     The number of values lost is that of the bytes skipped, rounded up to whole frames: right for
     disturbed bytes and for the loss of less than a frame, else too small. Whole frames that are
     missing leave no trace here; only the clock of the samples shows them.
-
-    Attributes
-    ----------
-    frame_bytes : int
-        Size of a frame, 0 until it is known.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:

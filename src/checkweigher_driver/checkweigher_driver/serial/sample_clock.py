@@ -68,15 +68,9 @@ def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
 class SampleClock:
     """Stamp samples by a line that is fitted to the times of their reads.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Hz, what the device is said to do; the true rate may be off by 2 %.
-    latency : float
-        s, from a sample to the earliest moment at which a read can return it.
+    The true rate may be off by 2 % from `sample_rate`, Hz; `latency`, s, is the time from a sample
+    to the earliest moment at which a read can return it.
 
-    Notes
-    -----
     Causal: a stamp rests on the reads up to then. Asked in order of the index, stamps grow: they
     follow the line at 0.2 % at most, but for a step beyond 20 ms, which they make at once. `add`
     comes before `stamp` of what was read.
@@ -256,11 +250,6 @@ class SampleStamper:
     reads come late it ends with the next one that does not. After a step of the host's clock or an
     unnoticed loss of samples it takes a second: an item on the belt gets no mass in time, and is a
     fault.
-
-    Parameters
-    ----------
-    clock : SampleClock
-        Of this stream.
     """
 
     def __init__(self, clock: SampleClock) -> None:

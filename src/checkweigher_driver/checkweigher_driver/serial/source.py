@@ -87,10 +87,6 @@ class SerialParameters(Parameters):
                 f'values a second of {bytes_per_value} bytes; must be {least} Bd or more'
             )
 
-    def load_cell(self, model: str, serial_number: str) -> LoadCell:
-        """Return the load cell that these parameters describe."""
-        return LoadCell.of(self, model=model, serial_number=serial_number)
-
 
 class _RateCheck:
     """Notice a device that is set to another rate than its parameter says."""
@@ -131,13 +127,6 @@ class SerialSource(Source):
     Opening it includes the start-up of the device, so that a wrong set-up is reported then. Later
     the port may go and come back: the source opens it again, starts the device again, and the
     samples go on with the index that the time says. An item that was on the belt has lost samples.
-
-    Parameters
-    ----------
-    parameters : SerialParameters
-        Port, rate and calibration.
-    bytes_per_value : int
-        That the device sends.
     """
 
     paced = False
@@ -161,7 +150,8 @@ class SerialSource(Source):
         self._index = 0  # of the next sample
         self._identity = self._open()
         try:
-            self.load_cell = parameters.load_cell(*self._identity)
+            model, serial_number = self._identity
+            self.load_cell = LoadCell.of(parameters, model=model, serial_number=serial_number)
         except ValueError as error:
             self.close()
             raise ParameterError(f'{parameters.node}: {error}') from None
@@ -184,13 +174,7 @@ class SerialSource(Source):
     # The port: open, broken, open again, closed
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield blocks of samples until the source is closed.
-
-        Raises
-        ------
-        SerialError
-            If another device answers than at the start.
-        """
+        """Yield blocks until `close`; `SerialError` if another device answers after a break."""
         self._reading = True
         try:
             while not self._closed.is_set():

@@ -19,14 +19,7 @@ class Machine(Source):
 
     Each device is read in a thread of its own. While the eyes are not read no samples are handed
     on: an item that is then on the belt has lost samples and becomes a fault, whether an edge was
-    missed or not.
-
-    Parameters
-    ----------
-    samples : Source
-        Of the load cell.
-    eyes : EdgeSource
-        Of the photo-eyes, stamped on the same clock.
+    missed or not. Both have to stamp on the same clock.
     """
 
     parameters: ClassVar[type[Parameters]] = Parameters
@@ -44,13 +37,7 @@ class Machine(Source):
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events as they come, an edge at once.
-
-        Raises
-        ------
-        Exception
-            The error that ended one of the devices.
-        """
+        """Yield events as they come, an edge at once; raise the error that ends a device."""
         be_prompt()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
