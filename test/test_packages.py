@@ -13,8 +13,8 @@ from running import ROOT
 import yaml
 
 PACKAGES = sorted(path.parent for path in ROOT.glob('src/*/package.xml'))
-SUPPORT = {path.stem: path for folder in ('test/support', 'test/support/devices', 'bench') for path in
-           (ROOT / folder).glob('*.py')}  # fmt: skip
+FOLDERS = 'test/support', 'test/support/devices', 'bench'
+SUPPORT = {path.stem: path for folder in FOLDERS for path in (ROOT / folder).glob('*.py')}
 # The rosdep key of a module, where its name is another one.
 KEYS = {
     'filterpy': 'python3-filterpy-pip',
