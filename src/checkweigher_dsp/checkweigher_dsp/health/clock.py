@@ -32,23 +32,18 @@ class ClockWatch:
 
     def __init__(self, sample_rate: float) -> None:
         self._rate = sample_rate
-        self._edges: deque[tuple[float, int]] = deque(maxlen=_MAX_INBOX)
-        self._origin: int | None = None
-        self._began = 0.0
-        self._delays = RecentValues(_RATE_SPAN)
-        self._bins = RecentValues(_CLOCK_SPAN)
-        self._edge_delays = RecentValues(MINUTE)
         self.restart()
 
     def restart(self) -> None:
         """Forget the clock of the stream before."""
-        self._origin = None
-        self._edges.clear()
-        self._delays.clear()
-        self._bins.clear()
-        self._edge_delays.clear()
-        self._bin: tuple[float, float] | None = None  # its begin and its least delay
+        self._origin: int | None = None
+        self._began = 0.0
         self._blocks: deque[tuple[float, int, int]] = deque(maxlen=_MAX_INBOX)
+        self._edges: deque[tuple[float, int]] = deque(maxlen=_MAX_INBOX)
+        self._delays = RecentValues(_RATE_SPAN)
+        self._edge_delays = RecentValues(MINUTE)
+        self._bins = RecentValues(_CLOCK_SPAN)
+        self._bin: tuple[float, float] | None = None  # its begin and its least delay
 
     def add(self, came: float, block: SampleBlock) -> None:
         """Take a block, in the order of their indices."""
@@ -111,16 +106,6 @@ class ClockWatch:
         elapsed = (last_stamp - first_stamp) / NANOSECONDS
         return (last - first) / elapsed if elapsed >= _SHORTEST_SPAN else math.nan
 
-    def _jitter(self) -> float:
-        """Return by how much 95 % of the blocks are not later than the least late one, s."""
-        return self._delays.quantile(0.95) - self._delays.smallest
-
-    def _eye_offset(self, least: float) -> float:
-        """Return how much later the edges come than the samples of the same time, s."""
-        if len(self._edge_delays) < _FEWEST_EDGES:
-            return math.nan
-        return self._edge_delays.smallest - least
-
     def _least(self) -> float:
         """Return the least delay of a block lately, s from the stamp of the first one."""
         bins = self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist()
@@ -133,7 +118,12 @@ class ClockWatch:
         offset = math.nan
         if self._origin is not None:
             offset = least + offset_of_clocks - self._origin / NANOSECONDS
-        pace, jitter, eye_offset = self._pace(slope), self._jitter(), self._eye_offset(least)
+        pace = self._pace(slope)
+        # By how much 95 % of the blocks are not later than the least late one, s.
+        jitter = self._delays.quantile(0.95) - self._delays.smallest
+        eye_offset = math.nan  # how much later the edges come than the samples of the same time, s
+        if len(self._edge_delays) >= _FEWEST_EDGES:
+            eye_offset = self._edge_delays.smallest - least
         # How much faster the machine's clock runs than that of the stamps, relative.
         drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {

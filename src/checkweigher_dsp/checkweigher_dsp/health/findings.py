@@ -38,25 +38,13 @@ class Concern:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding on one aspect of a node.
+    """Finding on one aspect of a node."""
 
-    Attributes
-    ----------
-    aspect : str
-        As in docs/interfaces.md.
-    level : Level
-        How bad it is.
-    text, hint : str
-        What is, in one sentence, and what to check; no hint where all is well.
-    values : mapping of str to float or str
-        The figures behind it, the unit in the key.
-    """
-
-    aspect: str
+    aspect: str  # as in docs/interfaces.md
     level: Level
-    text: str
-    hint: str = ''
-    values: Mapping[str, float | str] = field(default_factory=dict)
+    text: str  # what is, in one sentence
+    hint: str = ''  # what to check; empty where all is well
+    values: Mapping[str, float | str] = field(default_factory=dict)  # the unit in the key
 
     @property
     def message(self) -> str:
@@ -71,9 +59,8 @@ def conclude(
     values: Mapping[str, float | str] | None = None,
 ) -> Finding:
     """Return the finding of the worst concern, of the first of these; `well` if there is none."""
-    worst = max(concerns, key=lambda concern: concern.level, default=None)
-    if worst is None:
-        return Finding(aspect, Level.OK, well, values=values or {})
+    fine = Concern(Level.OK, well, '')
+    worst = max(concerns, key=lambda concern: concern.level, default=fine)
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
 
 
@@ -94,10 +81,6 @@ class Recent(Generic[T]):
         """Drop what is older than the duration at `now`, s."""
         while self._entries and self._entries[0][0] <= now - self._duration:
             self._entries.popleft()
-
-    def clear(self) -> None:
-        """Drop all."""
-        self._entries.clear()
 
 
 class RecentValues(Recent[float]):
@@ -120,11 +103,6 @@ class RecentValues(Recent[float]):
     def values(self) -> NDArray[np.float64]:
         """The values, (n,), the oldest first."""
         return np.array([value for _, value in self._entries])
-
-    @property
-    def oldest(self) -> float:
-        """The oldest value."""
-        return self._entries[0][1] if self._entries else math.nan
 
     @property
     def total(self) -> float:
@@ -168,15 +146,7 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Outcome of the last items, with the reasons of those that failed.
-
-    Parameters
-    ----------
-    count : int
-        Items that are remembered.
-    duration : float
-        s, for which they are.
-    """
+    """Outcome of the last `count` items within `duration`, s, and why those failed that did."""
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)

@@ -223,11 +223,9 @@ class VerdictWatch:
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
-        hint = (
-            f'{missing} is not there: start it'
-            if missing
-            else 'check the other nodes and the load on this machine'
-        )
+        hint = 'check the other nodes and the load on this machine'
+        if missing:
+            hint = f'{missing} is not there: start it'
         found = []
         if in_a_row >= _NO_MASSES:
             text = f'no mass came of the last {in_a_row} items that the eyes saw'

@@ -28,14 +28,7 @@ _NOISY = 3.0  # times the usual noise; half the belt speed is half of it
 class ZeroWatch:
     """Follow the tracked zero: how far it is from calibration, and where it drifts.
 
-    Parameters
-    ----------
-    counts_per_kg, zero_counts : float
-        Static calibration.
-    zero_range : float
-        kg, beyond which nothing is weighed.
-    began : float
-        s, when the line was started.
+    Beyond `zero_range`, kg, nothing is weighed; the line `began` at that time, s.
     """
 
     def __init__(
@@ -47,17 +40,17 @@ class ZeroWatch:
         self._began = began
         self._zero: Zero | None = None
         self._updated: float | None = None
-        self._item: float | None = None
-        self._missed_since: float | None = None  # since when products come without an update
+        self._item = -math.inf
+        self._missed_since = math.inf  # since when products come without an update
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
         """Take the zero as it stands at `now`, s; `item`: a product has just been cut."""
         if self._zero is None or zero.counts != self._zero.counts:
-            self._updated, self._missed_since = now, None
-        elif item and self._missed_since is None:
-            self._missed_since = now
+            self._updated, self._missed_since = now, math.inf
+        elif item:
+            self._missed_since = min(self._missed_since, now)
         self._zero = zero
         if now - self._noted >= _DRIFT_PERIOD:
             self._drift.add(now, self._distance)
@@ -75,9 +68,7 @@ class ZeroWatch:
     @property
     def drift(self) -> float:
         """Drift of the zero, kg/h; NaN before it can be told from its noise."""
-        if self._drift.span < _SHORTEST_DRIFT:
-            return math.nan
-        return _HOUR * self._drift.slope
+        return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Zero."""
@@ -107,11 +98,7 @@ class ZeroWatch:
             text = f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour'
             hint = 'check for dirt that builds up' if warm else 'let the load cell warm up'
             found.append(Concern(Level.WARN, text, hint))
-        if (
-            self._missed_since is not None
-            and self._item is not None
-            and self._item - self._missed_since > _UPDATE_PATIENCE
-        ):
+        if self._item - self._missed_since > _UPDATE_PATIENCE:
             text = f'the empty belt was not read for {now - self._missed_since:.0f} s of products'
             hint = 'increase the spacing of the products or decrease settle_time'
             found.append(Concern(Level.WARN, text, hint))
@@ -122,12 +109,7 @@ class ZeroWatch:
 class BeltNoiseWatch:
     """Follow the noise of the empty belt: how much, and at which frequency.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
-    limit : float
-        kg, standard deviation that is too much; 0 to compare it with its own past only.
+    A standard deviation above `limit`, kg, is too much; 0 compares it with its own past only.
     """
 
     def __init__(self, sample_rate: float, limit: float) -> None:

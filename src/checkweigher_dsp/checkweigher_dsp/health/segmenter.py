@@ -7,13 +7,7 @@ from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.items import FaultWatch
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
 from checkweigher_dsp.health.stream import EyeWatch, SampleWatch
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    EyeEdge,
-    LoadCell,
-    SampleBlock,
-    WeighWindow,
-)
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 

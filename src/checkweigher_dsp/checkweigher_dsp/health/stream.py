@@ -18,29 +18,24 @@ _SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye while the other shows none
-# What is counted of the blocks, by the name of the figure.
-_COUNTED = {
-    'gaps': 'gaps',
-    'lost': 'samples_lost',
-    'again': 'blocks_doubled_or_late',
-    'restarts': 'source_restarts',
-    'saturated': 'samples_saturated',
-}
+_GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
+_RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
+_COUNTED = (_GAPS, _LOST, _AGAIN, _RESTARTS, _SATURATED)  # of the blocks
 _WARNINGS = {
-    'gaps': (
-        '{lost} samples lost in {gaps} gaps',
+    _GAPS: (
+        '{samples_lost} samples lost in {gaps} gaps',
         'check the load on the machine, the cable and the QoS depth',
     ),
-    'again': (
-        '{again} blocks came twice or too late',
+    _AGAIN: (
+        '{blocks_doubled_or_late} blocks came twice or too late',
         'check whether two drivers run, and the network between driver and segmenter',
     ),
-    'restarts': (
-        'the source started again {restarts} times',
+    _RESTARTS: (
+        'the source started again {source_restarts} times',
         'check the power of the load cell, and whether two drivers run',
     ),
-    'saturated': (
-        '{saturated} samples at the limit of the converter',
+    _SATURATED: (
+        '{samples_saturated} samples at the limit of the converter',
         'check overload and load-cell wiring',
     ),
 }
@@ -87,7 +82,7 @@ class SampleWatch:
             counts = np.concatenate([block.counts for _, block in blocks])
             limits = self.load_cell
             bad = (counts <= limits.min_counts) | (counts >= limits.max_counts)
-            self._note('saturated', blocks[-1][0], int(np.count_nonzero(bad)))
+            self._note(_SATURATED, blocks[-1][0], int(np.count_nonzero(bad)))
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
         self.clock.look(now)
@@ -99,13 +94,13 @@ class SampleWatch:
         self._block = size / self.load_cell.sample_rate
         if self._end is not None and first != self._end:
             if first > self._end:
-                self._note('gaps', came, 1)
-                self._note('lost', came, first - self._end)
+                self._note(_GAPS, came, 1)
+                self._note(_LOST, came, first - self._end)
             elif block.stamp <= self._last_stamp:
-                self._note('again', came, 1)
+                self._note(_AGAIN, came, 1)
                 return
             else:
-                self._note('restarts', came, 1)
+                self._note(_RESTARTS, came, 1)
                 self.clock.restart()
         self._end, self._last_stamp = first + size, block.stamp
         self.clock.add(came, block)
@@ -119,26 +114,20 @@ class SampleWatch:
         """Return the aspect Samples; `waited`: for which samples could have come, s."""
         age = math.inf if self._last is None else now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
-        received = self._received()
+        span = self._arrivals.span
+        if span < _SHORTEST_SPAN:
+            span = math.nan
         values = {
             'sample_rate_nominal_hz': self.load_cell.sample_rate,
             'sample_rate_by_stamps_hz': self.clock.sample_rate,
-            'received_samples_per_s': received[0],
-            'received_blocks_per_s': received[1],
+            'received_samples_per_s': self._arrivals.values[1:].sum() / span,
+            'received_blocks_per_s': (len(self._arrivals) - 1) / span,
             'age_of_last_block_s': age,
-            **{name: self._counts[what] for what, name in _COUNTED.items()},
+            **self._counts,
         }
         concerns = self._concerns(age, waited, lately)
         rate = self.load_cell.sample_rate
         return conclude('Samples', f'{rate:g} samples/s', concerns, values)
-
-    def _received(self) -> tuple[float, float]:
-        """Return samples and blocks a second, lately."""
-        span = self._arrivals.span
-        if span < _SHORTEST_SPAN:
-            return math.nan, math.nan
-        later = self._arrivals.total - self._arrivals.oldest
-        return later / span, (len(self._arrivals) - 1) / span
 
     def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern]:
         found = []
@@ -162,11 +151,9 @@ class EyeWatch:
     """Follow the photo-eyes: whether both switch, and whether one stays blocked."""
 
     def __init__(self) -> None:
-        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=_MAX_INBOX)
-        self._recent = {eye: RecentValues() for eye in Eye}
         self._counts = dict.fromkeys(Eye, 0)
-        self._blocked: dict[Eye, float] = {}
         self._last: float | None = None
+        self.restart()
 
     def add(self, now: float, edge: EyeEdge) -> None:
         """Take an edge that came at `now`, s, from any thread."""
@@ -174,10 +161,9 @@ class EyeWatch:
 
     def restart(self) -> None:
         """Forget which eyes are blocked: another stream need not say that they are free."""
-        self._inbox.clear()
-        self._blocked.clear()
-        for values in self._recent.values():
-            values.clear()
+        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=_MAX_INBOX)
+        self._recent = {eye: RecentValues() for eye in Eye}
+        self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
         """Work through what has come."""

@@ -15,24 +15,11 @@ _ENTERING, _LEAVING, _GIVEN_UP = State.ENTERING, State.LEAVING, State.GIVEN_UP
 
 
 class UsualTransit:
-    """The time that items take from eye to eye.
-
-    Parameters
-    ----------
-    max_transit : int
-        ns; an item that has not reached the outfeed eye by then never will.
-    belt_lengths : float
-        Length of the belt in lengths of a product; 0 if not known.
-
-    Attributes
-    ----------
-    value : int or None
-        ns, of the last whole item; None before one.
-    """
+    """The time that items take from eye to eye; the arguments are those of `ItemTracker`."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
-        self.value: int | None = None
+        self.value: int | None = None  # ns, of the last whole item
         self._belt_lengths = belt_lengths
         self._outlier: int | None = None
 
@@ -105,10 +92,9 @@ class Belt:
 
     def put(self, item: Item) -> None:
         """Put an item on the belt; with another one there neither can be weighed."""
-        for other in self.items:
-            other.fault(Reason.DISTANCE_FAULT)
-            item.fault(Reason.DISTANCE_FAULT)
         self.items.append(item)
+        if len(self.items) > 1:
+            self.fault_all(Reason.DISTANCE_FAULT)
         self.entered_last = item
 
     def move(self, item: Item, state: State) -> None:
@@ -197,10 +183,10 @@ class Belt:
     def drop_given_up(self) -> bool:
         """Take all that was before an item as gone; tell whether it may have been one of these."""
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
-        for gone in (self.given_up, self.abandoned):
-            for item in gone:
-                item.state = State.GONE
-            gone.clear()
+        for item in (*self.given_up, *self.abandoned):
+            item.state = State.GONE
+        self.given_up.clear()
+        self.abandoned.clear()
         return ambiguous
 
     def departure_before(self, stamp: int) -> int | None:
@@ -213,9 +199,8 @@ class Belt:
 
     def last_departure(self, stamp: int) -> int | None:
         """Return when the last item before `stamp` was gone, by the eyes."""
-        departures = [item.departure for item in self.given_up]
-        if self.left_last is not None:
-            departures.append(self.left_last.departure)
+        left = [item for item in (*self.given_up, self.left_last) if item is not None]
+        departures = [item.departure for item in left]
         if self.freed is not None:
             departures.append(self.freed)
         return min(max(departures), stamp) if departures else None
@@ -236,9 +221,7 @@ class Belt:
             if self._is_entering(item, stamp):
                 continue  # what is at one eye is not at the other
             transit = self.transit.of(item)
-            if transit is None or item.t1 is None:
-                return False
-            if stamp - item.t1 > (1 - _TOO_EARLY) * transit:
+            if transit is None or item.t1 is None or stamp - item.t1 > (1 - _TOO_EARLY) * transit:
                 return False
         return True
 

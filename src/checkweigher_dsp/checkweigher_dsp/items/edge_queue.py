@@ -2,8 +2,12 @@
 
 from bisect import insort
 from collections.abc import Callable, Iterable
+from itertools import takewhile
+from operator import attrgetter
 
 from checkweigher_dsp.records import EyeEdge
+
+_STAMP = attrgetter('stamp')
 
 
 class EdgeQueue:
@@ -11,12 +15,8 @@ class EdgeQueue:
 
     Meanwhile they are put into order, and no window is later for it, since it needs the samples up
     to t3 anyway. An edge that is far behind another one is kept apart until the next samples come:
-    these may show that the clock has gone back, and the edge is no late one then.
-
-    Parameters
-    ----------
-    lateness : int
-        ns, how far an edge may be behind others.
+    these may show that the clock has gone back, and the edge is no late one then. An edge may be
+    `lateness`, ns, behind others.
     """
 
     def __init__(self, lateness: int) -> None:
@@ -35,14 +35,11 @@ class EdgeQueue:
             return
         if self._newest is None or edge.stamp > self._newest:
             self._newest = edge.stamp
-        if not self._edges or self._edges[-1].stamp <= edge.stamp:
-            self._edges.append(edge)
-        else:
-            insort(self._edges, edge, key=_stamp)
+        insort(self._edges, edge, key=_STAMP)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
         """Take edges as edges of the present clock."""
-        self._edges = sorted([*edges, *self._edges], key=_stamp)
+        self._edges = sorted([*edges, *self._edges], key=_STAMP)
         if self._edges:
             newest = self._edges[-1].stamp
             self._newest = newest if self._newest is None else max(self._newest, newest)
@@ -55,13 +52,8 @@ class EdgeQueue:
 
     def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
         """Return the first edges, as long as they meet a condition."""
-        count = 0
-        while count < len(self._edges) and condition(self._edges[count]):
-            count += 1
-        if not count:
-            return []
-        popped = self._edges[:count]
-        del self._edges[:count]
+        popped = list(takewhile(condition, self._edges))
+        del self._edges[: len(popped)]
         return popped
 
     def pop_all(self) -> list[EyeEdge]:
@@ -78,7 +70,3 @@ class EdgeQueue:
             return new
         new, self._strays = self._strays, []
         return new
-
-
-def _stamp(edge: EyeEdge) -> int:
-    return edge.stamp

@@ -12,49 +12,26 @@ _REMEMBERED = 64  # edges, among which one that comes twice is recognized
 
 @dataclass(slots=True)
 class Switch:
-    """One switching of an eye.
+    """One switching of an eye."""
 
-    Attributes
-    ----------
-    stamp : int
-        ns.
-    previous : EyeEdge or None
-        The edge of the same eye before it.
-    there : Item or None
-        The item that blocked this eye until now.
-    blocked : bool
-        Whether an item blocks the eye now.
-    """
-
-    stamp: int
-    previous: EyeEdge | None
-    there: Item | None
-    blocked: bool
+    stamp: int  # ns
+    previous: EyeEdge | None  # of the same eye
+    there: Item | None  # the item that blocked this eye until now
+    blocked: bool  # whether an item blocks the eye now
 
 
 class Eyes:
-    """The latest edges of both eyes.
-
-    Attributes
-    ----------
-    origin : int or None
-        ns, when the stream began: an eye that clears then shows its state.
-    newest : int or None
-        ns, stamp of the youngest edge.
-    youngest : dict of Eye to EyeEdge
-        The youngest edge of each eye.
-    latest : dict of Eye to EyeEdge
-        The edge of each eye that came last.
-    """
+    """The latest edges of both eyes; `debounce` and `max_transit` in ns, as in `ItemTracker`."""
 
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
+        # ns, when the stream began: an eye that clears then shows its state.
         self.origin: int | None = None
-        self.newest: int | None = None
+        self.newest: int | None = None  # ns, stamp of the youngest edge
         self._max_transit = max_transit
         self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # the latest, a set
         self.youngest: dict[Eye, EyeEdge] = {}
-        self.latest: dict[Eye, EyeEdge] = {}
+        self.latest: dict[Eye, EyeEdge] = {}  # that came last, perhaps late
         self._first: dict[Eye, int] = {}
 
     @property
@@ -68,11 +45,10 @@ class Eyes:
 
     def is_new(self, edge: EyeEdge) -> bool:
         """Tell whether an edge has not come before, and remember it."""
-        number = len(self._known)
-        self._known.setdefault(edge)
-        if len(self._known) == number:
+        if edge in self._known:
             return False
-        if number == _REMEMBERED:
+        self._known[edge] = None
+        if len(self._known) > _REMEMBERED:
             self._known.popitem(last=False)
         return True
 

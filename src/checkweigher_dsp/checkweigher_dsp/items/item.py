@@ -27,41 +27,20 @@ _ON_BELT = (State.ENTERING, State.ON_BELT)
 
 @dataclass(slots=True, eq=False)
 class Item:
-    """One item on the line: what the eyes have seen of it.
+    """One item on the line: what the eyes have seen of it; all times in ns."""
 
-    Attributes
-    ----------
-    item_id : int
-        Number in the order of entry.
-    t1, t2, t3, t4 : int or None
-        ns; begins to enter, is fully on the belt, begins to leave, is gone.
-    faults : dict of Reason to None
-        Why it cannot be weighed: a set in the order in which the reasons were found.
-    left_before : int or None
-        ns, when the item before it was gone; with `others_there` that is after t1.
-    others_there : bool
-        Whether at t1 the outfeed eye was blocked, or the t4 of an item lost.
-    usual_transit : int or None
-        ns from eye to eye, of the last whole item before it.
-    given_up : int or None
-        ns, when it was given up.
-    outlier : bool
-        Whether it took far longer or shorter than those before: its length may be wrong.
-    state : State
-        Where it is.
-    """
-
-    item_id: int
-    t1: int | None = None
-    t2: int | None = None
-    t3: int | None = None
-    t4: int | None = None
+    item_id: int  # in the order of entry
+    t1: int | None = None  # begins to enter
+    t2: int | None = None  # is fully on the belt
+    t3: int | None = None  # begins to leave
+    t4: int | None = None  # is gone
+    # Why it cannot be weighed: a set in the order in which the reasons were found.
     faults: dict[Reason, None] = field(default_factory=dict)
-    left_before: int | None = None
-    others_there: bool = False
-    usual_transit: int | None = None
-    given_up: int | None = None
-    outlier: bool = False
+    left_before: int | None = None  # the item before it; with `others_there` that is after t1
+    others_there: bool = False  # at t1 the outfeed eye was blocked, or the t4 of an item lost
+    usual_transit: int | None = None  # from eye to eye, of the last whole item before it
+    given_up: int | None = None  # when it was given up
+    outlier: bool = False  # far slower or faster than those before: its length may be wrong
     state: State = State.ON_BELT
 
     @property
@@ -89,8 +68,7 @@ class Item:
 
     def fault(self, *reasons: Reason) -> None:
         """Note why the item cannot be weighed."""
-        for reason in reasons:
-            self.faults.setdefault(reason)
+        self.faults.update(dict.fromkeys(reasons))
 
     def accounts_for(self, stamp: int, debounce: int) -> bool:
         """Tell whether this item can have blocked the infeed eye at `stamp`, ns."""

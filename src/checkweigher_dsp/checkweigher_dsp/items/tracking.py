@@ -19,16 +19,9 @@ class ItemTracker:
     item an edge belongs to, so that one lost edge costs one item and not all that follow. The rules
     are the table in `checkweigher_dsp.items.transitions`.
 
-    Parameters
-    ----------
-    debounce : int
-        ns; an eye that clears for less has not cleared, and has chattered.
-    max_transit : int
-        ns; an item that has not reached the outfeed eye by then never will.
-    count : int
-        Items that were there before.
-    belt_lengths : float
-        Length of the belt in lengths of a product; 0 if not known.
+    An eye that clears for less than `debounce`, ns, has not cleared, and has chattered. An item
+    that has not reached the outfeed eye within `max_transit`, ns, never will. The belt is
+    `belt_lengths` products long, 0 if that is not known; `count` items were there before.
     """
 
     def __init__(
@@ -86,10 +79,8 @@ class ItemTracker:
 
     def expire(self, stamp: int) -> list[Item]:
         """Return the items that must have left by `stamp` without the outfeed eye seeing them."""
-        belt = self._belt
-        if belt.items or belt.cleared_first is not None:  # for each block of samples
-            self._expire(stamp)
-        return belt.take_finished()
+        self._expire(stamp)
+        return self._belt.take_finished()
 
     def _expire(self, stamp: int) -> None:
         first = self._belt.cleared_first

@@ -20,25 +20,15 @@ _FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One case of an edge.
+    """One case of an edge."""
 
-    Attributes
-    ----------
-    guard : callable
-        Returns the item that the edge is of; or, where it is of none that is known, whether the
-        case holds.
-    action : callable
-        Takes what the guard returned, notes what the edge shows, returns the item.
-    state : State or None
-        Where the item is from now on.
-    reasons : tuple of Reason
-        Why the item, or others on the belt, may not be weighed for it.
-    """
-
+    # Returns the item that the edge is of; or, where it is of none that is known, whether the case
+    # holds.
     guard: Callable[[Belt, Switch], Item | bool | None]
+    # Takes what the guard returned, notes what the edge shows, returns the item.
     action: Callable[[Belt, Switch, Any], Item | None]
-    state: State | None = None
-    reasons: tuple[Reason, ...] = ()
+    state: State | None = None  # of the item from now on
+    reasons: tuple[Reason, ...] = ()  # why it, or others on the belt, may not be weighed for it
 
 
 def apply_edge(belt: Belt, edge: EyeEdge) -> None:
@@ -247,8 +237,7 @@ def _given_up_comes(belt: Belt, switch: Switch) -> Item | None:
 def _leave_late(belt: Belt, switch: Switch, item: Item) -> Item:
     (belt.given_up or belt.abandoned).popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
-    for other in belt.items:
-        other.fault(Reason.DISTANCE_FAULT)  # it was there as well
+    belt.fault_all(Reason.DISTANCE_FAULT)  # it was there as well
     return item
 
 
@@ -331,8 +320,7 @@ def _go_unseen(belt: Belt, switch: Switch, _: bool) -> Item:
 def _note_unseen(belt: Belt, switch: Switch) -> None:
     belt.freed = switch.stamp
     if switch.previous is None:
-        for item in belt.items:
-            item.fault(Reason.START_UP)  # something left that nothing had seen
+        belt.fault_all(Reason.START_UP)  # something left that nothing had seen
 
 
 _Case, _S = Transition, State

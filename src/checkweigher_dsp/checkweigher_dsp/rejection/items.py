@@ -4,7 +4,6 @@ from collections import OrderedDict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
 
 from checkweigher_dsp.items.item import Item
 from checkweigher_dsp.records import MassEstimate, Verdict
@@ -14,15 +13,6 @@ _MAX_JUDGED = 1_000
 # A number that is further ahead than this is no count of items.
 _MAX_AHEAD = 10_000
 _MAX_NUMBER = 2**62
-
-
-class _Stamped(Protocol):
-    @property
-    def t1(self) -> int | None: ...
-    @property
-    def t2(self) -> int | None: ...
-    @property
-    def t3(self) -> int | None: ...
 
 
 class ItemState(Enum):
@@ -38,9 +28,32 @@ class ItemState(Enum):
     JUDGED = 'it has a verdict'
 
 
-def stamps_of(item: _Stamped) -> list[int]:
-    """Return the known stamps of an item, ns."""
-    return [stamp for stamp in (item.t1, item.t2, item.t3) if stamp is not None]
+@dataclass(slots=True, eq=False)
+class RejectItem:
+    """One item on its way to the rejector; all times in ns."""
+
+    t1: int | None
+    t2: int | None
+    t3: int | None
+    state: ItemState = ItemState.WAITING
+    count: int | None = None  # number by the eyes, None until they have shown it
+    reasons: tuple[str, ...] = ()  # what the eyes say against it
+    reject_at: int | None = None  # when the rejector has to be told
+    # On the clock of arrivals: when a verdict can wait no longer, and when it is too late.
+    due: int | None = None
+    late_from: int | None = None
+    number: int = 0  # of the verdict; 0 if there is none, as the next one
+    estimate_id: int = 0  # of the estimate that it rests on
+    stream: int = 0  # in which it was judged
+
+
+_Stamped = Item | MassEstimate | RejectItem
+
+
+def edges_of(item: _Stamped) -> dict[str, int]:
+    """Return the known stamps of an item, ns, by their names."""
+    known = (('t1', item.t1), ('t2', item.t2), ('t3', item.t3))
+    return {name: stamp for name, stamp in known if stamp is not None}
 
 
 def same(one: _Stamped, other: _Stamped) -> bool:
@@ -55,49 +68,6 @@ def same(one: _Stamped, other: _Stamped) -> bool:
     return one.t3 is not None and one.t3 == other.t3
 
 
-def _edges_of(item: _Stamped) -> list[tuple[str, int]]:
-    known = (('t1', item.t1), ('t2', item.t2), ('t3', item.t3))
-    return [(name, stamp) for name, stamp in known if stamp is not None]
-
-
-@dataclass(slots=True, eq=False)
-class RejectItem:
-    """One item on its way to the rejector.
-
-    Attributes
-    ----------
-    t1, t2, t3 : int or None
-        ns.
-    state : ItemState
-        Whether it has its verdict.
-    count : int or None
-        Number by the eyes, None until they have shown it.
-    reasons : tuple of str
-        What the eyes say against it.
-    reject_at : int or None
-        ns, when the rejector has to be told.
-    due, late_from : int or None
-        ns on the clock of arrivals: when a verdict can wait no longer, and when it is too late.
-    number, estimate_id : int
-        Of the verdict and of the estimate that it rests on, 0 if there is none.
-    stream : int
-        In which it was judged.
-    """
-
-    t1: int | None
-    t2: int | None
-    t3: int | None
-    state: ItemState = ItemState.WAITING
-    count: int | None = None
-    reasons: tuple[str, ...] = ()
-    reject_at: int | None = None
-    due: int | None = None
-    late_from: int | None = None
-    number: int = 0
-    estimate_id: int = 0
-    stream: int = 0
-
-
 class RejectItems:
     """Items on the line, each under one number.
 
@@ -107,7 +77,7 @@ class RejectItems:
     """
 
     def __init__(self) -> None:
-        self.pending: list[RejectItem] = []
+        self.pending: list[RejectItem] = []  # those that have no verdict yet
         self._judged: deque[RejectItem] = deque()
         self._unseen: dict[int, RejectItem] = {}  # of these those in that state, by number
         self._numbers: set[int] = set()
@@ -122,11 +92,6 @@ class RejectItems:
         """Begin a new stream: the same stamps may come again."""
         self._stream += 1
         self._used.clear()
-
-    def add(self, item: RejectItem) -> RejectItem:
-        """Take an item that has no verdict yet."""
-        self.pending.append(item)
-        return item
 
     def too_many(self) -> list[RejectItem]:
         """Return the oldest items, those that are more than can be kept."""
@@ -158,12 +123,8 @@ class RejectItems:
 
         Where edges are missing the stages may have paired the others differently.
         """
-        edges = _edges_of(item)
-        return bool(edges) and all(edge in self._used for edge in edges)
-
-    def drop(self, item: RejectItem) -> None:
-        """Forget an item that waits: it has its verdict under other edges."""
-        self.pending.remove(item)
+        edges = edges_of(item)
+        return bool(edges) and all(edge in self._used for edge in edges.items())
 
     def has_seen(self, seen: Item) -> bool:
         """Tell whether an item that the eyes show has its verdict already, and count it as that."""
@@ -183,17 +144,14 @@ class RejectItems:
         return self.is_used_up(seen)
 
     def _use(self, item: _Stamped) -> None:
-        for edge in _edges_of(item):
-            self._used[edge] = None
+        self._used.update(dict.fromkeys(edges_of(item).items()))
         while len(self._used) > 3 * _MAX_JUDGED:
             self._used.popitem(last=False)
 
     def judge(self, item: RejectItem, estimate: _Stamped | None, estimate_id: int) -> int:
         """Note that an item has its verdict now and return its number."""
         self._use(item)
-        if estimate is not None and (
-            estimate.t1 != item.t1 or estimate.t2 != item.t2 or estimate.t3 != item.t3
-        ):
+        if estimate is not None:
             self._use(estimate)
         number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
         while number in self._numbers:

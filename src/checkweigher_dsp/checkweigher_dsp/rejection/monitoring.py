@@ -23,24 +23,15 @@ class RejectMonitor:
     """Compare the verdicts with what the eye behind the rejector sees.
 
     An edge of that eye belongs to the item whose reject time is nearest, within
-    ``confirmation_time``. It is looked at as soon as no nearer item can come any more.
-
-    Attributes
-    ----------
-    parameters : RejectParameters
-        May be replaced at any time.
-    request : StopRequest or None
-        The first reason to stop since the last reset.
-    trouble : str
-        What the driver says is wrong; while it lasts a reset does not clear the request.
-    strays : int
-        Edges near no reject time.
+    ``confirmation_time``. It is looked at as soon as no nearer item can come any more. The
+    parameters may be replaced at any time.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self.request: StopRequest | None = None
-        self.strays = 0
+        self.request: StopRequest | None = None  # the first reason to stop since the last reset
+        self.strays = 0  # edges near no reject time
+        # What the driver says is wrong; while it lasts a reset does not clear the request.
         self.trouble = ''
         self._in_a_row = 0
         self._expected: list[_Expected] = []
@@ -83,15 +74,15 @@ class RejectMonitor:
     def advance(self, now: int) -> None:
         """Conclude what can be concluded at `now`, ns of the stamps."""
         window = self._window
-        settled = [stamp for stamp in self._edges if stamp + window < now]
+        for stamp in self._edges:
+            if stamp + window < now:
+                self._settle(stamp, window)
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
-        for stamp in settled:
-            self._settle(stamp, window)
-        over = [item for item in self._expected if item.reject_at + 2 * window < now]
-        self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
-        for item in over:
-            if item.rejected and not item.confirmed:
+        for item in self._expected:
+            over = item.reject_at + 2 * window < now
+            if over and item.rejected and not item.confirmed:
                 self._stop(StopReason.UNCONFIRMED_REJECT, item.item_id, item.reject_at)
+        self._expected = [item for item in self._expected if item.reject_at + 2 * window >= now]
 
     def restart(self) -> None:
         """Expect nothing any more: the stamps of a new stream say nothing about the old one."""

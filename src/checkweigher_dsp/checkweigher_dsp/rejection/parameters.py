@@ -1,6 +1,7 @@
 """Parameters of the reject stage: limits of the product, where the rejector stands."""
 
 from dataclasses import Field, dataclass
+from functools import partial
 import math
 from typing import Any, ClassVar
 
@@ -10,6 +11,10 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
 SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time', 'edge_lateness')
+
+_delay = partial(parameter, unit='s', minimum=0, maximum=10)
+_length = partial(parameter, unit='m', minimum=0)
+_speed = partial(parameter, unit='m/s', minimum=0)
 
 
 def _shared(name: str) -> Any:
@@ -37,44 +42,37 @@ class RejectParameters(Parameters):
     rejector_distance: float = parameter(
         0.5, 'distance from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
     )
-    actuator_delay: float = parameter(
-        0.0, 'time from telling the rejector to its action', unit='s', minimum=0, maximum=10
+    actuator_delay: float = _delay(0.0, 'time from telling the rejector to its action')
+    verdict_margin: float = _delay(
+        0.05, 'time before its reject time at which an item has its verdict'
     )
-    verdict_margin: float = parameter(
-        0.05, 'time before its reject time at which an item has its verdict', unit='s',
-        minimum=0, maximum=10,
-    )  # fmt: skip
     deadlines: bool = parameter(
         True, 'an item without a mass by then is NoEstimate; false waits for every mass'
     )
     min_belt_speed: float = _shared('min_belt_speed')
     debounce_time: float = _shared('debounce_time')
     edge_lateness: float = _shared('edge_lateness')
-    confirmation_time: float = parameter(
-        0.0, 'largest time between reject time and reject_eye; 0 without that eye',
-        unit='s', minimum=0, maximum=60,
-    )  # fmt: skip
+    confirmation_time: float = _delay(
+        0.0, 'largest time between reject time and reject_eye; 0 without that eye', maximum=60
+    )
     max_rejects_in_a_row: int = parameter(
         0, 'rejects in a row that raise a stop request; 0 for none', minimum=0, maximum=1_000_000
     )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
-    min_length: float = parameter(
-        0.0, 'shortest product, a shorter one is ProductTooShort; 0 for any', unit='m', minimum=0
+    min_length: float = _length(
+        0.0, 'shortest product, a shorter one is ProductTooShort; 0 for any'
     )
-    max_length: float = parameter(
-        math.inf, 'longest product, a longer one is ProductTooLong; .inf for any', unit='m',
-        minimum=0,
-    )  # fmt: skip
-    min_speed: float = parameter(
-        0.0, 'slowest belt for the product, a slower one is BeltSpeed; 0 for any', unit='m/s',
-        minimum=0,
-    )  # fmt: skip
-    max_speed: float = parameter(
-        math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any',
-        unit='m/s', minimum=0,
-    )  # fmt: skip
+    max_length: float = _length(
+        math.inf, 'longest product, a longer one is ProductTooLong; .inf for any'
+    )
+    min_speed: float = _speed(
+        0.0, 'slowest belt for the product, a slower one is BeltSpeed; 0 for any'
+    )
+    max_speed: float = _speed(
+        math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any'
+    )
     product: str = parameter('', 'product of these limits; the node product sets it')
     needs_product: bool = parameter(
         False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'

@@ -20,7 +20,7 @@ from checkweigher_dsp.records import (
     MassEstimate,
     Verdict,
 )
-from checkweigher_dsp.rejection.items import RejectItem, RejectItems, stamps_of
+from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import ArrivalClock
@@ -177,7 +177,8 @@ class RejectStage:
             if self._items.has_judged(estimate):
                 self.late_estimates += 1
                 return []
-            item = self._items.add(RejectItem(estimate.t1, estimate.t2, estimate.t3))
+            item = RejectItem(estimate.t1, estimate.t2, estimate.t3)
+            self._items.pending.append(item)
             if estimate.weighed and not self._may_be_there(estimate):
                 estimate = replace(
                     estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
@@ -204,27 +205,16 @@ class RejectStage:
                 self._see(item, now)
         self.restart(now)
         self._latest.clear()
-        return self._give_up_pending(now)
+        return self._give_up(list(self._items.pending), now)
 
     def recall(
-        self,
-        history: LineHistory,
-        live: Sequence[tuple[EyeEdge, int | None]] = (),
-        now: int | None = None,
+        self, history: LineHistory, live: Sequence[_Arrival] = (), now: int | None = None
     ) -> list[Verdict]:
-        """Take what happened before this stage was there.
+        """Take the driver's history, with the verdicts of stages that judged before this one.
 
         An item that had passed the eyes by then and has no verdict is a FAULT now: no stage took
-        its mass. One that is still on the belt goes on as usual.
-
-        Parameters
-        ----------
-        history : LineHistory
-            What the driver remembers. With other stages judging before this one, their verdicts.
-        live : sequence of (EyeEdge, int or None)
-            Edges that have come and were kept back until now, each with its time.
-        now : int, optional
-            ns.
+        its mass. One that is still on the belt goes on as usual. `live` are the edges that have
+        come and were kept back until now, each with its time; `now` in ns.
         """
         live = [*self._latest, *live]
         known = {edge for edge, _ in live}
@@ -243,7 +233,10 @@ class RejectStage:
             self._latest.clear()
             if history.first_edge:
                 self._forget_cut(missed[0].stamp)
-            verdicts = self._give_up_pending(now, history.stamp)
+            for item in self._items.pending:
+                if now is not None and item.reject_at is not None:
+                    item.late_from = now + item.reject_at - history.stamp
+            verdicts = self._give_up(list(self._items.pending), now)
         else:
             live = live[len(self._latest) :]
         for edge, came in live:
@@ -257,23 +250,15 @@ class RejectStage:
         self._items.pending = [
             item
             for item in self._items.pending
-            if item.t1 is not None or min(stamps_of(item), default=begin) > end
+            if item.t1 is not None or min(edges_of(item).values(), default=begin) > end
         ]
-
-    def _give_up_pending(self, now: int | None, stamp: int | None = None) -> list[Verdict]:
-        """Return the verdicts on all that wait; `stamp` is the time of the stamps at `now`."""
-        pending = list(self._items.pending)
-        for item in pending:
-            if now is not None and stamp is not None and item.reject_at is not None:
-                item.late_from = now + item.reject_at - stamp
-        return self._give_up(pending, now)
 
     def _give_up(self, items: Sequence[RejectItem], now: int | None) -> list[Verdict]:
         """Return the verdicts on items whose mass is waited for no more."""
         verdicts = []
         for item in items:
             if self._items.is_used_up(item):
-                self._items.drop(item)
+                self._items.pending.remove(item)  # it has its verdict under other edges
             else:
                 verdicts.append(self._give(item, self._without_estimate(item), now))
         return verdicts
@@ -281,11 +266,9 @@ class RejectStage:
     def _give_up_overdue(self, now: int) -> None:
         """Give up what should have reached the outfeed eye, as if an edge had come that late."""
         newest, came = self._stream.newest, self._stream.came
-        if self._tracker is None or newest is None or came is None:
-            return
-        stream_time = newest + now - came
-        for item in self._tracker.expire(stream_time - self._lateness):
-            self._see(item, now)
+        if self._tracker is not None and newest is not None and came is not None:
+            for item in self._tracker.expire(newest + now - came - self._lateness):
+                self._see(item, now)
 
     @property
     def _lateness(self) -> int:
@@ -311,7 +294,7 @@ class RejectStage:
                 item.due = item.late_from - round(NANOSECONDS * self.parameters.verdict_margin)
             else:
                 item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
-        self._items.add(item)
+        self._items.pending.append(item)
 
     def _speed(self, item: Item) -> float:
         """Return the belt speed from the eyes, or else that of the last whole item, m/s."""
@@ -324,7 +307,7 @@ class RejectStage:
 
     def _may_be_there(self, estimate: MassEstimate) -> bool:
         """Tell whether the eyes showed the item, or may have done so before this stage listened."""
-        stamps = stamps_of(estimate)
+        stamps = edges_of(estimate).values()
         if not stamps:
             return False
         first, newest = self._stream.first, self._stream.newest

@@ -9,13 +9,7 @@ _RESTART = 2 * NANOSECONDS
 
 
 class StreamClock:
-    """The time of the stamps, which goes on between the messages.
-
-    Parameters
-    ----------
-    running : bool
-        Whether it goes on between messages; else it is the newest stamp.
-    """
+    """The time of the stamps; if it is not `running` between the messages, the newest stamp."""
 
     def __init__(self, *, running: bool) -> None:
         self.running = running

@@ -18,12 +18,9 @@ class ItemSource:
     """
 
     def __init__(
-        self,
-        load_cell: LoadCell,
-        parameters: SegmenterParameters,
-        buffer: SampleBuffer,
-        item_count: int,
-    ) -> None:
+        self, load_cell: LoadCell, parameters: SegmenterParameters,
+        buffer: SampleBuffer, item_count: int,
+    ) -> None:  # fmt: skip
         known = parameters.product_length > 0
         self._buffer = buffer
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)

@@ -31,16 +31,9 @@ class LoadCheck:
         self._is_of_window = False  # else of shorter segments
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Tell whether the load of a window is that of one item.
+        """Tell whether the load of a window, (n,) counts from t2 to t3, is that of one item.
 
-        Parameters
-        ----------
-        window : ndarray, (n,) int32
-            Counts from t2 to t3.
-        empty : ndarray, (m,) int32
-            Counts of the empty belt before t1, any number.
-        zero : float
-            Counts of the empty belt.
+        `empty` are the counts of the empty belt before t1, (m,), any number; `zero` is its reading.
         """
         size = len(window)
         self._watch(empty, size)

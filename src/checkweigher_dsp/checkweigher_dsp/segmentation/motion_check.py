@@ -16,14 +16,8 @@ class MotionCheck:
 
     The belt speed is compared with that of the items before. Edges that were lost between two items
     can make one slow, long item of them, which nothing else would show. A change of the belt speed
-    costs one item: the next one of the same new speed is taken.
-
-    Parameters
-    ----------
-    weigh_length : float
-        m, from eye to eye.
-    parameters : SegmenterParameters
-        The limits.
+    costs one item: the next one of the same new speed is taken. The weigh length, in m, is that
+    from eye to eye.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
@@ -49,9 +43,8 @@ class MotionCheck:
         """Note the faults of an item; each item once, in the order in which they left."""
         limits = self._limits
         speed, length = self.measure(item)
-        if item.t3 is not None and item.t1 is not None and item.t3 <= item.t1:
-            item.fault(Reason.BELT_SPEED)
-        if speed < limits.min_belt_speed or speed > limits.max_belt_speed:
+        backwards = item.t3 is not None and item.t1 is not None and item.t3 <= item.t1
+        if backwards or speed < limits.min_belt_speed or speed > limits.max_belt_speed:
             item.fault(Reason.BELT_SPEED)
         if length < limits.min_product_length:
             item.fault(Reason.PRODUCT_TOO_SHORT)
@@ -81,10 +74,8 @@ class MotionCheck:
         The eyes see the extent along the belt: of a rectangle turned by an angle that is between
         its shorter side and its diagonal.
         """
-        limits = self._limits
-        expected, tolerance, width = (
-            limits.product_length, limits.length_tolerance, limits.product_width,
-        )  # fmt: skip
+        expected, tolerance = self._limits.product_length, self._limits.length_tolerance
+        width = self._limits.product_width
         if abs(length - expected) <= tolerance:
             return
         shortest, longest = expected, expected

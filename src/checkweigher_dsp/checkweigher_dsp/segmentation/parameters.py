@@ -1,10 +1,16 @@
 """Parameters of the segmenter: how items are told apart and what counts as the empty belt."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import NANOSECONDS
+
+_duration = partial(parameter, unit='s', minimum=0, maximum=60)
+_mass = partial(parameter, unit='kg', minimum=0, maximum=1e6)
+_length = partial(parameter, unit='m', minimum=0, maximum=100)
+_speed = partial(parameter, unit='m/s', minimum=1e-3, maximum=100)
 
 
 @dataclass(frozen=True)
@@ -13,95 +19,61 @@ class SegmenterParameters(Parameters):
 
     node: ClassVar[str] = 'segmenter'
 
-    lead_time: float = parameter(
-        0.5, 'signal before t1 that goes with each window', unit='s', minimum=0, maximum=60
-    )
-    trail_time: float = parameter(
+    lead_time: float = _duration(0.5, 'signal before t1 that goes with each window')
+    trail_time: float = _duration(
         0.0, 'signal after t3 that is waited for, at most until the item has left; later verdicts, '
-        'only gauss_markov gains', unit='s',
-        minimum=0, maximum=60,
+        'only gauss_markov gains',
     )  # fmt: skip
-    zero_time: float = parameter(
-        1.0, 'empty belt before t1 that is read for the zero, at most', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    settle_time: float = parameter(
-        0.1, 'ring-down after an item has left, not read for the zero; longer on a soft platform',
-        unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    zero_initial_std_dev: float = parameter(
-        0.005, 'drift of the zero since calibration, standard deviation', unit='kg',
-        minimum=1e-9, maximum=1e6,
-    )  # fmt: skip
-    zero_random_walk: float = parameter(
+    zero_time: float = _duration(1.0, 'empty belt before t1 that is read for the zero, at most')
+    settle_time: float = _duration(
+        0.1, 'ring-down after an item has left, not read for the zero; longer on a soft platform'
+    )
+    zero_initial_std_dev: float = _mass(
+        0.005, 'drift of the zero since calibration, standard deviation', minimum=1e-9
+    )
+    zero_random_walk: float = _mass(
         1e-5, 'drift of the zero, standard deviation after one second; larger follows faster, '
         'averages less', unit='kg/sqrt(s)',
-        minimum=0, maximum=1e6,
     )  # fmt: skip
-    zero_moment: float = parameter(
-        0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well',
-        unit='s', minimum=0, maximum=60,
-    )  # fmt: skip
-    zero_range: float = parameter(
-        0.3, 'largest distance from the zero of calibration; 4 % of Max in OIML R 51',
-        unit='kg', minimum=0, maximum=1e6,
-    )  # fmt: skip
-    zero_rate: float = parameter(
-        1.0, 'fastest tracking of the zero; 0.5 e a second, OIML R 51', unit='kg/s',
-        minimum=0, maximum=1e6,
-    )  # fmt: skip
-    zero_stability: float = parameter(
-        0.1, 'an empty belt is not read if parts of 0.1 s differ by more', unit='kg',
-        minimum=0, maximum=1e6,
-    )  # fmt: skip
-    max_belt_noise: float = parameter(
-        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: none',
-        unit='kg', minimum=0, maximum=1e6,
-    )  # fmt: skip
-    min_belt_speed: float = parameter(
-        0.1, 'slowest belt; an item that takes longer is given up', unit='m/s',
-        minimum=1e-3, maximum=100,
-    )  # fmt: skip
-    max_belt_speed: float = parameter(
-        3.0, 'fastest belt', unit='m/s', minimum=1e-3, maximum=100
-    )  # fmt: skip
-    min_product_length: float = parameter(
-        0.005, 'shortest product; a shorter one is a fault', unit='m', minimum=0, maximum=100
+    zero_moment: float = _duration(
+        0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well'
     )
-    product_length: float = parameter(
-        0.0, 'length of the products; 0: not known, not checked', unit='m', minimum=0, maximum=100
+    zero_range: float = _mass(
+        0.3, 'largest distance from the zero of calibration; 4 % of Max in OIML R 51'
     )
-    product_width: float = parameter(
-        0.0, 'width of the products, to tell one that lies askew; 0: not known', unit='m',
-        minimum=0, maximum=100,
-    )  # fmt: skip
-    length_tolerance: float = parameter(
-        0.01, 'largest difference between the length from the eyes and product_length', unit='m',
-        minimum=0, maximum=100,
-    )  # fmt: skip
+    zero_rate: float = _mass(
+        1.0, 'fastest tracking of the zero; 0.5 e a second, OIML R 51', unit='kg/s'
+    )
+    zero_stability: float = _mass(0.1, 'an empty belt is not read if parts of 0.1 s differ by more')
+    max_belt_noise: float = _mass(
+        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: none'
+    )
+    min_belt_speed: float = _speed(0.1, 'slowest belt; an item that takes longer is given up')
+    max_belt_speed: float = _speed(3.0, 'fastest belt')
+    min_product_length: float = _length(0.005, 'shortest product; a shorter one is a fault')
+    product_length: float = _length(0.0, 'length of the products; 0: not known, not checked')
+    product_width: float = _length(
+        0.0, 'width of the products, to tell one that lies askew; 0: not known'
+    )
+    length_tolerance: float = _length(
+        0.01, 'largest difference between the length from the eyes and product_length'
+    )
     speed_tolerance: float = parameter(
         0.2, 'largest relative change of belt speed from item to item; 0: not checked',
         minimum=0, maximum=100,
     )  # fmt: skip
-    debounce_time: float = parameter(
-        0.005,
-        'shortest time for which an eye clears; less is chatter',
-        unit='s',
-        minimum=0,
-        maximum=10,
+    debounce_time: float = _duration(
+        0.005, 'shortest time for which an eye clears; less is chatter', maximum=10
     )
-    edge_lateness: float = parameter(
-        2.0, 'largest delay of edges behind the samples of the same time', unit='s',
-        minimum=0, maximum=60,
-    )  # fmt: skip
-    sample_lateness: float = parameter(
-        10.0, 'largest delay of samples behind the edges of the same time', unit='s',
-        minimum=0.1, maximum=600,
-    )  # fmt: skip
-    clock_tolerance: float = parameter(
-        0.02, 'largest difference between the stamp of a block and the time of its index', unit='s',
-        minimum=1e-6, maximum=60,
+    edge_lateness: float = _duration(
+        2.0, 'largest delay of edges behind the samples of the same time'
+    )
+    sample_lateness: float = _duration(
+        10.0, 'largest delay of samples behind the edges of the same time', minimum=0.1, maximum=600
+    )
+    clock_tolerance: float = _duration(
+        0.02, 'largest difference between the stamp of a block and the time of its index',
+        minimum=1e-6,
     )  # fmt: skip
     min_window: int = parameter(
         16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
@@ -117,11 +89,5 @@ class SegmenterParameters(Parameters):
             )
 
     def max_transit(self, weigh_length: float) -> int:
-        """Return how long an item takes from eye to eye on the slowest belt, ns.
-
-        Parameters
-        ----------
-        weigh_length : float
-            m, between the eyes.
-        """
+        """Return how long an item takes over `weigh_length`, m, on the slowest belt, ns."""
         return round(NANOSECONDS * weigh_length / self.min_belt_speed)

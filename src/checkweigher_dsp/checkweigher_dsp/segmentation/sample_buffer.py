@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from dataclasses import dataclass
 import math
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,6 @@ from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 _INSTANT = 1e-3  # samples
 # By which the stamps of blocks of one clock may contradict each other: each is rounded.
 _ROUNDING = 1  # ns
-
-
 # A block of the first second that comes so much later than its time is no block that was late.
 _BEGINNING = 1.0  # s
 _UNDER_WAY = 2.0  # s
@@ -30,28 +29,8 @@ class _Anchor:
 
 
 class SampleBuffer:
-    """Keep the last samples of a stream, with its gaps.
+    """Keep the last samples of a stream, of `duration` s at `sample_rate` Hz, with its gaps.
 
-    Parameters
-    ----------
-    sample_rate : float
-        Hz.
-    duration : float
-        s, how far back samples can be read.
-
-    Attributes
-    ----------
-    start : int
-        Index of the oldest sample that is kept.
-    end : int
-        Index of the next sample to come.
-    empty : bool
-        Whether no sample has come yet.
-    origin : int or None
-        Time of the first sample of all, ns; None if there is none.
-
-    Notes
-    -----
     Blocks may come twice or overlap: samples that are there already are passed over. A block that
     is later in time but not in index, or with which the stream began long ago, comes from a source
     that has started again: the caller asks `is_restart`, and clears the buffer.
@@ -66,11 +45,10 @@ class SampleBuffer:
 
     def clear(self) -> None:
         """Forget all samples, and the clock and index that they had."""
-        self.start = self.end = 0
+        self.start = self.end = 0  # index of the oldest sample, and of the next one to come
         self.empty = True
-        self.origin: int | None = None
+        self.origin: int | None = None  # ns, time of the first sample of all
         self._anchors: list[_Anchor] = []
-        self._anchor_stamps: list[int] = []
         self._gaps: list[tuple[int, int]] = []
         self._first = 0  # index of the first sample of all
 
@@ -83,7 +61,7 @@ class SampleBuffer:
         """Return the time of a sample in ns."""
         anchor = self._anchors[0]
         if len(self._anchors) > 1:  # where all blocks are of one clock there is but one
-            position = bisect_right(self._anchors, index, key=lambda anchor: anchor.first_index) - 1
+            position = bisect_right(self._anchors, index, key=attrgetter('first_index')) - 1
             anchor = self._anchors[max(position, 0)]
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
@@ -91,7 +69,7 @@ class SampleBuffer:
         """Return the index of the first sample at or after `stamp`; it may be yet to come."""
         position = 0
         if len(self._anchors) > 1:
-            position = max(bisect_right(self._anchor_stamps, stamp) - 1, 0)
+            position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS
         index = anchor.first_index + math.ceil(offset - _INSTANT)
@@ -114,9 +92,7 @@ class SampleBuffer:
 
     def append(self, block: SampleBlock) -> None:
         """Take a block; samples between it and the last one are remembered as lost."""
-        if len(block.counts) == 0:
-            return
-        if self.empty:
+        if self.empty and len(block.counts):
             self.start = self.end = self._first = block.first_index
             self.origin = block.stamp
         first_new = max(self.end, block.first_index)
@@ -128,7 +104,6 @@ class SampleBuffer:
             self._gaps.append((self.end, first_new))
         if not self._is_on_clock(block):
             self._anchors.append(_Anchor(block.first_index, block.stamp))
-            self._anchor_stamps.append(block.stamp)
         self.empty = False
         if lost >= self._capacity:
             self.start = self.end = first_new
@@ -143,9 +118,7 @@ class SampleBuffer:
         If they do, the index is not tied to the clock again: otherwise the nanosecond that a
         sample gets would depend on how the blocks were cut.
         """
-        if self.empty:
-            return False
-        return abs(block.stamp - self.stamp_at(block.first_index)) <= _ROUNDING
+        return not self.empty and abs(block.stamp - self.stamp_at(block.first_index)) <= _ROUNDING
 
     def _push(self, counts: NDArray[np.int32]) -> None:
         skipped = len(counts) - self._capacity
@@ -163,18 +136,14 @@ class SampleBuffer:
     def _forget(self) -> None:
         """Drop anchors and gaps that lie before the oldest sample."""
         while len(self._anchors) > 1 and self._anchors[1].first_index <= self.start:
-            del self._anchors[0], self._anchor_stamps[0]
+            del self._anchors[0]
         while self._gaps and self._gaps[0][1] <= self.start:
             del self._gaps[0]
 
     def is_whole(self, begin: int, end: int) -> bool:
         """Tell whether every sample of [begin, end) is there."""
         there = self.start <= begin and end <= self.end
-        if not self._gaps:
-            return there
-        return there and not any(
-            lost_from < end and begin < lost_to for lost_from, lost_to in self._gaps
-        )
+        return there and not any(lost < end and begin < found for lost, found in self._gaps)
 
     def whole_from(self, begin: int, end: int) -> int:
         """Return the smallest index from `begin` on with no sample lost between it and `end`."""

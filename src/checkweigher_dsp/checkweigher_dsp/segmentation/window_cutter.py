@@ -26,12 +26,9 @@ class WindowCutter:
     """
 
     def __init__(
-        self,
-        load_cell: LoadCell,
-        parameters: SegmenterParameters,
-        buffer: SampleBuffer,
-        zero: ZeroKeeper,
-    ) -> None:
+        self, load_cell: LoadCell, parameters: SegmenterParameters,
+        buffer: SampleBuffer, zero: ZeroKeeper,
+    ) -> None:  # fmt: skip
         self._load_cell = load_cell
         self._parameters = parameters
         self._buffer = buffer
@@ -72,14 +69,9 @@ class WindowCutter:
         """
         if not self._waiting:
             return []
-        windows, still_waiting = [], []
-        for item in self._waiting:
-            window = self._cut(item, wait=wait)
-            if window is None:
-                still_waiting.append(item)
-            else:
-                windows.append(window)
-        self._waiting = still_waiting
+        cut = [(item, self._cut(item, wait=wait)) for item in self._waiting]
+        self._waiting = [item for item, window in cut if window is None]
+        windows = [window for _, window in cut if window is not None]
         self.count += len(windows)
         return windows
 
@@ -161,13 +153,8 @@ class WindowCutter:
     def _check_start(self, item: Item) -> None:
         """Fault an item that was there before the samples began: its edges are not its own."""
         origin = self._buffer.origin
-        if origin is None:
-            return
-        if item.t1 is not None:
-            before = item.t1 <= origin + self._debounce
-        else:
-            before = item.entered <= origin + self._max_transit
-        if before:
+        margin = self._debounce if item.t1 is not None else self._max_transit
+        if origin is not None and item.entered <= origin + margin:
             item.fault(Reason.START_UP)
 
     def _check_samples(self, begin: int, end: int) -> Reason | None:

@@ -24,13 +24,7 @@ class ZeroAnswer:
 
 
 class ZeroKeeper:
-    """Keep the zero of the belt.
-
-    Attributes
-    ----------
-    answer : ZeroAnswer or None
-        Answer to the last request; None while it waits for the empty belt.
-    """
+    """Keep the zero of the belt."""
 
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters, buffer: SampleBuffer
@@ -39,19 +33,17 @@ class ZeroKeeper:
         self._load_cell = load_cell
         self._limits = parameters
         self._buffer = buffer
+        limits = parameters.zero_range, parameters.zero_rate, parameters.zero_stability
         self._tracker = ZeroTracker(
             load_cell.zero_counts,
             sensitivity * parameters.zero_initial_std_dev,
             sensitivity * parameters.zero_random_walk,
             load_cell.sample_rate,
-            ZeroLimits(
-                sensitivity * parameters.zero_range,
-                sensitivity * parameters.zero_rate,
-                sensitivity * parameters.zero_stability,
-            ),
+            ZeroLimits(*(sensitivity * limit for limit in limits)),
         )
         self._requested: int | None = None  # index of the sample from which on the belt is read
         self._why_not = ''
+        # To the last request; None while it waits for the empty belt.
         self.answer: ZeroAnswer | None = None
 
     @property
@@ -77,12 +69,8 @@ class ZeroKeeper:
     def try_to_set(self, empty: Span | None, least: float) -> None:
         """Answer a request, if the belt was empty for long enough or the patience has ended.
 
-        Parameters
-        ----------
-        empty : tuple of int or None
-            Samples of a settled empty belt; None if it is not empty.
-        least : float
-            s, how long it must have been empty.
+        `empty` are the samples of a settled empty belt, None if it is not empty; `least` is how
+        long it must have been empty, s.
         """
         if self._requested is None:
             return
@@ -112,15 +100,11 @@ class ZeroKeeper:
         cell = self._load_cell
         mass = (reading - cell.zero_counts) / cell.counts_per_kg
         if not self._tracker.is_in_range(reading):
-            text = (
-                f'the empty belt reads {mass:.6f} kg, beyond zero_range '
-                f'{self._limits.zero_range:g} kg: not zeroed'
+            limit = f'zero_range {self._limits.zero_range:g} kg'
+            return ZeroAnswer(
+                False, f'the empty belt reads {mass:.6f} kg, beyond {limit}: not zeroed'
             )
-            return ZeroAnswer(False, text)
-        change = ZeroChange(
-            stamp,
-            mass,
-            (before - cell.zero_counts) / cell.counts_per_kg,
-            self.zero.std_dev / abs(cell.counts_per_kg),
-        )
+        mass_before = (before - cell.zero_counts) / cell.counts_per_kg
+        std_dev = self.zero.std_dev / abs(cell.counts_per_kg)
+        change = ZeroChange(stamp, mass, mass_before, std_dev)
         return ZeroAnswer(True, f'zeroed at {mass:.6f} kg from the zero of calibration', change)

@@ -34,20 +34,11 @@ class Zero:
 
 @dataclass(frozen=True, slots=True)
 class ZeroLimits:
-    """Limits of the tracking.
+    """Limits of the tracking."""
 
-    Attributes
-    ----------
-    range : float
-        Counts; a zero further from that of calibration cannot be trusted.
-    rate : float
-        Counts a second; the zero is corrected no faster.
-    stability : float
-        Counts; a segment with two parts that differ by more is no empty belt at rest.
-    """
-
-    range: float = math.inf
-    rate: float = math.inf
+    range: float = math.inf  # counts; a zero further from that of calibration cannot be trusted
+    rate: float = math.inf  # counts a second; the zero is corrected no faster
+    # Counts; a segment with two parts that differ by more is no empty belt at rest.
     stability: float = math.inf
 
 
@@ -63,16 +54,9 @@ class ZeroTracker:
     the same: something may have stood on the belt that no eye had seen. Until then it is not to be
     trusted.
 
-    Parameters
-    ----------
-    initial, initial_std_dev : float
-        Zero at calibration and how far it may have drifted since, counts.
-    random_walk : float
-        Drift, counts per square root of a second.
-    sample_rate : float
-        Hz.
-    limits : ZeroLimits
-        Those that OIML R 51 asks for; none by default.
+    The zero at calibration and how far it may have drifted since are in counts, the drift
+    (`random_walk`) is in counts per square root of a second, the sample rate in Hz. The limits are
+    those that OIML R 51 asks for.
 
     References
     ----------
@@ -102,22 +86,16 @@ class ZeroTracker:
         self._has_read = False
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
-        """Take the samples of one empty segment and return the zero after them.
+        """Take the samples of one empty segment, (n,), and return the zero at its end, `time` s.
 
-        Parameters
-        ----------
-        time : float
-            s, end of the segment.
-        counts : ndarray, (n,) int32
-            The samples; with fewer than two, and where they are not stable, the zero is only
-            carried on.
-        settled : bool
-            Whether no ring-down is in them. Else they count with their whole variance: what one
-            oscillation does to the mean is alike at each product, and does not average out.
+        With fewer than two samples, and where they are not stable, the zero is only carried on.
+        Those that have not settled count with their whole variance: what one oscillation does to
+        the mean is alike at each product, and does not average out.
         """
-        elapsed = math.inf if self._stamp is None else max(time - self._stamp, 0.0)
+        elapsed = math.inf
         if self._stamp is not None:
-            self._variance += self._walk_variance * max(time - self._stamp, 0.0)
+            elapsed = max(time - self._stamp, 0.0)
+            self._variance += self._walk_variance * elapsed
             self._variance = min(self._variance, self._initial_variance)
         self._stamp = time
         readings = counts.astype(np.float64)
@@ -189,11 +167,8 @@ class ZeroTracker:
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
         """Take the reading of an empty belt for the zero, regardless of the zero before.
 
-        Returns
-        -------
-        float or None
-            The reading, counts. It is the zero from now on if it is within the range; None, and
-            nothing has changed, if the segment is not stable.
+        Return the reading, counts, which is the zero from now on if it is within the range; None,
+        and nothing has changed, if the segment is not stable.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
