@@ -28,22 +28,10 @@ def join(
 ) -> Iterator[Event]:
     """Yield a stream with fewer, longer blocks: an edge comes before that in which it falls.
 
-    Parameters
-    ----------
-    events : iterable of Event
-        In canonical order: an edge follows the block in which it falls.
-    sample_rate : float
-        Hz.
-    longest : float
-        s of signal, of a joined block; one that is longer is cut at each edge.
-    ends_block : callable
-        Takes an edge; returns whether a block is to end there, and to come before it.
-
-    Yields
-    ------
-    Event
-        In the order in which they are due, a block when its last sample has been taken. Blocks that
-        follow each other without a gap, in index and in time, are one.
+    Blocks that follow each other without a gap, in index and in time, become one of at most
+    `longest` s of signal; a block that is longer is cut at each edge. Of events in canonical order,
+    those that come out are in the order in which they are due, a block when its last sample has
+    been taken. `ends_block` tells whether a block is to end at an edge, and to come before it.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -113,15 +101,8 @@ class _Run:
 def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
     """Return samples and edges of a recording as `join` yields them if no edge ends a block.
 
-    All at once, in a fraction of the time. Only blocks that were longer before stay whole, with the
-    edges that fall into them behind.
-
-    Parameters
-    ----------
-    recording : Recording
-        Its references are left out.
-    longest : float
-        s of signal, of a joined block.
+    All at once, in a fraction of the time, and without references. Only blocks that were longer
+    than `longest` s before stay whole, with the edges that fall into them behind.
     """
     rate, edges = recording.load_cell.sample_rate, recording.edges
     blocks = BlockColumns.of(recording.blocks)
@@ -179,16 +160,8 @@ def cut_for_pace(
 ) -> Iterator[Event]:
     """Yield a recorded or simulated stream in the blocks that it is to be published in.
 
-    Parameters
-    ----------
-    events : iterable of Event
-        In canonical order.
-    sample_rate : float
-        Hz.
-    pace : float
-        Seconds of signal in a second; 0 is as fast as nothing is lost, in long blocks.
-    block_time : float
-        s of signal in a block at any other pace; no window waits for the end of one.
+    `pace` is in seconds of signal in a second; 0 is as fast as nothing is lost, in long blocks. At
+    any other pace a block holds `block_time` s of signal, and no window waits for the end of one.
     """
     if pace == 0:
         return join(events, sample_rate, ends_block=lambda edge: False)

@@ -1,76 +1,53 @@
 """Due times of the events of a recording or a simulation, and flow control between nodes."""
 
 from collections import deque
+from dataclasses import dataclass, field
 import threading
 
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_recording.recording import Event
 
 
+@dataclass
 class Pacer:
-    """Translate stamps into due times on another clock, at a chosen rate.
+    """Translate stamps into due times on another clock, at a rate in seconds of signal in a second.
 
-    Parameters
-    ----------
-    rate : float
-        Seconds of signal in a second; 0 for no pace at all.
-    sample_rate : float
-        Hz; a block is due when its last sample has been taken.
-    start : float
-        s, when the first event is due.
+    At rate 0 there is no pace at all. `start` is when the first event is due, in s; a block is due
+    when its last sample has been taken.
     """
 
-    def __init__(self, rate: float, sample_rate: float, start: float) -> None:
-        self._rate = rate
-        self._sample_rate = sample_rate
-        self._start = start
-        self._first_stamp: int | None = None
+    rate: float
+    sample_rate: float  # Hz
+    start: float
+    _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
         """Return when an event is due, s."""
         if self._first_stamp is None:
             self._first_stamp = event.stamp
-        if self._rate == 0:
-            return self._start
+        if self.rate == 0:
+            return self.start
         signal = (event.stamp - self._first_stamp) / NANOSECONDS
         if isinstance(event, SampleBlock):
-            signal += len(event.counts) / self._sample_rate
-        return self._start + signal / self._rate
+            signal += len(event.counts) / self.sample_rate
+        return self.start + signal / self.rate
 
 
+@dataclass(eq=False)
 class FlowControl:
     """Limits of how far the line may lag behind the driver before the driver waits.
 
     The counts are those that the subscribers report, so that it holds for queues of any depth.
     Samples and edges are counted apart: they are topics of their own, and one may be held up while
     the other is not. For any thread.
-
-    Parameters
-    ----------
-    max_duration : float
-        s of signal; below the lateness of edges that the segmenter allows for.
-    max_blocks, max_edges : int
-        Below the depth of the queues.
-    max_items : int
-        Items between segmenter and verdict.
-
-    Attributes
-    ----------
-    samples_sent : int
-    items_judged : int
     """
 
-    def __init__(
-        self,
-        max_duration: float = 1.0,
-        max_blocks: int = 500,
-        max_edges: int = 500,
-        max_items: int = 100,
-    ) -> None:
-        self._max_duration = max_duration
-        self._max_blocks = max_blocks
-        self._max_edges = max_edges
-        self._max_items = max_items
+    max_duration: float = 1.0  # s of signal; below the lateness of edges the segmenter allows for
+    max_blocks: int = 500  # below the depth of the queue, as max_edges
+    max_edges: int = 500
+    max_items: int = 100  # between segmenter and verdict
+
+    def __post_init__(self) -> None:
         self._lock = threading.RLock()
         self.samples_sent = 0
         self.items_judged = 0
@@ -107,10 +84,10 @@ class FlowControl:
         """Tell whether an event may follow now."""
         with self._lock:
             if isinstance(event, SampleBlock):
-                limit = min(self._max_duration * sample_rate, self._max_blocks * len(event.counts))
+                limit = min(self.max_duration * sample_rate, self.max_blocks * len(event.counts))
                 if self._samples_on_their_way > limit:
                     return False
-                if self._items_cut - self.items_judged > self._max_items:
+                if self._items_cut - self.items_judged > self.max_items:
                     return False
             return not self.awaits_edges(event, sample_rate)
 
@@ -123,8 +100,8 @@ class FlowControl:
         with self._lock:
             if isinstance(event, SampleBlock):
                 end = event.stamp + NANOSECONDS * len(event.counts) / sample_rate
-                return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self._max_duration
-            return isinstance(event, EyeEdge) and len(self._edges) >= self._max_edges
+                return bool(self._edges) and self._edges[0] < end - NANOSECONDS * self.max_duration
+            return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
         """Wait no longer for edges if they alone are missing; return how many those are."""

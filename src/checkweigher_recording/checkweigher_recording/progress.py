@@ -15,18 +15,7 @@ def with_progress(
 ) -> Iterable[T]:  # fmt: skip
     """Return the same items, with a bar on a terminal once they take more than a second.
 
-    Parameters
-    ----------
-    items : iterable
-        What is worked through.
-    doing : str
-        Label of the bar.
-    total : int or None
-        Number of items; None if it is not known, or is their length.
-    unit : str
-        Name of the items.
-    shown : bool
-        Whether there may be a bar at all; never where stderr is no terminal.
+    `total` is their number where they have no length; with `shown` False there is never a bar.
     """
     if not shown or not sys.stderr.isatty():
         return items

@@ -77,23 +77,12 @@ class BlockColumns(Sequence[SampleBlock]):
 
     A bag has more than a hundred thousand blocks an hour, and each costs more than its samples; so
     they are made when they are asked for.
-
-    Attributes
-    ----------
-    stamps : ndarray, (n,) int64
-        ns.
-    first_indices : ndarray, (n,) uint64
-        Index of the first sample of each block.
-    lengths : ndarray, (n,) int64
-        Samples in each block.
-    counts : ndarray, (sum of lengths,) int32
-        The samples of all blocks, one after the other.
     """
 
-    stamps: NDArray[np.int64]
-    first_indices: NDArray[np.uint64]
-    lengths: NDArray[np.int64]
-    counts: NDArray[np.int32]
+    stamps: NDArray[np.int64]  # (n,), ns
+    first_indices: NDArray[np.uint64]  # (n,), of the first sample of each block
+    lengths: NDArray[np.int64]  # (n,), samples in each block
+    counts: NDArray[np.int32]  # (sum of lengths,), the samples of all blocks
 
     @property
     def begins(self) -> NDArray[np.int64]:
@@ -157,9 +146,4 @@ class BlockColumns(Sequence[SampleBlock]):
         """Return a block, or several as a tuple."""
         if isinstance(number, slice):
             return tuple(self.take(np.arange(len(self))[number]))
-        begin = int(self.begins[number])
-        return SampleBlock(
-            int(self.stamps[number]),
-            int(self.first_indices[number]),
-            self.counts[begin : begin + int(self.lengths[number])],
-        )
+        return next(iter(self.take(np.arange(len(self))[[number]])))

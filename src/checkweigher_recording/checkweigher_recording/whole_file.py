@@ -10,14 +10,7 @@ class OutputError(ValueError):
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, in place of one that is there.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder must exist.
-    text : str
-        Line ends stay as they are.
+    """Write a text file in UTF-8, in place of one that is there; its line ends stay as they are.
 
     Raises
     ------
@@ -41,11 +34,6 @@ def write_whole(path: Path, text: str) -> None:
 def check_new(path: Path) -> None:
     """Check that a file or folder can be made, before the work for it begins.
 
-    Parameters
-    ----------
-    path : Path
-        The new file or folder.
-
     Raises
     ------
     OutputError
@@ -58,11 +46,6 @@ def check_new(path: Path) -> None:
 
 def check_folder_of(path: Path) -> None:
     """Check that something can be made or replaced beside what `path` names.
-
-    Parameters
-    ----------
-    path : Path
-        The file or folder that is to be written.
 
     Raises
     ------

@@ -109,17 +109,18 @@ class DenoiseParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ('lambda5', 'lambda6', 'lambda7'):
-            if not all(math.isfinite(value) for value in getattr(self, name)):
+            if not np.all(np.isfinite(getattr(self, name))):
                 raise ParameterError(f'denoise.{name}: thresholds must be finite')
         try:
             _ = self.table
         except ValueError as error:
             raise ParameterError(f'denoise.speeds: {error}') from None
         for name in ('natural_frequency', 'damping_ratio'):
-            if len(getattr(self, name)) not in (1, len(self.speeds)):
+            count = len(getattr(self, name))
+            if count not in (1, len(self.speeds)):
                 raise ParameterError(
-                    f'denoise.{name}: {len(getattr(self, name))} values, must be 1 or '
-                    f'{len(self.speeds)}, one for each of speeds'
+                    f'denoise.{name}: {count} values, must be 1 or {len(self.speeds)}, one for '
+                    'each of speeds'
                 )
 
     @cached_property
@@ -132,17 +133,9 @@ class DenoiseParameters(Parameters):
         )
 
     def platform(self, speed: NDArray[np.float64]) -> tuple[Any, Any]:
-        """Return natural frequency and damping ratio of the empty platform.
+        """Return natural frequency in Hz and damping ratio of the empty platform.
 
-        Parameters
-        ----------
-        speed : ndarray, (windows, 1) float64
-            m/s.
-
-        Returns
-        -------
-        natural_frequency, damping_ratio : float or ndarray, (windows, 1)
-            Hz and 1.
+        They are floats, or (windows, 1) as the belt speeds in m/s are, where they depend on these.
         """
         frequency, damping = (
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
@@ -180,15 +173,12 @@ class Denoiser:
         Windows of equal shape are denoised at once, so memory grows with their number: some
         hundred at a time are fast.
         """
-        result = list(windows)
-        usable = []
-        for number, window in enumerate(windows):
-            if window.reasons:
-                continue
-            if is_consistent(window):
-                usable.append(number)
-            else:
-                result[number] = replace(window, reasons=(Reason.BAD_WINDOW.value,))
+        result = [
+            window if window.reasons or is_consistent(window)
+            else replace(window, reasons=(Reason.BAD_WINDOW.value,))
+            for window in windows
+        ]  # fmt: skip
+        usable = [number for number, window in enumerate(result) if not window.reasons]
         chosen = [windows[number] for number in usable]
         for batch in batches_of(chosen, self._parameters.stretch):
             rows = denoise_batch(batch, self._parameters)
@@ -203,10 +193,7 @@ class Denoiser:
 def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> NDArray[np.float64]:
     """Denoise windows of equal shape.
 
-    Returns
-    -------
-    ndarray, (windows, n) float64
-        kg, at the same columns as ``batch.force``; NaN before t1 or t2, see `Denoiser`.
+    The result has the columns of ``batch.force``, kg; NaN before t1 or t2, see `Denoiser`.
     """
     begin = batch.begin
     result = np.full(batch.force.shape, math.nan)
@@ -271,42 +258,23 @@ def _noise_remover(
         details = parameters.table.at(batch.belt_speed, parameters.threshold_unit)
         return partial(denoise_periodic, details=details)
     return partial(
-        threshold_universally,
-        hard=parameters.method == 'hard',
-        measured=measured,
+        threshold_universally, hard=parameters.method == 'hard', measured=measured,
         each_level=parameters.each_level,
-    )
+    )  # fmt: skip
 
 
 def pad(
-    samples: NDArray[np.float64],
-    min_length: int,
-    method: str = 'level',
+    samples: NDArray[np.float64], min_length: int, method: str = 'level',
     before: NDArray[np.float64] | None = None,
-) -> tuple[NDArray[np.float64], int]:
-    """Pad windows on both sides, up to a length that the transform can take.
+) -> tuple[NDArray[np.float64], int]:  # fmt: skip
+    """Pad windows (..., n) on both sides, up to a length that the transform can take.
 
-    At t3 nothing later has been measured, so the padding after the window is made up in any case.
-
-    Parameters
-    ----------
-    samples : ndarray, (..., n) float64
-        Windows.
-    min_length : int
-        The padded length is the next multiple of 128 from this and from ``2 n``.
-    method : str
-        ``level``: both sides are the Hann-weighted mean of the window. ``mirror``: the window is
-        reflected at its ends, again and again. ``signal``: the signal itself before the window
-        and its level after it.
-    before : ndarray, (..., k) float64
-        Signal before the window, for ``signal``; where it is too short it begins at its level.
-
-    Returns
-    -------
-    padded : ndarray, (..., m) float64
-        The windows in the middle of their padding.
-    offset : int
-        Position of the window in it.
+    Returned are the windows in the middle of their padding, (..., m), and the position of their
+    first sample there; m is the next multiple of 128 from `min_length` and from ``2 n``. At t3
+    nothing later has been measured, so the padding after the window is made up in any case. With
+    the method ``level`` both sides are the Hann-weighted mean of the window; with ``mirror`` the
+    window is reflected at its ends, again and again; with ``signal`` the signal `before`, (..., k),
+    stands before it and its level after it. Where `before` is too short it begins at its level.
 
     Examples
     --------

@@ -33,26 +33,14 @@ _FURTHEST = 2.0
 class EntryFit:
     """Fit the times at which the products of a batch enter.
 
-    Parameters
-    ----------
-    batch : WindowBatch
-        Windows with the signal before them.
-    uncertainty : float
-        u in s, above 0: each of t1 and t2 may be off by as much.
-    level : ndarray, (windows, 1) float64
-        M, kg.
-    natural_frequency, damping_ratio : ndarray, (windows, 1) float64
-        Of the platform with that load, Hz and 1.
+    Each of t1 and t2 may be off by `uncertainty` u in s, above 0. `level` is M in kg; frequency in
+    Hz and damping ratio are those of the platform with that load; these three are (windows, 1).
     """
 
     def __init__(
-        self,
-        batch: WindowBatch,
-        uncertainty: float,
-        level: NDArray[np.float64],
-        natural_frequency: NDArray[np.float64],
-        damping_ratio: NDArray[np.float64],
-    ) -> None:
+        self, batch: WindowBatch, uncertainty: float, level: NDArray[np.float64],
+        natural_frequency: NDArray[np.float64], damping_ratio: NDArray[np.float64],
+    ) -> None:  # fmt: skip
         self._batch = batch
         self._uncertainty = uncertainty
         blocks = block_means(batch.force, batch.block)
@@ -77,14 +65,10 @@ class EntryFit:
     def times(
         self, taps: NDArray[np.float64] | None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the entry of each product as `shift` corrects it.
+        """Return the entry of each product as `shift` corrects it, in s.
 
-        Returns
-        -------
-        time : ndarray, (windows, n) float64
-            Time since t1 of the columns of the batch, s.
-        rise_time : ndarray, (windows, 1) float64
-            t2 - t1, s.
+        These are the time since t1 of the columns of the batch, (windows, n), and t2 - t1,
+        (windows, 1).
         """
         shift, batch = self.shift(taps), self._batch
         t1, t2 = shift[:, :1], shift[:, 1:]
@@ -93,12 +77,9 @@ class EntryFit:
     def shift(self, taps: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """Return by how much t1 and t2 are later than the photo-eyes say: (windows, 2), s.
 
-        Parameters
-        ----------
-        taps : ndarray, (windows, p + 1) float64, or None
-            Prediction-error filter of the disturbance, on means of the same blocks. While nothing
-            is known of it, None or a filter of order 0, it is that of a platform which white
-            forces shake.
+        `taps`, (windows, p + 1), are the prediction-error filters of the disturbance, on means of
+        the same blocks. While nothing is known of it, at None or order 0, they are those of a
+        platform which white forces shake.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
@@ -117,16 +98,8 @@ def platform_taps(
 ) -> NDArray[np.float64]:
     """Return the filters that make the motion of platforms white which white forces shake.
 
-    Parameters
-    ----------
-    interval : ndarray, (windows, 1) float64
-        Interval of the samples, s.
-    natural_frequency, damping_ratio : ndarray, (windows, 1) float64
-        Hz and 1.
-
-    Returns
-    -------
-    ndarray, (windows, 3) float64
+    They are (windows, 3); interval of the samples in s, frequency in Hz and damping ratio are
+    (windows, 1).
 
     Examples
     --------
@@ -145,12 +118,7 @@ def platform_taps(
 def _fit(white: NDArray[np.float64], uncertainty: float) -> tuple[float, float]:
     """Return the shifts of the two times that a signal in white noise shows, s; 0 if none.
 
-    Parameters
-    ----------
-    white : ndarray, (4, n) float64
-        Response, signal, and the slopes of the signal with the two times.
-    uncertainty : float
-        s.
+    The rows of `white` (4, n) are response, signal, and the slopes of the signal with the times.
     """
     # Plain floats: arithmetic on arrays of two takes many times as long.
     products = white.dot(white.T).tolist()

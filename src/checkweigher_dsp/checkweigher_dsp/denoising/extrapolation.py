@@ -68,18 +68,9 @@ def extrapolate(
 
 
 def block_means(signal: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Return the means of successive blocks; what is left over at the beginning is not used.
+    """Return the means (..., n // block) of successive blocks of signals (..., n).
 
-    Parameters
-    ----------
-    signal : ndarray, (..., n) float64
-        Time on the last axis.
-    block : int
-        Number of samples in a block.
-
-    Returns
-    -------
-    ndarray, (..., n // block) float64
+    What is left over at the beginning is not used.
 
     Examples
     --------
@@ -97,18 +88,9 @@ def predict(
 ) -> NDArray[np.float64]:
     """Predict the next samples from those before and, further on, from the predicted ones.
 
-    Parameters
-    ----------
-    signals : ndarray, (windows, m, n) float64
-        m signals of the same model for each window; n at least the order p.
-    taps : ndarray, (windows, p + 1) float64
-        Prediction-error filters, from the leading 1 on.
-    count : int
-        Number of samples to predict.
-
-    Returns
-    -------
-    ndarray, (windows, m, count) float64
+    For each window there are m signals (windows, m, n) of the same model, n at least its order p,
+    which is given by its prediction-error filter `taps`, (windows, p + 1), from the leading 1 on.
+    The result is (windows, m, count).
 
     Notes
     -----
@@ -149,17 +131,7 @@ def _twice_as_far(weights: NDArray[np.float64]) -> NDArray[np.float64]:
 def _between_centres(means: NDArray[np.float64], block: int) -> NDArray[np.float64]:
     """Return the samples after the first block, on straight lines between the block centres.
 
-    Parameters
-    ----------
-    means : ndarray, (..., blocks) float64
-        Values at the centres.
-    block : int
-        Number of samples in a block.
-
-    Returns
-    -------
-    ndarray, (..., n) float64
-        Up to the centre of the last block.
+    The centres have the values `means` (..., blocks), and the samples end at the last one.
     """
     # The centre of a block of an even number of samples lies between two of them.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block

@@ -14,19 +14,10 @@ _SHORTEST_FITTED_RISE = 1e-4  # s, of a rise whose ends are told apart: rounding
 
 
 def load_share(time: NDArray[np.float64], rise_time: Any) -> NDArray[np.float64]:
-    """Return the share of a product that rests on the belt.
+    """Return the share of a product that rests on the belt: 0 up to t1, 1 from t2 on.
 
-    Parameters
-    ----------
-    time : ndarray, (..., n) float64
-        Time since t1, s.
-    rise_time : float or ndarray, (..., 1)
-        t2 - t1, s; where it is not positive the load is there at once.
-
-    Returns
-    -------
-    ndarray, (..., n) float64
-        0 up to t1, 1 from t2 on.
+    `time` (..., n) is that since t1 and `rise_time` is t2 - t1, both in s; where that is not
+    positive the load is there at once.
 
     Examples
     --------
@@ -93,28 +84,16 @@ def block_responses(
 ) -> NDArray[np.float64]:
     r"""Return the means of a response between successive times, and their slopes with t1 and t2.
 
-    With the pole :math:`p = -\xi \omega + i \omega_d` and
-    :math:`q = 1 - i \xi \omega / \omega_d` the response r of `load_response` and its integral are
+    The three rows, (3, ..., n), are the mean of `load_response` in each block, its derivative to t1
+    with t2 as it is and its derivative to t2 with t1 as it is, 1/s. `time` (..., n + 1) holds the
+    bounds of the blocks at equal intervals; the other parameters are those of `load_response`. [own
+    derivation]
+
+    With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
+    the response r and its integral are
 
     .. math:: r(t) = t - \Re \frac{q}{p} (e^{p t} - 1),\quad
        \int_0^t r = \frac{t^2}{2} + t\, \Re \frac{q}{p} - \Re \frac{q}{p^2} (e^{p t} - 1)
-
-    Parameters
-    ----------
-    time : ndarray, (..., n + 1) float64
-        Bounds of the blocks, s since t1, at equal intervals.
-    rise_time : float or ndarray, (..., 1)
-        t2 - t1, s.
-    natural_frequency : float or ndarray, (..., 1)
-        Hz.
-    damping_ratio : float or ndarray, (..., 1)
-        xi, below 1.
-
-    Returns
-    -------
-    ndarray, (3, ..., n) float64
-        Mean of `load_response` in each block; its derivative to t1 with t2 as it is, 1/s; its
-        derivative to t2 with t1 as it is, 1/s. [own derivation]
 
     Examples
     --------

@@ -15,22 +15,14 @@ SHRUNK_LEVELS = (5, 6, 7)
 class ShrinkageTable:
     """Shrinkage of the detail bands 5 to 7 by belt speed; the bands above are removed.
 
-    Attributes
-    ----------
-    speeds : tuple of float
-        m/s, ascending.
-    gains : tuple of tuple of float
-        gamma of levels 5, 6 and 7, each one value per speed.
-    thresholds : tuple of tuple of float
-        lambda of levels 5, 6 and 7, each one value per speed, in a unit of the table's own.
-
     Raises
     ------
     ValueError
         If the columns differ in length or the speeds do not ascend.
     """
 
-    speeds: tuple[float, ...]
+    speeds: tuple[float, ...]  # m/s, ascending
+    # gamma and lambda of levels 5, 6 and 7, each one value per speed; lambda has a unit of its own.
     gains: tuple[tuple[float, ...], ...]
     thresholds: tuple[tuple[float, ...], ...]
 
@@ -42,22 +34,11 @@ class ShrinkageTable:
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
 
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
-        """Return the shrinkage of levels 1 to 7 at a belt speed.
+        """Return the shrinkage of levels 1 to 7 at a belt speed, None for a level that is removed.
 
         Between the speeds of the table it is interpolated linearly, outside it is that of the
-        nearest one.
-
-        Parameters
-        ----------
-        speed : float or ndarray, (windows, 1)
-            m/s.
-        unit : float
-            Unit of the thresholds in the unit of the signal.
-
-        Returns
-        -------
-        tuple of (Shrinkage or None)
-            Gains and thresholds in the shape of `speed`; None for a level that is removed.
+        nearest one. `speed` is in m/s, a float or (windows, 1) as then are gains and thresholds;
+        `unit` is that of the thresholds in the unit of the signal.
 
         Examples
         --------

@@ -23,18 +23,11 @@ LEVELS = 7
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """Gain and threshold of one detail band.
+    """Gain and threshold of one detail band; arrays hold one value for each stretch."""
 
-    Attributes
-    ----------
-    gain : float or ndarray, (windows, 1)
-        gamma, 1; 0 removes the band. An array holds one value for each stretch.
-    threshold : float or ndarray, (windows, 1)
-        lambda, in the unit of the signal as the coefficients of ``pywt.swt(norm=False)`` scale it.
-        For the float 0 the band takes no transform.
-    """
-
-    gain: Any
+    gain: Any  # gamma, 1, or (windows, 1); 0 removes the band
+    # lambda, or (windows, 1), in the unit of the signal as the coefficients of
+    # ``pywt.swt(norm=False)`` scale it. For the float 0 the band takes no transform.
     threshold: Any
 
     @property
@@ -48,17 +41,6 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
 
     .. math:: d' = \operatorname{sgn}(d) \gamma (|d| - \lambda) \text{ if } |d| \ge \lambda,
        \text{ else } 0
-
-    Parameters
-    ----------
-    coefficients : ndarray, (..., n) float64
-        Details of one band.
-    shrinkage : Shrinkage
-        Its gain and threshold.
-
-    Returns
-    -------
-    ndarray, (..., n) float64
 
     Examples
     --------
@@ -78,24 +60,12 @@ def band_responses(
 ) -> NDArray[np.complex128]:
     r"""Return the frequency responses of the SWT bands on a circle of `length` samples.
 
-    The filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps
-    (algorithme a trous), so that with the transforms H, G of the wavelet's filters
+    They are read-only, (levels + 1, length // 2 + 1): details 1 to `levels`, then the
+    approximation. The filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros
+    between their taps (algorithme a trous), so that with the transforms H, G of the filters of an
+    orthogonal wavelet
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
-
-    Parameters
-    ----------
-    length : int
-        A multiple of ``2**levels``.
-    wavelet : str
-        An orthogonal wavelet of PyWavelets.
-    levels : int
-        Number of levels.
-
-    Returns
-    -------
-    ndarray, (levels + 1, length // 2 + 1) complex
-        Details 1 to `levels`, then the approximation; read-only.
 
     Raises
     ------
@@ -212,12 +182,9 @@ def denoise_periodic(
 
 
 def threshold_universally(
-    stretch: NDArray[np.float64],
-    *,
-    hard: bool,
-    measured: slice = slice(None),
+    stretch: NDArray[np.float64], *, hard: bool, measured: slice = slice(None),
     each_level: bool = False,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     r"""Denoise by hard (HTF) or soft (STF) thresholding of all details, for comparison.
 
     The threshold is the universal one, :math:`\lambda = \sigma \sqrt{2 \ln n}` with

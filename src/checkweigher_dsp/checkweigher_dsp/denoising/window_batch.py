@@ -23,34 +23,17 @@ _LEAD_STEP = 16
 
 @dataclass(frozen=True, slots=True)
 class WindowBatch:
-    """Windows of equal shape, with the signal before them.
+    """Windows of equal shape, with the signal before them."""
 
-    Attributes
-    ----------
-    positions : tuple of int
-        Positions of the windows among those that were sorted into batches.
-    force : ndarray, (windows, n) float64
-        kg, from some empty belt before t1 up to t3.
-    time : ndarray, (windows, n) float64
-        s since t1.
-    rise_time : ndarray, (windows, 1) float64
-        t2 - t1, s.
-    belt_speed : ndarray, (windows, 1) float64
-        m/s.
-    entry, begin : int
-        Columns of the first sample at or after t1, and at or after t2.
-    block : int
-        Number of samples in one block of the prediction.
-    """
-
-    positions: tuple[int, ...]
+    positions: tuple[int, ...]  # among the windows that were sorted into batches
+    # (windows, n), kg, from some empty belt before t1 up to t3, and s since t1.
     force: NDArray[np.float64]
     time: NDArray[np.float64]
-    rise_time: NDArray[np.float64]
-    belt_speed: NDArray[np.float64]
-    entry: int
-    begin: int
-    block: int
+    rise_time: NDArray[np.float64]  # (windows, 1), t2 - t1, s
+    belt_speed: NDArray[np.float64]  # (windows, 1), m/s
+    entry: int  # column of the first sample at or after t1
+    begin: int  # column of the first sample at or after t2
+    block: int  # samples in one block of the prediction
 
     @property
     def share(self) -> NDArray[np.float64]:
@@ -59,19 +42,10 @@ class WindowBatch:
 
 
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
-    """Sort windows by shape into batches.
+    """Sort consistent windows by shape into batches, in the order of their first windows.
 
-    Parameters
-    ----------
-    windows : sequence of WeighWindow
-        Consistent ones.
-    min_length : int
-        Least length of the padded window in samples: half of it, at most, is taken from before t2.
-
-    Returns
-    -------
-    list of WindowBatch
-        In the order of their first windows.
+    A padded window has at least `min_length` samples: half of them, at most, are taken from before
+    t2.
     """
     times = [_used_time(window, min_length) for window in windows]
     shapes: dict[tuple[int, ...], list[int]] = {}
@@ -86,18 +60,15 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
     for (entry, begin, block, count), positions in shapes.items():
         chosen = [windows[position] for position in positions]
         forces = [each.force_between(each.window_end - count, each.window_end) for each in chosen]
+        since_entry = np.array([times[position][1] for position in positions])
+        rise_times = np.array([[rise_time(each)] for each in chosen])
+        speeds = np.array([[each.belt_speed] for each in chosen])
         batches.append(
             WindowBatch(
-                tuple(positions),
-                np.array(forces),
-                np.array([times[position][1] for position in positions]),
-                np.array([[rise_time(each)] for each in chosen]),
-                np.array([[each.belt_speed] for each in chosen]),
-                entry,
-                begin,
+                tuple(positions), np.array(forces), since_entry, rise_times, speeds, entry, begin,
                 block,
             )
-        )
+        )  # fmt: skip
     return batches
 
 
@@ -137,14 +108,9 @@ def time_since_entry(
 
 
 def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the denoised signal of a window and the load that was on the belt.
+    """Return the denoised signal of a window and the load that was on the belt, (n,) each.
 
-    Returns
-    -------
-    denoised : ndarray, (n,) float64
-        kg, from t1 or t2 on up to t3.
-    share : ndarray, (n,) float64
-        Share of the product on the belt at each of these samples, 1 from t2 on.
+    They are in kg, from t1 or t2 on up to t3, and the share of the product, 1 from t2 on.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))
@@ -157,14 +123,11 @@ def denoised_pass(window: WeighWindow) -> tuple[NDArray[np.float64], NDArray[np.
 
 def is_consistent(window: WeighWindow) -> bool:
     """Tell whether the fields of a window that claims to be whole fit together."""
+    zeros = window.zero, window.zero_counts, window.zero_std_dev
     return (
         0 <= window.window_begin < window.window_end <= len(window.counts)
-        and all(
-            math.isfinite(value) and value > 0 for value in (window.sample_rate, window.belt_speed)
-        )
-        and math.isfinite(window.zero)
-        and math.isfinite(window.zero_counts)
-        and math.isfinite(window.zero_std_dev)
-        and math.isfinite(window.counts_per_kg)
+        and 0 < window.sample_rate < math.inf
+        and 0 < window.belt_speed < math.inf
+        and all(math.isfinite(value) for value in (*zeros, window.counts_per_kg))
         and window.counts_per_kg != 0
     )

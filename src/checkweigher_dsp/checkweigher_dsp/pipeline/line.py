@@ -38,12 +38,7 @@ class LineParameters:
     def from_file(cls, path: Path, lane: str | None = None) -> Self:
         """Read the parameters of the stages from a ROS parameter file.
 
-        Parameters
-        ----------
-        path : Path
-            The file.
-        lane : str, optional
-            Namespace of the line, where the file addresses several.
+        `lane` is the namespace of the line, where the file addresses several.
 
         Raises
         ------
@@ -118,14 +113,7 @@ class WeighingLine:
     """Run segmenter, denoise, identifier and reject one after the other.
 
     The nodes call the same stages with the same values, so both ways give the same masses to the
-    last bit.
-
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Calibration, rate and the distance between the eyes.
-    parameters : LineParameters
-        Of all stages.
+    last bit. The load cell gives calibration, rate and the distance between the eyes.
     """
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:

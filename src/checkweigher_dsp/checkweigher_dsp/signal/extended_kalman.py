@@ -16,24 +16,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variances that the filter reckons with, without a unit; the signal is normalised to 1.
+    """Variances that the filter reckons with, without a unit; the signal is normalised to 1."""
 
-    Attributes
-    ----------
-    measurement : float
-        R of a sample, as a multiple of a variance that the signal shows itself.
-    process : float
-        Q[0, 0], that of x per step, as a multiple of R; the coefficients are constant.
-    coefficients : float
-        P0 of a1 and a2.
-    initial : float
-        P0 of x(k), x(k-1) and b1.
-    """
-
-    measurement: float
-    process: float
-    coefficients: float
-    initial: float = 1.0
+    measurement: float  # R of a sample, as a multiple of a variance that the signal shows itself
+    process: float  # Q[0, 0], that of x per step, as a multiple of R; coefficients are constant
+    coefficients: float  # P0 of a1 and a2
+    initial: float = 1.0  # P0 of x(k), x(k-1) and b1
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ integration from one to the next. [own derivation]
 
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,26 +45,13 @@ class Crossing:
 def responses(
     platform: Platform, mass: float, crossing: Crossing, time: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the responses that make up the signal of a pass.
+    """Return the responses that make up the signal of a pass of a product, (5, n).
 
-    Parameters
-    ----------
-    platform : Platform
-        The platform.
-    mass : float
-        kg, of the product: it moves with the platform.
-    crossing : Crossing
-        Times at which its load comes on and goes off.
-    time : ndarray, (n,) float64
-        s, ascending; the first is not after ``on_end``.
-
-    Returns
-    -------
-    ndarray, (5, n) float64
-        Rows: response to the load of the product over its mass, 1 at rest; free oscillation that
-        is 1 with no slope at ``time[0]``, and one that is 0 with the slope of the natural
-        frequency, both of the empty platform; the same two from ``on_begin`` on, which together
-        are the oscillation after a short impact of any shape.
+    The mass in kg moves with the platform. `time` (n,), s, ascends; its first is not after
+    ``on_end``. The rows are the response to the load of the product over its mass, 1 at rest; free
+    oscillation that is 1 with no slope at ``time[0]``, and one that is 0 with the slope of the
+    natural frequency, both of the empty platform; the same two from ``on_begin`` on, which together
+    are the oscillation after a short impact of any shape.
 
     Examples
     --------
@@ -79,9 +67,11 @@ def responses(
     result = np.zeros((5, len(time)))
     entry = int(np.searchsorted(time, crossing.on_begin))
     start = float(time[0])
-    _oscillate(result[1:3, :entry], time[:entry] - start, omega, decay, damped)
-    # From the entry on the two oscillations are a combination of those that begin there.
-    (one, other), slopes = _state(crossing.on_begin - start, omega, decay, damped)
+    result[1:3, :entry] = _oscillations(time[:entry] - start, omega, decay, damped)
+    # From the entry on the two oscillations are a combination of those that begin there, by their
+    # values and their slopes over omega there.
+    one, other = _oscillations(crossing.on_begin - start, omega, decay, damped)
+    slopes = -other, one - 2 * platform.damping_ratio * other
     stairs = np.array(_stairs(platform, mass, crossing)).T
     number = np.searchsorted(stairs[0], time[entry:], side='right') - 1
     begin, decays, dampeds, forces, rates, *waves = stairs[:, number]
@@ -91,43 +81,26 @@ def responses(
     cosines, sines = envelopes * np.cos(angles), envelopes * np.sin(angles)
     loaded, free, kicked = (waves[k] * cosines + waves[k + 1] * sines for k in (0, 2, 4))
     result[0, entry:] = loaded + forces + rates * since
-    result[1, entry:] = one * free + slopes[0] / omega * kicked
-    result[2, entry:] = other * free + slopes[1] / omega * kicked
+    result[1, entry:] = one * free + slopes[0] * kicked
+    result[2, entry:] = other * free + slopes[1] * kicked
     result[3, entry:] = free
     result[4, entry:] = kicked
     return result
 
 
-def _oscillate(
-    rows: NDArray[np.float64], since: NDArray[np.float64], omega: float, decay: float, damped: float
-) -> None:
-    """Fill in the free oscillations of the empty platform that are 1 at first, and as steep."""
-    envelopes = np.exp(-decay * since)
-    cosines, sines = envelopes * np.cos(damped * since), envelopes * np.sin(damped * since)
-    rows[0] = cosines + decay / damped * sines
-    rows[1] = omega / damped * sines
-
-
-def _state(
-    since: float, omega: float, decay: float, damped: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return values and slopes of the two oscillations of `_oscillate` at one time."""
-    envelope = math.exp(-decay * since)
-    cosine, sine = envelope * math.cos(damped * since), envelope * math.sin(damped * since)
-    ratio = decay / damped
-    values = cosine + ratio * sine, omega / damped * sine
-    return values, (-omega * omega / damped * sine, omega * (cosine - ratio * sine))
+def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
+    """Return the free oscillations of the empty platform that are 1 at first, and as steep."""
+    envelope = np.exp(-decay * since)
+    cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
+    return cosine + decay / damped * sine, omega / damped * sine
 
 
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
     """Return the solution on each segment of constant mass from the entry on.
 
-    Returns
-    -------
-    list of tuple of float
-        Begin, decay and damped frequency; constant and rate of the forced part; cosine and sine
-        of the response to the load, and of the oscillations that begin at the entry with value 1
-        and with the slope of the natural frequency.
+    That is begin, decay and damped frequency; constant and rate of the forced part; cosine and sine
+    of the response to the load, and of the oscillations that begin at the entry with value 1 and
+    with the slope of the natural frequency.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
@@ -165,13 +138,9 @@ def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, floa
     for number, (begin, end, load, change) in enumerate(ends):
         rate, stair = change / (end - begin), (end - begin) / _STAIRS
         for position in range(_STAIRS):
-            share = (position + 0.5) / _STAIRS
-            segments.append(
-                (
-                    begin + position * stair, stair, load + change * position / _STAIRS, rate,
-                    share if change > 0 else 1 - share,
-                )
-            )  # fmt: skip
+            at_begin = load + change * position / _STAIRS
+            mean = load + change * (position + 0.5) / _STAIRS
+            segments.append((begin + position * stair, stair, at_begin, rate, mean))
         rest = load + change
         until = ends[number + 1][0] if number + 1 < len(ends) else math.inf
         segments.append((end, until - end, rest, 0.0, rest))

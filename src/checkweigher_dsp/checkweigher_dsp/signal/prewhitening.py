@@ -51,18 +51,7 @@ class Prewhitener:
         self._taps = taps / std_dev
 
     def whiten(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return filtered signals.
-
-        Parameters
-        ----------
-        signals : ndarray, (..., n) float64
-            Time on the last axis.
-
-        Returns
-        -------
-        ndarray, (..., n) float64
-            In units of the standard deviation of the noise.
-        """
+        """Return filtered signals (..., n), in units of the standard deviation of the noise."""
         count = signals.shape[-1]
         result = np.empty(signals.shape)
         begin = min(self._order, count)

@@ -67,16 +67,9 @@ def _parts(field: Any) -> Iterator[str]:
 
 
 def serialize(port: Port, record: Any, stamp: int) -> bytes:
-    """Return the message of a record in CDR.
+    """Return the message of a record of a port in CDR.
 
-    Parameters
-    ----------
-    port : Port
-        Of the record.
-    record : object
-        Of the port's class.
-    stamp : int
-        ns, for the header of a record without a stamp of its own.
+    `stamp`, ns, is for the header of a record without a stamp of its own.
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)

@@ -15,14 +15,9 @@ _CHECK_SUM_SIZE = 4
 
 
 def check_mcap(path: Path) -> None:
-    """Check an MCAP file but for the content of its chunks, which has check sums of its own.
+    """Check an ``.mcap`` file but for the content of its chunks, which has check sums of its own.
 
     Check sums are optional: one that is 0 has not been written.
-
-    Parameters
-    ----------
-    path : Path
-        An ``.mcap`` file.
 
     Raises
     ------
@@ -58,23 +53,20 @@ def _check_sums(path: Path, file: BinaryIO, size: int) -> None:
             if isinstance(record, Footer):
                 footer = record
     except CRCValidationError:
-        raise BagError(
-            f'{path}: damaged: wrong check sum of the data before byte {file.tell()}; restore the '
-            'file'
-        ) from None
+        raise _damaged(path, f'wrong check sum of the data before byte {file.tell()}') from None
     # Damaged bytes can lead a parser anywhere, so no list of its exceptions would be complete.
     except Exception as error:
         reason = str(error) or type(error).__name__
-        raise BagError(
-            f'{path}: damaged: {reason}, before byte {file.tell()}; restore the file'
-        ) from None
+        raise _damaged(path, f'{reason}, before byte {file.tell()}') from None
     if not ended or footer is None or file.tell() != size:
-        raise BagError(f'{path}: damaged: its data have no end; restore the file')
+        raise _damaged(path, 'its data have no end')
     if footer.summary_crc:
         end = size - MAGIC_SIZE - _CHECK_SUM_SIZE
         begin = min(footer.summary_start or size - MAGIC_SIZE - FOOTER_SIZE, end)
         file.seek(begin)
         if zlib.crc32(file.read(end - begin)) != footer.summary_crc:
-            raise BagError(
-                f'{path}: damaged: wrong check sum of the summary at byte {begin}; restore the file'
-            )
+            raise _damaged(path, f'wrong check sum of the summary at byte {begin}')
+
+
+def _damaged(path: Path, what: str) -> BagError:
+    return BagError(f'{path}: damaged: {what}; restore the file')

@@ -17,15 +17,7 @@ def lane_prefix(namespace: str) -> str:
 
 
 def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
-    """Return the lane and the port of a topic, None for a topic of no port.
-
-    Parameters
-    ----------
-    name : str
-        Of the topic, with or without a slash before it.
-    ports : iterable of Port
-        Those to choose from.
-    """
+    """Return the lane and the port of a topic, None for a topic of no port."""
     name = f'/{name.lstrip("/")}'
     found = [
         port

@@ -60,17 +60,7 @@ class SampleDecoder:
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
     """Decode those messages that differ from the first one in nothing but numbers.
 
-    Parameters
-    ----------
-    messages : sequence of bytes
-        All of one size, at least one.
-
-    Returns
-    -------
-    alike : ndarray, (n,) bool
-        Which messages these are.
-    blocks : BlockColumns
-        Their blocks.
+    All are of one size, and there is at least one. Also tells which they are, (n,) bool.
     """
     message_type = LOAD_CELL_SAMPLES.message_type
     first: Any = typestore([LOAD_CELL_SAMPLES]).deserialize_cdr(messages[0], message_type)

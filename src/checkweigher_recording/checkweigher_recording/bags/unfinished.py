@@ -38,18 +38,10 @@ _DATA_OPCODES = {
 class UnfinishedBag:
     """The messages of the files of a recording up to where it broke off.
 
-    Parameters
-    ----------
-    parts : sequence of Path
-        Its files in the order in which they were written; of the last one the end is missing.
-
-    Attributes
-    ----------
-    connections : list of Connection
-        Of all parts, with the numbers of messages that are there.
-    damage : str
-        Where something is missing with more behind it; only what is before it is there. Empty if
-        there is no such place.
+    `parts` are its files in the order in which they were written; of the last one the end is
+    missing. `connections` are those of all parts, with the numbers of messages that are there.
+    `damage` says where something is missing with more behind it, and is empty if there is no such
+    place; only what is before it is there.
 
     Raises
     ------
@@ -113,14 +105,9 @@ class _DamageError(Exception):
 class _Part:
     """An MCAP file up to where it was cut.
 
-    Attributes
-    ----------
-    ended : bool
-        Whether all its data are there, although their index may be missing.
-    damage : str
-        Where the file is not as a killed recorder or a machine without power leaves it: with a
-        wrong check sum and more behind it, for instance. Messages are those before. Empty if there
-        is no such place.
+    `ended` tells whether all its data are there, although their index may be missing. `damage` says
+    where the file is not as a killed recorder or a machine without power leaves it: with a wrong
+    check sum and more behind it, for instance. Messages are those before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -180,21 +167,17 @@ class _Part:
         self.ended = any(isinstance(record, DataEnd) for record in records)
 
     def _connection(self, channel: Channel) -> Connection:
-        schema = self._schemas.get(channel.schema_id)
+        schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
         definition = MessageDefinition(MessageDefinitionFormat.NONE, '')
-        if schema is not None and schema.encoding in _FORMATS:
+        if schema.encoding in _FORMATS:
             text = schema.data.decode(errors='replace')
             definition = MessageDefinition(_FORMATS[schema.encoding], text)
+        digest = channel.metadata.get('topic_type_hash', '')
+        extension = ConnectionExtRosbag2(channel.message_encoding, [])
         return Connection(
-            channel.id,
-            channel.topic,
-            schema.name if schema is not None else '',
-            definition,
-            channel.metadata.get('topic_type_hash', ''),
-            self._counts[channel.id],
-            ConnectionExtRosbag2(channel.message_encoding, []),
-            self,
-        )
+            channel.id, channel.topic, schema.name, definition, digest, self._counts[channel.id],
+            extension, self,
+        )  # fmt: skip
 
 
 def _places(data: bytes) -> Iterator[tuple[int, int]]:

@@ -71,31 +71,13 @@ def write_bag(
 
 
 class BagWriter:
-    """A new bag of serialized messages.
+    """A new bag of serialized messages of some ports.
 
     A context manager. The bag is there, whole, when the block ends without an exception; until
     then, and after an exception, there is nothing under its name. With `in_place` it grows there
     from the first message on, and what is there stays, without ``metadata.yaml`` until the end: so
     a recording is not lost with its recorder. Equal messages, flushed alike, give equal bytes in
-    all files of the bag.
-
-    Parameters
-    ----------
-    path : Path
-        Folder to make; its parent must exist.
-    ports : sequence of Port
-        All ports that there will be messages of.
-    namespace : str
-        Of the lane, ``''`` for none.
-    in_place : bool
-        Whether to write under the bag's own name from the first message on.
-
-    Raises
-    ------
-    OutputError
-        If there is something at `path` already, or it cannot be written.
-    BagError
-        If the message definitions are not installed.
+    all files of the bag. `path`, `namespace` and errors are those of `write_bag`.
 
     Notes
     -----
@@ -109,9 +91,8 @@ class BagWriter:
         check_new(path)
         self._path = path
         self._in_place = in_place
-        self._folder = path
-        if not in_place:
-            self._folder = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        partial = path.with_name(f'.{path.name}.{os.getpid()}.partial')
+        self._folder = path if in_place else partial
         self._mcap: Writer | None = None
         self._ports = ports
         self._prefix = lane_prefix(namespace)
@@ -151,16 +132,7 @@ class BagWriter:
         return self._counts.total()
 
     def put(self, port: Port, stamp: int, data: bytes) -> None:
-        """Append a message.
-
-        Parameters
-        ----------
-        port : Port
-            One of those that the bag was made for.
-        stamp : int
-            ns, log time.
-        data : bytes
-            The message in CDR.
+        """Append a message in CDR of one of the bag's ports; `stamp` is its log time, ns.
 
         Raises
         ------
@@ -227,12 +199,8 @@ class BagWriter:
         schema = mcap.register_schema(port.message_type, 'ros2msg', text.encode())
         qos = yaml.safe_dump(dump_qos_v9([_qos(port)]), sort_keys=False).strip()
         digest = store.hash_rihs01(port.message_type)
-        return mcap.register_channel(
-            self._topic(port),
-            'cdr',
-            schema,
-            {'offered_qos_profiles': qos, 'topic_type_hash': digest},
-        )
+        metadata = {'offered_qos_profiles': qos, 'topic_type_hash': digest}
+        return mcap.register_channel(self._topic(port), 'cdr', schema, metadata)
 
     def _complete(self) -> None:
         if self._mcap is None or not self._counts:

@@ -8,41 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from checkweigher_dsp.records import GRAMS, Eye
-from checkweigher_recording.csv.table import CsvError
+from checkweigher_recording.csv.table import CsvError, read_text
 
 
 @dataclass(frozen=True, slots=True)
 class EdgesFile:
-    """Edges of the photo-eyes of a log, and what else its edges file says.
+    """Edges of the photo-eyes of a log, and what else its edges file says."""
 
-    Attributes
-    ----------
-    switches : tuple of (Eye, float, bool)
-        Eye, row at which it switched, and whether it is blocked from there on.
-    masses : tuple of float
-        kg, true masses of the items in order of entry; empty if not known.
-    sample_rate : float or None
-        Hz.
-    """
-
+    # Eye, row at which it switched, and whether it is blocked from there on.
     switches: tuple[tuple[Eye, float, bool], ...]
-    masses: tuple[float, ...]
-    sample_rate: float | None
+    masses: tuple[float, ...]  # kg, true ones of the items in order of entry; empty if not known
+    sample_rate: float | None  # Hz
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
-    """Read an edges file.
+    """Read an edges file of a log of `rows` rows.
 
-    Parameters
-    ----------
-    path : Path
-        JSON file: an object that has for each eye a list of ``[row, level]``, level 1 from that
-        row on if the eye is blocked; the first entry is the state at the begin and no edge.
-        Optional: ``sample_rate_hz``, and ``mass_g``, a number for all items or a list.
-    keys : dict of Eye to str
-        Where the list of each eye is.
-    rows : int
-        Number of rows of the log.
+    It is a JSON object that has for each eye, at its key in `keys`, a list of ``[row, level]``,
+    level 1 from that row on if the eye is blocked; the first entry is the state at the begin and no
+    edge. Optional: ``sample_rate_hz``, and ``mass_g``, a number for all items or a list.
 
     Raises
     ------
@@ -50,11 +34,7 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
         If the file cannot be read or does not hold that.
     """
     try:
-        content = json.loads(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except UnicodeDecodeError as error:
-        raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
+        content = json.loads(read_text(path, 'utf-8'))
     except json.JSONDecodeError as error:
         raise CsvError(f'{path}:{error.lineno}: not JSON: {error.msg}') from None
     except RecursionError:

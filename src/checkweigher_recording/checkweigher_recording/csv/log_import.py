@@ -151,21 +151,11 @@ def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = No
 
 @dataclass(frozen=True, slots=True)
 class _Clock:
-    """When the rows of a log were sampled.
+    """When the rows of a log were sampled."""
 
-    Attributes
-    ----------
-    sample_rate : float
-        Hz.
-    index : ndarray, (n,) int64
-        Of each row, in samples since the first one.
-    begin : int
-        ns, stamp of the first row.
-    """
-
-    sample_rate: float
-    index: NDArray[np.int64]
-    begin: int
+    sample_rate: float  # Hz
+    index: NDArray[np.int64]  # of each row, in samples since the first one
+    begin: int  # ns, stamp of the first row
 
     def stamp(self, row: float) -> int:
         """Return the stamp of a row, also between two rows."""

@@ -15,15 +15,7 @@ class CsvError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Columns of a CSV file.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    columns : dict of str to ndarray, (n,) float64
-        By use; all values are finite.
-    """
+    """Columns of a CSV file by their use, (n,) float64 each; all values are finite."""
 
     path: Path
     columns: dict[str, NDArray[np.float64]]
@@ -37,31 +29,18 @@ class Table:
 def read_table(
     path: Path, columns: Mapping[str, str], delimiter: str | None, decimal: str
 ) -> Table:
-    """Read some columns of a CSV file.
+    """Read some columns of a CSV file, whose first row is its header if it is not numbers.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a first row that is not numbers is its header.
-    columns : mapping of str to str
-        For each use the column's name or number from 0; empty for the only column.
-    delimiter : str or None
-        Between columns; None for any white space.
-    decimal : str
-        Decimal mark.
+    `columns` gives for each use the column's name or number from 0; empty for the only column. A
+    `delimiter` None is any white space; `decimal` is the decimal mark.
 
     Raises
     ------
     CsvError
         If the file cannot be read, lacks a column or holds something that is not a number.
     """
-    try:
-        text = path.read_text(encoding='utf-8-sig')
-    except OSError as error:
-        raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except UnicodeDecodeError as error:
-        raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
-    lines = {number: line for number, line in enumerate(text.splitlines(), 1) if line.strip()}
+    text = read_text(path, 'utf-8-sig').splitlines()
+    lines = {number: line for number, line in enumerate(text, 1) if line.strip()}
     if not lines:
         raise CsvError(f'{path}: empty')
     first = min(lines)
@@ -78,19 +57,25 @@ def read_table(
     return table
 
 
+def read_text(path: Path, encoding: str) -> str:
+    """Read a text file; CsvError if that is not possible."""
+    try:
+        return path.read_text(encoding=encoding)
+    except OSError as error:
+        raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
+        raise CsvError(f'{path}: not a text file: byte {error.start} is not UTF-8') from None
+
+
 def _cells(line: str, delimiter: str | None) -> list[str]:
     if delimiter is None:
         return line.split()
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
 
 
-def _number(cell: str, decimal: str) -> float:
-    return float(cell.replace(decimal, '.'))
-
-
 def _is_number(cell: str, decimal: str) -> bool:
     try:
-        _number(cell, decimal)
+        float(cell.replace(decimal, '.'))
     except ValueError:
         return False
     return True

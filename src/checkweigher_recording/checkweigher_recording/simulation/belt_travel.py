@@ -13,78 +13,37 @@ _STAIRS = 16
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Products on a belt, in SI units.
+    """Products on a belt."""
 
-    Attributes
-    ----------
-    speed : float
-        m/s, mean belt speed.
-    speed_jitter : float
-        Relative standard deviation of the speed; a new one holds from each entry on.
-    spacing, product_length, weigh_length : float
-        m.
-    masses : tuple of float
-        kg, taken in turn.
-    count : int
-        Number of products, 0 for no end.
-    first_entry : float
-        s, t1 of the first product.
-    """
-
-    speed: float
-    speed_jitter: float
-    spacing: float
+    speed: float  # m/s, mean
+    speed_jitter: float  # relative standard deviation; a new speed holds from each entry on
+    spacing: float  # m, as the two lengths
     product_length: float
     weigh_length: float
-    masses: tuple[float, ...]
-    count: int
-    first_entry: float
+    masses: tuple[float, ...]  # kg, taken in turn
+    count: int  # 0 for no end
+    first_entry: float  # s, t1 of the first product
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """One product crossing the weigh belt.
+    """One product crossing the weigh belt."""
 
-    Attributes
-    ----------
-    mass : float
-        kg.
-    t1, t2, t3, t4 : float
-        s; begins to enter, is fully on, begins to leave, is gone.
-    travel : float
-        m, travel of the belt at t1.
-    impact : float
-        Standard normal number: sign and size of its impact at entry.
-    """
-
-    mass: float
-    t1: float
-    t2: float
-    t3: float
-    t4: float
-    travel: float
-    impact: float
+    mass: float  # kg
+    t1: float  # s, begins to enter
+    t2: float  # s, is fully on
+    t3: float  # s, begins to leave
+    t4: float  # s, is gone
+    travel: float  # m, of the belt at t1
+    impact: float  # standard normal number: sign and size of its impact at entry
 
 
 class BeltTravel:
     """Travel of the belt over time and the passes on it.
 
     Time only moves on: what is over is forgotten, so an endless line needs no more memory than a
-    short one.
-
-    Parameters
-    ----------
-    line : Line
-        Products and belt.
-    random : numpy.random.Generator
-        Source of the belt speeds and the impacts.
-
-    Attributes
-    ----------
-    passes : list of Pass
-        Those that are planned and not over, in order of entry.
-    last_exit : float or None
-        s, t4 of the last product once it is planned.
+    short one. `passes` are those that are planned and not over, in order of entry; `last_exit` is
+    t4 of the last product, s, once it is planned.
     """
 
     def __init__(self, line: Line, random: np.random.Generator) -> None:
@@ -101,13 +60,7 @@ class BeltTravel:
         self._travels = [-(line.first_entry + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Forget what is over at `begin`, plan the entries up to `end`; both in s.
-
-        Returns
-        -------
-        list of Pass
-            Those that were planned just now.
-        """
+        """Forget what is over at `begin`, return the entries planned up to `end`; both in s."""
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]
@@ -136,12 +89,8 @@ class BeltTravel:
     ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
         """Return where the mass that moves with the platform changes, in stairs.
 
-        Returns
-        -------
-        ndarray, (m + 1,) int
-            Steps at which it changes, from 0 to n.
-        ndarray, (m,) float64
-            Mass on the platform from each bound to the next, kg.
+        These are the steps at which it changes, (m + 1,) from 0 to n, and the mass on the platform
+        from each of them to the next, (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:
@@ -170,15 +119,9 @@ class BeltTravel:
         exit_travel = entry + line.weigh_length + line.product_length
         while self._travels[-1] < exit_travel:
             self._extend()
-        t1, t2, t3, t4 = (
-            self._time_of(entry + way)
-            for way in (
-                0.0,
-                line.product_length,
-                line.weigh_length,
-                line.weigh_length + line.product_length,
-            )
-        )
+        length, weigh_length = line.product_length, line.weigh_length
+        ways = (0.0, length, weigh_length, weigh_length + length)
+        t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
         mass = line.masses[self._planned % len(line.masses)]
         self._planned += 1
         if self._complete():

@@ -1,11 +1,13 @@
 """The platform of a weigh belt: a mass on a spring and a damper, integrated exactly."""
 
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 
+@dataclass
 class Platform:
     """A second-order platform whose mass changes with the products on it.
 
@@ -21,50 +23,22 @@ class Platform:
 
     whose state in the transposed direct form is (y, a12 v - a22 y). Its gain for a constant force
     is 1 at any mass.
-
-    Parameters
-    ----------
-    natural_frequency : float
-        Hz, of the empty platform, without its damping.
-    damping_ratio : float
-        Of the empty platform, below 1.
-    moving_mass : float
-        kg, of the empty platform.
-    step : float
-        s.
     """
 
-    def __init__(
-        self, natural_frequency: float, damping_ratio: float, moving_mass: float, step: float
-    ) -> None:
-        self._omega = 2 * math.pi * natural_frequency
-        self._damping_ratio = damping_ratio
-        self._moving_mass = moving_mass
-        self._step = step
-        self._reading = 0.0
-        self._rate = 0.0
+    natural_frequency: float  # Hz, of the empty platform, without its damping
+    damping_ratio: float  # of the empty platform, below 1
+    moving_mass: float  # kg, of the empty platform
+    step: float  # s
+    _reading: float = field(default=0.0, init=False)
+    _rate: float = field(default=0.0, init=False)
 
     def run(
-        self,
-        force: NDArray[np.float64],
-        bounds: NDArray[np.intp],
-        loads: NDArray[np.float64],
+        self, force: NDArray[np.float64], bounds: NDArray[np.intp], loads: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Move on under a force.
+        """Return the reading at the begin of each step under a force, both (n,) in kg.
 
-        Parameters
-        ----------
-        force : ndarray, (n,) float64
-            kg, constant over each step.
-        bounds : ndarray, (m + 1,) int
-            Steps between which the mass is constant, from 0 to n.
-        loads : ndarray, (m,) float64
-            Mass that rests on the platform from each bound to the next, kg.
-
-        Returns
-        -------
-        ndarray, (n,) float64
-            Reading at the begin of each step, kg.
+        The mass that rests on the platform is `loads` (m,), kg, from each of the steps `bounds` (m
+        + 1,), from 0 to n, to the next one.
         """
         reading = np.empty(len(force))
         for begin, end, load in zip(bounds[:-1], bounds[1:], loads, strict=True):
@@ -87,11 +61,12 @@ class Platform:
     def transition(self, load: float) -> tuple[float, float, float, float]:
         """Return a11, a12, a21 and a22 of one step, the matrix exponential, at a load in kg."""
         # Stiffness and damper stay, the mass grows.
-        share = self._moving_mass / (self._moving_mass + load)
-        squared = self._omega**2 * share
-        decay = self._damping_ratio * self._omega * share
+        share = self.moving_mass / (self.moving_mass + load)
+        omega = 2 * math.pi * self.natural_frequency
+        squared = omega**2 * share
+        decay = self.damping_ratio * omega * share
         damped = math.sqrt(squared - decay**2)
-        envelope = math.exp(-decay * self._step)
-        cosine = envelope * math.cos(damped * self._step)
-        sine = envelope * math.sin(damped * self._step) / damped
+        envelope = math.exp(-decay * self.step)
+        cosine = envelope * math.cos(damped * self.step)
+        sine = envelope * math.sin(damped * self.step) / damped
         return cosine + decay * sine, sine, -squared * sine, cosine - decay * sine

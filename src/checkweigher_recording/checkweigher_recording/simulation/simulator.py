@@ -28,14 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    Eye,
-    EyeEdge,
-    LoadCell,
-    Reference,
-    SampleBlock,
-)
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.recording import Event, Recording, canonical_order
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.platform_dynamics import Platform
@@ -56,41 +49,20 @@ _CHUNK_DURATION = 1.0  # s
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Platform and disturbances of a machine. Forces are in kg, that is divided by g.
+    """Platform and disturbances of a machine. Forces are in kg, that is divided by g."""
 
-    Attributes
-    ----------
-    natural_frequency : float
-        Hz, of the empty platform.
-    speed_jitter : float
-        Standard deviation of the belt speed from product to product, relative.
-    impact : float
-        Peak force of the impact at entry per product mass and belt speed, s/m: standard
-        deviation over the products.
-    roller : tuple of float
-        Amplitudes of the roller line and its harmonics per belt speed, kg s/m.
-    motor : float
-        Amplitude of the motor line per belt speed, kg s/m.
-    motor_frequency : float
-        Its frequency per belt speed, 1/m.
-    broadband : float
-        Square root of the one-sided power density of the noise per belt speed,
-        kg s/m / sqrt(Hz).
-    floor : float
-        Standard deviation of the floor's vibration, kg.
-    electronic : float
-        Standard deviation of the white noise on each sample, kg.
-    """
-
-    natural_frequency: float = 38.0
-    speed_jitter: float = 0.001
+    natural_frequency: float = 38.0  # Hz, of the empty platform
+    speed_jitter: float = 0.001  # relative standard deviation from product to product
+    # s/m, peak force at entry per product mass and belt speed: standard deviation over products.
     impact: float = 0.03
+    # kg s/m, amplitudes of the roller line and its harmonics per belt speed.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
-    motor: float = 0.5e-3
-    motor_frequency: float = 31.0
+    motor: float = 0.5e-3  # kg s/m, amplitude of its line per belt speed
+    motor_frequency: float = 31.0  # 1/m, per belt speed
+    # kg s/m / sqrt(Hz), square root of the noise's one-sided power density per belt speed.
     broadband: float = 0.033e-3
-    floor: float = 0.05e-3
-    electronic: float = 0.05e-3
+    floor: float = 0.05e-3  # kg, standard deviation of its vibration
+    electronic: float = 0.05e-3  # kg, standard deviation of the white noise on each sample
 
 
 # The levels make `paper` a machine like the one whose accuracy was published: with a good
@@ -127,12 +99,9 @@ class SimulationParameters(Parameters):
     profile: str = parameter('paper', 'machine and its disturbances', choices=tuple(PROFILES))
     speed: float = parameter(1.0, 'belt speed', unit='m/s', minimum=0.01, maximum=5.0)
     masses: tuple[float, ...] = parameter(
-        (0.0745, 0.1345, 0.1645, 0.1945, 0.2545),
-        'masses of the products, taken in turn',
-        unit='kg',
-        minimum=0.0,
-        maximum=CAPACITY,
-    )
+        (0.0745, 0.1345, 0.1645, 0.1945, 0.2545), 'masses of the products, taken in turn',
+        unit='kg', minimum=0.0, maximum=CAPACITY,
+    )  # fmt: skip
     count: int = parameter(25, 'number of products; 0 is an endless line', minimum=0)
     spacing: float = parameter(
         0.66, 'distance between the leading edges of successive products', unit='m',
@@ -185,30 +154,17 @@ class SimulationParameters(Parameters):
 class Simulation:
     """A line that runs: iterate it for its events in canonical order.
 
-    Every iteration starts the same line again. What has been yielded is not kept, so a line may
-    be of any length. The first products do not depend on how many follow.
-
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        Machine and products; with ``count`` 0 the iteration does not end.
-
-    Attributes
-    ----------
-    load_cell : LoadCell
-        The simulated cell.
+    Every iteration starts the same line again. What has been yielded is not kept, so a line may be
+    of any length; with ``count`` 0 it does not end. The first products do not depend on how many
+    follow.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self._parameters = parameters
         self.load_cell = LoadCell.of(
-            parameters,
-            min_counts=MIN_COUNTS,
-            max_counts=MAX_COUNTS,
-            capacity=CAPACITY,
-            model='simulated',
-            serial_number=f'{parameters.profile}-{parameters.seed}',
-        )
+            parameters, min_counts=MIN_COUNTS, max_counts=MAX_COUNTS, capacity=CAPACITY,
+            model='simulated', serial_number=f'{parameters.profile}-{parameters.seed}',
+        )  # fmt: skip
 
     def __iter__(self) -> Iterator[Event]:
         """Yield sample blocks, eye edges and reference masses in canonical order."""
@@ -221,9 +177,8 @@ class Simulation:
             counts, passes = machine.run(first, first + chunk)
             for begin in range(0, len(counts), size):
                 index = first + begin
-                waiting.append(
-                    SampleBlock(self._stamp(index / rate), index, counts[begin : begin + size])
-                )
+                block = counts[begin : begin + size]
+                waiting.append(SampleBlock(self._stamp(index / rate), index, block))
             for entry in passes:
                 waiting += self._switches(entry)
             waiting.sort(key=canonical_order)
@@ -249,17 +204,9 @@ class Simulation:
 
 
 def simulate(parameters: SimulationParameters) -> Recording:
-    """Run a simulated line to its end.
+    """Run a simulated line to its end; equal parameters give equal recordings.
 
-    Parameters
-    ----------
-    parameters : SimulationParameters
-        Machine and products; equal parameters give equal recordings.
-
-    Returns
-    -------
-    Recording
-        Samples, eye edges and one reference mass for each product.
+    Return its samples, its eye edges and one reference mass for each product.
 
     Raises
     ------
@@ -289,15 +236,10 @@ class _Machine:
             for child in np.random.SeedSequence(parameters.seed).spawn(5)
         )
         line = Line(
-            speed=self._speed,
-            speed_jitter=self._profile.speed_jitter,
-            spacing=parameters.spacing,
-            product_length=parameters.product_length,
-            weigh_length=parameters.weigh_length,
-            masses=parameters.masses,
-            count=parameters.count,
-            first_entry=parameters.lead_in,
-        )
+            parameters.speed, self._profile.speed_jitter, parameters.spacing,
+            parameters.product_length, parameters.weigh_length, parameters.masses,
+            parameters.count, first_entry=parameters.lead_in,
+        )  # fmt: skip
         self._belt = BeltTravel(line, passes)
         self._phases = 2 * math.pi * phases.random(len(self._profile.roller) + 1)
         self._platform = Platform(

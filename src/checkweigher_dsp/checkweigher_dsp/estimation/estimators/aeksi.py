@@ -43,11 +43,8 @@ class AeksiParameters(AdaptiveParameters):
 
     def noise(self, speed: float) -> Noise:
         """Return the variances of the filter at a belt speed in m/s."""
-        return Noise(
-            self.at('measurement_noise', speed),
-            self.at('process_noise', speed),
-            self.at('coefficient_variance', speed),
-        )
+        names = 'measurement_noise', 'process_noise', 'coefficient_variance'
+        return Noise(*(self.at(name, speed) for name in names))
 
 
 class Aeksi(Estimator):
@@ -77,25 +74,10 @@ def identify_adaptive_by_ekf(
 ) -> AdaptiveIdentification:
     """Identify the platform by the EKF on the adaptively prefiltered windows (AEKSI).
 
-    The filter starts from the first two samples: from X0 = 0 the first sample would all go into
-    b1. Bias and errors are those of `identify_adaptive`.
-
-    Parameters
-    ----------
-    samples, settings, sample_rate
-        As in `identify_adaptive`.
-    noise : Noise
-        Variances, R as a multiple of that of the least-squares residual.
-
-    Returns
-    -------
-    AdaptiveIdentification
-        Where the poles are unstable `gain` and `b1` are the mean of the window and a1 = a2 = 0.
-
-    Raises
-    ------
-    ValueError
-        If the windows are too short.
+    The filter starts from the first two samples: from X0 = 0 the first sample would all go into b1.
+    R is a multiple of the variance of the least-squares residual. Where the poles are unstable
+    `gain` and `b1` are the mean of the window and a1 = a2 = 0. Bias, errors and the other
+    parameters are those of `identify_adaptive`.
 
     Examples
     --------

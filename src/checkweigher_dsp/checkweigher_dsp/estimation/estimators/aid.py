@@ -52,26 +52,19 @@ _MOST_TAPS = 100_000
 class AdaptiveSettings:
     """Settings of the prefilter.
 
-    Attributes
-    ----------
-    iterations : int
-        Times that the platform is identified, at least 1; before each but the first the
-        prefilter is made, so 1 is without an adaptive prefilter.
-    max_order : int
-        Highest order of the autoregression, at least 0; never above a third of the samples.
-    lowpass_cutoff : float
-        Hz, -3 dB, of the fixed low-pass, a Hann window as taps of at most half the window. From
-        0.36 times the sample rate on there is none.
-
     Raises
     ------
     ValueError
         If one is out of its range.
     """
 
+    # Times that the platform is identified; before each but the first the prefilter is made, so 1
+    # is without an adaptive prefilter.
     iterations: int = 5
-    max_order: int = 2
-    lowpass_cutoff: float = float('inf')
+    max_order: int = 2  # of the autoregression; never above a third of the samples
+    # Hz, -3 dB, of the fixed low-pass, a Hann window as taps of at most half the window. From 0.36
+    # times the sample rate on there is none.
+    lowpass_cutoff: float = math.inf
 
     def __post_init__(self) -> None:
         if self.iterations < 1 or self.max_order < 0 or not self.lowpass_cutoff > 0:
@@ -136,10 +129,6 @@ class AdaptiveIdentification(Identification):
 
     Where it did not, the values are those of the last iteration that did; where none did, `gain`
     and `b1` are the Hann-weighted mean of the window and a1 = a2 = 0.
-
-    Attributes
-    ----------
-    stable : ndarray, (windows,) bool
     """
 
     stable: NDArray[np.bool_]
@@ -196,16 +185,10 @@ def prefilter_adaptively(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the windows as the last iteration of `identify_adaptive` sees them.
 
-    Parameters and errors are those of `identify_adaptive`.
-
-    Returns
-    -------
-    samples : ndarray, (windows, m) float64
-        x, divided by `scale`: its level is about 1; so u is 1 throughout.
-    scale : ndarray, (windows,) float64
-        kg, mean of the window: the mass is the identified steady state times this.
-    noise : ndarray, (windows,) float64
-        Variance of the least-squares residual of `samples`.
+    Parameters and errors are those of `identify_adaptive`. Returned are x (windows, m), divided by
+    the mean of each window so that its level is about 1, with u = 1 throughout; that mean,
+    (windows,) in kg, which makes a mass of the identified steady state; and the variance of the
+    least-squares residual of x, (windows,).
     """
     scale, x = _normalise(samples)
     filtered, _ = _iterate(x, settings, sample_rate)
@@ -217,16 +200,8 @@ def prefilter_adaptively(
 def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the outputs of a FIR filter all of whose taps lie within the window.
 
-    Parameters
-    ----------
-    samples : ndarray, (windows, n) float64
-        Signals.
-    taps : ndarray, (t,) or (windows, t) float64
-        One filter for all windows, or one for each; the first tap goes with the newest sample.
-
-    Returns
-    -------
-    ndarray, (windows, n - t + 1) float64
+    Of samples (windows, n) and t taps, the first of which goes with the newest sample, they are
+    (windows, n - t + 1). The taps (t,) are for all windows, or (windows, t) for each.
     """
     count = samples.shape[-1] - taps.shape[-1] + 1
     result = np.zeros((len(samples), count))
@@ -243,9 +218,7 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> NDArray[np.float64]:
     return taps / taps.sum()
 
 
-def _normalise(
-    samples: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _normalise(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the means of the windows, NaN where there is none, and the windows divided by them."""
     count = samples.shape[-1]
     if count < LEAST_SAMPLES:

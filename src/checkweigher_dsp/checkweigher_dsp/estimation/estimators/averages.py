@@ -6,10 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators.base import (
-    Average,
-    EstimatorParameters,
-)
+from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 

@@ -17,20 +17,11 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 @dataclass(frozen=True, slots=True)
 class LoadEstimate:
-    """The load that an estimator finds in a window.
+    """The load that an estimator finds in a window."""
 
-    Attributes
-    ----------
-    mass : float
-        kg, before gain and offset; NaN if there is none.
-    variance : float
-        kg^2, of the estimator alone, without that of the zero; NaN if it states none.
-    a1, a2, b1 : float
-        Coefficients of the platform, b1 in kg; NaN from estimators that do not identify it.
-    """
-
-    mass: float
-    variance: float = math.nan
+    mass: float  # kg, before gain and offset; NaN if there is none
+    variance: float = math.nan  # kg^2, without that of the zero; NaN if none is stated
+    # Coefficients of the platform, b1 in kg; NaN from estimators that do not identify it.
     a1: float = math.nan
     a2: float = math.nan
     b1: float = math.nan
@@ -94,15 +85,8 @@ class EstimatorParameters(Parameters):
 class Estimator(ABC):
     """Find the load in weigh windows.
 
-    Parameters
-    ----------
-    parameters : EstimatorParameters
-        Of the field of IdentifierParameters that has the estimator's name.
-
-    Attributes
-    ----------
-    needs_denoised : bool
-        Whether it reads ``window.denoised``; the others weigh the raw signal.
+    Its parameters are those of the field of IdentifierParameters that has the estimator's name. An
+    estimator that `needs_denoised` reads ``window.denoised``; the others weigh the raw signal.
     """
 
     needs_denoised: ClassVar[bool] = False
@@ -138,19 +122,10 @@ def raw_samples(window: WeighWindow) -> NDArray[np.float64]:
 
 
 def rough_variance(samples: NDArray[np.float64]) -> float:
-    """Guess the variance of an average of a window from the difference of its two halves.
+    """Guess the variance, kg^2, of an average of a window from the difference of its two halves.
 
-    The scatter of the samples keeps it above 0 where the halves happen to agree.
-
-    Parameters
-    ----------
-    samples : ndarray, (n,) float64
-        kg.
-
-    Returns
-    -------
-    float
-        kg^2. No training stands behind it.
+    The scatter of the samples (n,), kg, keeps it above 0 where the halves happen to agree. No
+    training stands behind it.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])

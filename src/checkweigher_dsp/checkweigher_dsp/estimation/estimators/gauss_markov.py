@@ -107,21 +107,11 @@ class GaussMarkovParameters(EstimatorParameters):
 
 @dataclass(frozen=True, slots=True)
 class PassSignal:
-    """The signal of a pass from the empty belt on.
+    """The signal of a pass from the empty belt on."""
 
-    Attributes
-    ----------
-    time : ndarray, (n,) float64
-        s, from t1.
-    signal : ndarray, (n,) float64
-        kg, zero removed.
-    crossing : Crossing
-        When the load comes on and goes off, s from t1.
-    """
-
-    time: NDArray[np.float64]
-    signal: NDArray[np.float64]
-    crossing: Crossing
+    time: NDArray[np.float64]  # (n,), s from t1
+    signal: NDArray[np.float64]  # (n,), kg, zero removed
+    crossing: Crossing  # s from t1
 
 
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
@@ -133,8 +123,7 @@ def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassS
     leave = seconds(t3 - t1)
     time = seconds(window.stamp - t1) + np.arange(len(window.counts)) / window.sample_rate
     first = max(
-        window.empty_begin,
-        int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time)),
+        window.empty_begin, int(np.searchsorted(time, min(begin_at, 0.0) - parameters.lead_time))
     )
     return PassSignal(
         time[first:],
@@ -204,21 +193,10 @@ def least_squares(
 ) -> tuple[float, float, float]:
     """Solve a regression with white noise of variance 1 for its first coefficient.
 
-    Parameters
-    ----------
-    signal : ndarray, (n,) float64
-        Signal that is explained.
-    columns : ndarray, (m, n) float64
-        Regressors, whose combination explains it.
-    std_devs : tuple of float, (m,)
-        Prior standard deviation of each coefficient; infinite if nothing is known.
-
-    Returns
-    -------
-    coefficient, variance : float
-        Of the first row; NaN if the rows do not determine it.
-    misfit : float
-        Root mean square of the residual, about 1 if all is as assumed.
+    A combination of the rows of `columns` (m, n) explains `signal` (n,); each coefficient has a
+    prior standard deviation, infinite if nothing is known. Returned are the first coefficient and
+    its variance, NaN if the rows do not determine it, and the root mean square of the residual,
+    about 1 if all is as assumed.
 
     Examples
     --------

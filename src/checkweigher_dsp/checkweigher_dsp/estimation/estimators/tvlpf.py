@@ -16,10 +16,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.estimators.base import (
-    Average,
-    EstimatorParameters,
-)
+from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 
@@ -60,13 +57,10 @@ class Tvlpf(Average):
         """Return the output of the filter at t3."""
         known, speed = self.parameters, window.belt_speed
         weights = lowpass_weights(
-            len(samples),
-            max(1, round(known.at('sections', speed))),
-            known.at('initial_cutoff', speed),
-            known.at('final_cutoff', speed),
-            decay_of(known.at('half_life', speed), len(samples)),
-            window.sample_rate,
-        )
+            len(samples), max(1, round(known.at('sections', speed))),
+            known.at('initial_cutoff', speed), known.at('final_cutoff', speed),
+            decay_of(known.at('half_life', speed), len(samples)), window.sample_rate,
+        )  # fmt: skip
         return float(np.add.reduce(samples * weights))
 
 
@@ -77,13 +71,9 @@ def decay_of(half_life: float, count: int) -> float:
 
 @lru_cache(maxsize=256)
 def lowpass_weights(
-    count: int,
-    sections: int,
-    initial_cutoff: float,
-    final_cutoff: float,
-    decay: float,
+    count: int, sections: int, initial_cutoff: float, final_cutoff: float, decay: float,
     sample_rate: float,
-) -> NDArray[np.float64]:
+) -> NDArray[np.float64]:  # fmt: skip
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
