@@ -101,7 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         # one line for the user. Any other one is a defect and keeps its traceback.
         if not type(error).__module__.startswith('checkweigher_'):
             raise
-        status = _complain(parsed.command, error)
+        line = ' '.join(str(error).split())
+        print(f'{_PROGRAM} {parsed.command}: {line}', file=sys.stderr)
+        status = getattr(error, 'exit_status', 2)
     except BrokenPipeError:
         # The reader of the output, such as head, has ended.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -109,12 +111,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except KeyboardInterrupt:
         status = 130
     sys.exit(status)
-
-
-def _complain(command: str, error: Exception) -> int:
-    line = ' '.join(str(error).split())
-    print(f'{_PROGRAM} {command}: {line}', file=sys.stderr)
-    return getattr(error, 'exit_status', 2)
 
 
 if __name__ == '__main__':

@@ -6,24 +6,77 @@ from importlib.metadata import version
 import platform
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.settings import estimator_names, line_parameters
+from checkweigher_bringup.output import check_output_file
+from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
 from checkweigher_bringup.training import read_passes
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.production.prepackages import limits
+from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.simulation.simulator import PROFILES
+from checkweigher_recording.whole_file import write_whole
+from checkweigher_validation.accuracy.classes import AccuracyClass
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
+from checkweigher_validation.accuracy.tables import csv_text, json_text, text_table
 from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
+from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
 
 Result = tuple[Evaluation, Mapping[str, Tuned]]
 
 
-def evaluate_simulation(arguments: argparse.Namespace) -> Result:
+def evaluate(arguments: argparse.Namespace) -> None:
+    """Weigh, show the table and write the files that are asked for."""
+    _check(arguments)
+    try:
+        accuracy_class = AccuracyClass(
+            arguments.accuracy_class, arguments.factor, arguments.interval / GRAMS,
+            arguments.in_service)  # fmt: skip
+    except ValueError as error:
+        raise UserError(f'--class: {error}') from None
+    nominal = None if arguments.nominal is None else arguments.nominal / GRAMS
+    try:
+        if nominal is not None:
+            limits(nominal)
+    except ValueError as error:
+        raise UserError(f'--nominal: {error}') from None
+    weigh = _evaluate_simulation if arguments.protocol else _evaluate_bags
+    evaluation, tuned = weigh(arguments)
+    print(text_table(evaluation, accuracy_class))
+    if arguments.html:
+        from checkweigher_validation.report.page import render
+
+        write_whole(arguments.html, render(evaluation, accuracy_class, nominal))
+    if arguments.csv:
+        write_whole(arguments.csv, csv_text(evaluation, accuracy_class))
+    if arguments.json:
+        write_whole(arguments.json, json_text(evaluation))
+    if arguments.tuned:
+        source = [f'{name}: {value}' for name, value in evaluation.provenance]
+        write_whole(arguments.tuned, parameter_file(tuned, source))
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse options that cannot be used, before the work and not after it."""
+    if bool(arguments.bags) == bool(arguments.protocol):
+        raise UserError('name bags, or --protocol paper to simulate')
+    check_positive(arguments, 'budget', 'jobs', 'nominal')
+    if arguments.tuned and not (arguments.train or arguments.protocol):
+        raise UserError('--tuned: nothing would be tuned; add --train BAG')
+    given = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
+    outputs = [path for path in given if path is not None]
+    for path in outputs:
+        check_output_file(path, arguments.overwrite)
+        if outputs.count(path) > 1:
+            raise UserError(f'{path}: cannot be two of the outputs at once')
+
+
+def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
     """Run the protocol of the paper on a simulated machine."""
     if arguments.profile not in PROFILES:
         raise UserError(f'--profile {arguments.profile}: is none of {", ".join(PROFILES)}')
@@ -56,12 +109,11 @@ def evaluate_simulation(arguments: argparse.Namespace) -> Result:
     return Evaluation(title, conditions, provenance, examples), tuned
 
 
-def evaluate_bags(arguments: argparse.Namespace) -> Result:
+def _evaluate_bags(arguments: argparse.Namespace) -> Result:
     """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
     base = line_parameters(arguments.params, None)
     estimators = estimator_names(
-        arguments.estimator,
-        tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,),
+        arguments.estimator, tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
     )
     n_jobs = arguments.jobs or ALL_CORES
     passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
@@ -74,8 +126,7 @@ def evaluate_bags(arguments: argparse.Namespace) -> Result:
     if arguments.train:
         tuned = tune(
             group_by_speed(trained), estimators, base, budget=arguments.budget or BUDGET,
-            n_jobs=n_jobs,
-        )  # fmt: skip
+            n_jobs=n_jobs)  # fmt: skip
         lines = [tuned[name].parameters for name in estimators]
     else:
         tuned = {}
@@ -114,9 +165,7 @@ def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
         for each in passes:
             last = speeds.get(id(each), last)
             chosen[last].append(each)
-        batches += [
-            Batch(speed, part, tuple(those), {}) for speed, those in chosen.items() if those
-        ]
+        batches += [Batch(speed, part, tuple(each), {}) for speed, each in chosen.items() if each]
     return batches
 
 

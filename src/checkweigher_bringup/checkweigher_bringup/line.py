@@ -1,6 +1,6 @@
 """The whole line in one process: six nodes on one executor."""
 
-from collections.abc import Sequence
+from functools import partial
 import os
 
 # As in checkweigher_dsp.nodes, which comes too late: rclpy imports numpy.
@@ -33,10 +33,7 @@ def make_line() -> list[Node]:
     return [*(STAGE_NODES[name]() for name in reversed(STAGE_NODES)), ProductNode(), DriverNode()]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the line until it is interrupted."""
-    run_all(make_line, arguments)
-
+main = partial(run_all, make_line)
 
 if __name__ == '__main__':
     main()

@@ -1,6 +1,6 @@
 """The diagnostics of running lines as one table: the worst first, silent nodes among them."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 import textwrap
 import threading
@@ -11,29 +11,23 @@ from checkweigher_dsp.ros.ports import NODES, STAGES
 
 _SILENCE = 3.0  # s, three of its periods
 _NARROWEST = 40  # columns of text
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One aspect of one node, as reported at ``heard``, s of the monotonic clock."""
+    """One aspect of one node, as last reported."""
 
     node: str
     aspect: str
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
-    heard: float = 0.0
 
 
 class StatusBoard:
-    """The last report of each node of the lines.
-
-    Parameters
-    ----------
-    namespace : str
-        The only lane to show; empty for all.
-    """
+    """The last report of each node of the lane `namespace`, or of all lanes if that is empty."""
 
     def __init__(self, namespace: str = '') -> None:
         self._namespace = namespace
@@ -49,7 +43,7 @@ class StatusBoard:
             if name in NODES and self._namespace in ('', lane):
                 values = tuple((str(v.key), str(v.value)) for v in status.values)
                 level = Level(min(status.level[0], Level.STALE))
-                row = Row(node, aspect, level, str(status.message), values, now)
+                row = Row(node, aspect, level, str(status.message), values)
                 reported.setdefault(node, []).append(row)
         with self._lock:
             for node, rows in reported.items():
@@ -79,12 +73,7 @@ class StatusBoard:
                 if node not in nodes:
                     text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
                     found.append(Row(node, '', Level.STALE, text))
-        return sorted(found, key=lambda row: (-_urgency(row.level), row.node, row.aspect))
-
-
-def _urgency(level: Level) -> int:
-    """Return the rank of a level: an error is above silence, and silence above a warning."""
-    return (Level.OK, Level.WARN, Level.STALE, Level.ERROR).index(level)
+        return sorted(found, key=lambda row: (-_URGENCY.index(row.level), row.node, row.aspect))
 
 
 def worst(rows: Iterable[Row]) -> Level:
@@ -97,9 +86,7 @@ def headline(rows: Iterable[Row]) -> str:
     counts = dict.fromkeys(reversed(Level), 0)
     for row in rows:
         counts[row.level] += 1
-    names: Mapping[Level, str] = {
-        Level.STALE: 'silent', Level.ERROR: 'errors', Level.WARN: 'warnings', Level.OK: 'well',
-    }  # fmt: skip
+    names = {Level.STALE: 'silent', Level.ERROR: 'errors', Level.WARN: 'warnings', Level.OK: 'well'}
     return ', '.join(f'{count} {names[level]}' for level, count in counts.items())
 
 

@@ -16,23 +16,15 @@ from checkweigher_dsp.ros.ports import Port
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without the estimate it rests on
-# References that are kept for the items still on the line.
-_MAX_REFERENCES = 100
-# Estimates without verdict and the other way round.
-_MAX_UNPAIRED = 1000
+_MAX_REFERENCES = 100  # that are kept for the items still on the line
+_MAX_UNPAIRED = 1000  # estimates without verdict and the other way round
 
 
 class ResultListener(PortNode):
     """Pair the estimates and verdicts of a lane, with `from_start` also those before the listener.
 
-    Attributes
-    ----------
-    weighings : queue of Weighing
-        The pairs; read from any thread.
-    judged : int
-        Pairs up to now.
-    heard : float
-        Time of the last record, s of the monotonic clock.
+    The queue `weighings` has the pairs and may be read from any thread, `judged` is their number up
+    to now, and `heard` the time of the last record, s of the monotonic clock.
     """
 
     def __init__(self, name: str, *, from_start: bool) -> None:
@@ -94,8 +86,7 @@ def _estimate_of(verdict: Verdict) -> MassEstimate:
     reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
     return MassEstimate(
         verdict.item_id, verdict.t1, None, verdict.t3, reasons, mass=verdict.mass,
-        std_dev=verdict.std_dev,
-    )  # fmt: skip
+        std_dev=verdict.std_dev)  # fmt: skip
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:

@@ -48,11 +48,8 @@ def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
 class Table:
     """A table on the screen that grows by one line an item and ends with a summary.
 
-    Parameters
-    ----------
-    origin : int or None
-        ns, zero of the column t1; None for the time of the first item, before which nothing is
-        shown.
+    `origin` is the zero of the column t1, ns; None for the time of the first item, before which
+    nothing is shown.
     """
 
     def __init__(self, origin: int | None = None) -> None:

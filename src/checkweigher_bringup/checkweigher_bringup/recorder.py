@@ -33,21 +33,10 @@ _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 
 
 class ReferencePasses:
-    """Passes of products of one known mass.
+    """Passes of products of one known mass, kg; `wanted` of them end the recording.
 
-    Parameters
-    ----------
-    mass : float
-        kg.
-    wanted : int or None
-        Passes after which the recording ends.
-
-    Attributes
-    ----------
-    count : int
-        Passes up to now, without those that have no whole window.
-    news : queue of str
-        A line for each pass; read from any thread.
+    `count` passes have come up to now, without those that have no whole window. The queue `news`
+    has a line for each pass and may be read from any thread.
     """
 
     def __init__(self, mass: float, wanted: int | None) -> None:
@@ -82,19 +71,10 @@ class ReferencePasses:
 
 
 class RecorderNode(PortNode):
-    """Queue the serialized messages of a lane.
+    """Queue the serialized messages of a lane, with port and time of arrival in ns.
 
-    Parameters
-    ----------
-    recorded : sequence of Port
-        What is recorded.
-    passes : ReferencePasses or None
-        Says which mass passes, in place of the references of the line.
-
-    Attributes
-    ----------
-    messages : queue of (Port, int, bytes)
-        Port, time of arrival in ns and message; read from any thread.
+    The queue `messages` may be read from any thread. The known mass of `passes` takes the place of
+    the references of the line.
     """
 
     def __init__(self, recorded: tuple[Port, ...], passes: ReferencePasses | None) -> None:
@@ -134,30 +114,12 @@ def record(
     """Record until the duration is over, the passes have come, or SIGINT or SIGTERM comes.
 
     The bag grows under its name from the first message on. If this process is killed, it lacks the
-    last second and ``metadata.yaml``.
+    last second and ``metadata.yaml``. With `inputs_only` it has not what a replay makes again.
+    `duration` is in s, `reference` is the known mass of every product that passes, kg: it goes into
+    the bag as reference_mass, in place of the references of the line.
 
-    Parameters
-    ----------
-    path : Path
-        Bag to write.
-    namespace : str
-        Of the lane.
-    duration : float or None
-        s.
-    inputs_only : bool
-        Whether to leave out what a replay makes again.
-    reference : float or None
-        kg, known mass of every product that passes: it goes into the bag as reference_mass, in
-        place of the references of the line.
-    passes : int or None
-        Weighed passes of it after which to end.
-
-    Raises
-    ------
-    OutputError
-        If the bag cannot be written.
-    UserError
-        If no message came: an empty bag is of no use, so none is left.
+    An OutputError says that the bag cannot be written, a UserError that no message came: an empty
+    bag is of no use, so none is left.
     """
     recorded = ports.PLAYED if inputs_only else ports.ALL
     known = None if reference is None else ReferencePasses(reference, passes)

@@ -47,22 +47,17 @@ class Replay:
 
     def node_parameters(self) -> dict[str, dict[str, object]]:
         """Return names and values for each node."""
-        stages = {
+        values = {
             entry.name: getattr(self.parameters, entry.name).as_mapping()
             for entry in fields(self.parameters)
         }
         # However slow this machine is, a replay gives what `weigh` gives.
-        stages['reject']['deadlines'] = False
-        return {
-            **stages,
-            'driver': {
-                'source': 'bag',
-                'rate': self.rate,
-                'listeners': self.listeners,
-                'bag.path': str(self.bag.absolute()),
-                'bag.namespace': self.lane,
-            },
-        }
+        values['reject']['deadlines'] = False
+        bag = {'bag.path': str(self.bag.absolute()), 'bag.namespace': self.lane}
+        values['driver'] = {
+            'source': 'bag', 'rate': self.rate, 'listeners': self.listeners, **bag
+        }  # fmt: skip
+        return values
 
 
 class Collector(ResultListener):
@@ -78,7 +73,7 @@ class Collector(ResultListener):
         self._patience = patience
         self._waits = waits
         self._expected: int | None = None
-        self._samples_taken = 0
+        self._samples = 0  # that the segmenter has taken
         self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(ports.DRIVER_STATUS, self._on_driver)
 
@@ -89,8 +84,8 @@ class Collector(ResultListener):
 
     def _on_segmenter(self, status: StreamStatus) -> None:
         self.heard = time.monotonic()
-        self._samples_taken = status.samples
-        self._waits &= self._samples_taken == 0
+        self._samples = status.samples
+        self._waits &= self._samples == 0
         if status.state is StreamState.FINISHED:
             self._expected = status.items
 
@@ -106,7 +101,7 @@ class Collector(ResultListener):
             expected = '' if self._expected is None else f' of {self._expected}'
             self.failure = LineError(
                 f'the graph has been silent for {self._patience:.0f} s, after {self.judged}'
-                f'{expected} verdicts and {self._samples_taken} samples'
+                f'{expected} verdicts and {self._samples} samples'
             )
 
     def conflict(self) -> UserError:
@@ -135,17 +130,17 @@ def replay(plan: Replay) -> Iterator[Weighing]:
             raise conflict
         children: list[Process] = []
         nodes: list[Node] = [collector]
+        values = plan.node_parameters()
         if plan.processes:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='checkweigher-'))
             file = Path(folder, 'parameters.yaml')
-            write_parameter_file(file, plan.node_parameters())
+            write_parameter_file(file, values)
             commands = {
                 name: node_command(ports.NODES[name], plan.namespace, file)
                 for name in ('driver', *ports.STAGES)
             }
             children += stack.enter_context(running_processes(commands)).values()
         else:
-            values = plan.node_parameters()
             nodes += [make(values[name]) for name, make in reversed(STAGE_NODES.items())]
             nodes.append(DriverNode(values['driver']))
         spinner.add(*nodes)
@@ -173,9 +168,8 @@ def _results(
             collector.failure = LineError('the graph broke off; its error is above')
         for child in children:
             if child.poll() is not None:
-                collector.failure = LineError(
-                    f'a node ended with status {child.returncode}: {child.args!r}'
-                )
+                text = f'a node ended with status {child.returncode}: {child.args!r}'
+                collector.failure = LineError(text)
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from types import FrameType
 from typing import Any
 
 from checkweigher_bringup.errors import UserError
@@ -89,11 +88,7 @@ def run_line(
     The parameters of the `driver` win over the file `params`. A UserError says that there is a line
     already in this lane.
     """
-
-    def end(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix='checkweigher-') as folder:
         files = [] if params is None else [params]
         if driver:
@@ -111,10 +106,8 @@ def run_line(
                 spinner.add(node)
                 time.sleep(_DISCOVERY_TIME)
                 if node.count_drivers():
-                    raise UserError(
-                        'a line runs here already; stop it, or choose another --namespace or '
-                        'ROS_DOMAIN_ID'
-                    )
+                    raise UserError('a line runs here already; stop it, or choose another '
+                                    '--namespace or ROS_DOMAIN_ID')  # fmt: skip
                 try:
                     return _supervise(processes, node, heard)
                 finally:

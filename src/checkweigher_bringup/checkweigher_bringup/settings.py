@@ -29,9 +29,8 @@ def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list
     names: list[str] = []
     for name in given or default:
         if name not in (*ESTIMATORS, 'all'):
-            raise UserError(
-                f'--estimator {name}: no such estimator; there are {", ".join(sorted(ESTIMATORS))}'
-            )
+            known = ', '.join(sorted(ESTIMATORS))
+            raise UserError(f'--estimator {name}: no such estimator; there are {known}')
         names += (*default, *ESTIMATORS) if name == 'all' else (name,)
     return list(dict.fromkeys(names))
 
@@ -40,9 +39,8 @@ def check_namespace(name: str) -> str:
     """Return a ROS namespace without its leading slash, or raise UserError."""
     name = name.strip('/')
     if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
-        raise UserError(
-            f'--namespace {name}: names are letters, digits and _, and do not begin with a digit'
-        )
+        rule = 'names are letters, digits and _, and do not begin with a digit'
+        raise UserError(f'--namespace {name}: {rule}')
     return name
 
 

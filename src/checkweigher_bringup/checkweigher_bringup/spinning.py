@@ -20,15 +20,10 @@ _PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
 
 @contextmanager
 def spinning(namespace: str = '') -> Iterator[Spinner]:
-    """Have ROS and a spinner for as long as the block lasts.
+    """Have ROS and a spinner while the block lasts; `namespace` is that of the nodes it makes.
 
     Signals stay with Python: Ctrl-C is a KeyboardInterrupt in the block, and what the block has
     to finish it finishes with the nodes still there.
-
-    Parameters
-    ----------
-    namespace : str
-        Of all nodes that the block makes.
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:

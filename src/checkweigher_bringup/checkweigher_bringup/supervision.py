@@ -4,8 +4,6 @@ from enum import Enum, auto
 import signal
 
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
-
-
 # s, before a process is started again: at first, and at most where it dies again and again.
 DELAY, LONGEST_DELAY = 1.0, 10.0
 STABLE = 5.0  # s; a process that has lived for so long has not died at once

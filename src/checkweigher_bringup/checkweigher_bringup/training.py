@@ -29,12 +29,8 @@ def read_passes(
 ) -> tuple[list[KnownPass], list[str]]:
     """Return the passes of known mass in bags, and a line on each bag; `n_jobs` as in `run_jobs`.
 
-    Raises
-    ------
-    UserError
-        If a bag has none, or the bags are of different load cells.
-    BagError
-        If a bag cannot be read.
+    A UserError says that a bag has none or that the bags are of different load cells, a BagError
+    that a bag cannot be read.
     """
     calls = [delayed(_read_bag)(bag, lane, segmenter, len(bags) == 1) for bag in bags]
     passes: list[KnownPass] = []

@@ -25,34 +25,19 @@ CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 # Name, default and description.
 ARGUMENTS = (
     ('namespace', '', 'of the lane'),
-    (
-        'params_file',
-        PathJoinSubstitution([FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']),
-        'parameters of all nodes',
-    ),
-    (
-        'source',
-        '',
-        'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file',
-    ),
+    ('params_file',
+     PathJoinSubstitution([FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']),
+     'parameters of all nodes'),
+    ('source', '',
+     'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file'),
     ('bag', '', 'bag to play'),
-    (
-        'rate',
-        '',
-        'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in params_file',
-    ),
+    ('rate', '', 'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in '
+     'params_file'),
     ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
-    (
-        'respawn',
-        'true',
-        'whether a process that has ended is started again; false ends the launch with it',
-    ),
-    (
-        'log_level',
-        'info',
-        'lowest severity that the nodes log: debug, info, warn, error or fatal',
-    ),
-)
+    ('respawn', 'true',
+     'whether a process that has ended is started again; false ends the launch with it'),
+    ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
+)  # fmt: skip
 
 
 def generate_launch_description():
@@ -88,24 +73,18 @@ def make_line(context):
     for_reject = [params_file, reject_parameters(context)]
     return [
         Node(
-            package='checkweigher_bringup',
-            executable='line',
-            parameters=[*for_driver, *for_reject[1:]],
-            condition=IfCondition(one_process),
-            **common,
+            package='checkweigher_bringup', executable='line',
+            parameters=[*for_driver, *for_reject[1:]], condition=IfCondition(one_process), **common,
         ),
         *(
             Node(
-                package=module.partition('.')[0],
-                executable=name,
-                name=name,
+                package=module.partition('.')[0], executable=name, name=name,
                 parameters={'driver': for_driver, 'reject': for_reject}.get(name, [params_file]),
-                condition=UnlessCondition(one_process),
-                **common,
+                condition=UnlessCondition(one_process), **common,
             )
             for name, module in NODES.items()
         ),
-    ]
+    ]  # fmt: skip
 
 
 def on_exit(event, context, *, respawn):

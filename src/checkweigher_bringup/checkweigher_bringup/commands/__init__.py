@@ -33,27 +33,21 @@ def add_end(parser: Parser, counted: str) -> None:
 
 def add_weighing(parser: Parser) -> None:
     """Add the bag to weigh, the parameters, and the CSV file of the results."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
+    add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
     add_parameter_file(parser)
-    parser.add_argument(
-        '--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi'
-    )
-    parser.add_argument('--lane', metavar='NAME', help='namespace to take, if the bag has several')
-    parser.add_argument('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
-    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
+    add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
+    add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
+    add('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
+    add('--overwrite', action='store_true', help='replace FILE if it exists')
 
 
 def add_tuning(parser: Parser) -> None:
     """Add what is tuned, how long, on how many processes, and the lane of the bags."""
-    parser.add_argument(
-        '--estimator', nargs='+', action='extend', metavar='NAME',
-        help='one or several, or all; the first one is what a tuned file selects',
-    )  # fmt: skip
-    parser.add_argument(
-        '--budget', type=int, metavar='N',
-        help='evaluations of each estimator at each speed; default 240',
-    )  # fmt: skip
-    parser.add_argument('--jobs', type=int, metavar='N', help='processes; default one for a core')
-    parser.add_argument(
-        '--lane', metavar='NAME', help='namespace to take, if the bags hold several'
-    )
+    add = parser.add_argument
+    add('--estimator', nargs='+', action='extend', metavar='NAME',
+        help='one or several, or all; the first one is what a tuned file selects')  # fmt: skip
+    add('--budget', type=int, metavar='N',
+        help='evaluations of each estimator at each speed; default 240')  # fmt: skip
+    add('--jobs', type=int, metavar='N', help='processes; default one for a core')
+    add('--lane', metavar='NAME', help='namespace to take, if the bags hold several')

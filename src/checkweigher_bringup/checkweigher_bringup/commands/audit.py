@@ -14,12 +14,11 @@ _WIDEST = 40  # characters of a value
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `audit`."""
-    parser.add_argument('log', type=Path, metavar='LOG', help='audit log; LOG.head is beside it')
-    parser.add_argument(
-        '--hash', default='', metavar='HASH',
-        help='an entry with this hash, noted elsewhere, has to be there',
-    )  # fmt: skip
-    parser.add_argument('--json', action='store_true', help='print JSON instead of a table')
+    add = parser.add_argument
+    add('log', type=Path, metavar='LOG', help='audit log; LOG.head is beside it')
+    add('--hash', default='', metavar='HASH',
+        help='an entry with this hash, noted elsewhere, has to be there')  # fmt: skip
+    add('--json', action='store_true', help='print JSON instead of a table')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,10 +52,8 @@ def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
     yield f'{"entry":>5}  {"time":26}  {"kind":11}  what: old -> new'
     for entry in entries:
         for what, old, new in _changes(entry):
-            yield (
-                f'{entry.sequence:>5}  {entry.time[:26]:26}  {entry.kind:11}  '
-                f'{what}: {_short(old)} -> {_short(new)}'
-            )
+            begin = f'{entry.sequence:>5}  {entry.time[:26]:26}  {entry.kind:11}'
+            yield f'{begin}  {what}: {_short(old)} -> {_short(new)}'
 
 
 def _conclusion(found: 'Verification') -> str:

@@ -9,61 +9,35 @@ from checkweigher_bringup.commands import add_namespace
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `calibrate`."""
     wanted = parser.add_mutually_exclusive_group(required=True)
-    wanted.add_argument(
-        '--masses', type=float, nargs='+', metavar='G', help='known masses, in the order of use'
-    )
-    wanted.add_argument(
-        '--zero', action='store_true', help='read the empty belt only, and keep the sensitivity'
-    )
-    wanted.add_argument(
-        '--dynamic', action='store_true',
-        help='record passes of --reference at each of --speeds, and train on them',
-    )  # fmt: skip
-    parser.add_argument(
-        '--output', type=Path, required=True, metavar='FILE',
-        help='parameter file; one that is there is kept as an older version',
-    )  # fmt: skip
-    parser.add_argument(
-        '--source', metavar='NAME',
-        help='source whose calibration it is, such as aed; not with --dynamic',
-    )  # fmt: skip
-    parser.add_argument(
-        '--open', action='store_true',
-        help='open the source; without, the samples are those of a running line',
-    )  # fmt: skip
-    parser.add_argument(
-        '--params', type=Path, metavar='FILE',
-        help='parameters of the source, which go into the new file as well',
-    )  # fmt: skip
+    add = wanted.add_argument
+    add('--masses', type=float, nargs='+', metavar='G', help='known masses, in the order of use')
+    add('--zero', action='store_true', help='read the empty belt only, and keep the sensitivity')
+    add('--dynamic', action='store_true',
+        help='record passes of --reference at each of --speeds, and train on them')  # fmt: skip
+    add = parser.add_argument
+    add('--output', type=Path, required=True, metavar='FILE',
+        help='parameter file; one that is there is kept as an older version')  # fmt: skip
+    add('--source', metavar='NAME',
+        help='source whose calibration it is, such as aed; not with --dynamic')  # fmt: skip
+    add('--open', action='store_true',
+        help='open the source; without, the samples are those of a running line')  # fmt: skip
+    add('--params', type=Path, metavar='FILE',
+        help='parameters of the source, which go into the new file as well')  # fmt: skip
     add_namespace(parser)
-    parser.add_argument(
-        '--mass-uncertainty', type=float, default=0.0, metavar='G',
-        help='standard uncertainty of each mass',
-    )  # fmt: skip
-    parser.add_argument(
-        '--duration', type=float, default=5.0, metavar='S', help='for which each mass is read'
-    )
-    parser.add_argument(
-        '--tolerance', type=float, default=0.1, metavar='G',
-        help='by which a load at rest may still move',
-    )  # fmt: skip
-    parser.add_argument(
-        '--max-residual', type=float, metavar='G',
-        help='write nothing if a mass is further off the line',
-    )  # fmt: skip
-    dynamic = parser.add_argument_group('dynamic setting')
-    dynamic.add_argument('--reference', type=float, metavar='G', help='mass of all that passes')
-    dynamic.add_argument(
-        '--passes', type=int, metavar='N', default=60, help='at each speed; default 60'
-    )
-    dynamic.add_argument(
-        '--speeds', type=float, nargs='+', metavar='M_PER_MIN', help='belt speeds, in turn'
-    )
-    dynamic.add_argument(
-        '--bags', type=Path, metavar='DIR', help='folder for the bags; default OUTPUT_passes'
-    )
-    dynamic.add_argument('--estimator', metavar='NAME', default='iswd_eksi', help='what is trained')
-    dynamic.add_argument('--budget', type=int, metavar='N', help='as that of tune')
+    add('--mass-uncertainty', type=float, default=0.0, metavar='G',
+        help='standard uncertainty of each mass')  # fmt: skip
+    add('--duration', type=float, default=5.0, metavar='S', help='for which each mass is read')
+    add('--tolerance', type=float, default=0.1, metavar='G',
+        help='by which a load at rest may still move')  # fmt: skip
+    add('--max-residual', type=float, metavar='G',
+        help='write nothing if a mass is further off the line')  # fmt: skip
+    add = parser.add_argument_group('dynamic setting').add_argument
+    add('--reference', type=float, metavar='G', help='mass of all that passes')
+    add('--passes', type=int, metavar='N', default=60, help='at each speed; default 60')
+    add('--speeds', type=float, nargs='+', metavar='M_PER_MIN', help='belt speeds, in turn')
+    add('--bags', type=Path, metavar='DIR', help='folder for the bags; default OUTPUT_passes')
+    add('--estimator', metavar='NAME', default='iswd_eksi', help='what is trained')
+    add('--budget', type=int, metavar='N', help='as that of tune')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,12 +5,8 @@ import math
 import queue
 import sys
 import time
-from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import add_end, add_namespace
-
-if TYPE_CHECKING:
-    from checkweigher_bringup.listening import EchoNode
 
 _PATIENCE = 5.0  # s without a verdict before the reason is shown
 _POLL_PERIOD = 0.2  # s
@@ -25,33 +21,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Show one line a verdict until interrupted."""
     from checkweigher_bringup.listening import EchoNode
+    from checkweigher_bringup.output import Table
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
 
     namespace = check_namespace(arguments.namespace)
     check_positive(arguments, 'count', 'duration')
     count, duration = arguments.count or math.inf, arguments.duration or math.inf
+    end = time.monotonic() + duration
     with spinning(namespace) as spinner:
-        node = EchoNode()
+        node, table = EchoNode(), Table()
         spinner.add(node)
-        _show(node, count, time.monotonic() + duration)
+        try:
+            while table.count < count and time.monotonic() < end:
+                try:
+                    table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+                except queue.Empty:
+                    if time.monotonic() - node.heard > _PATIENCE:
+                        node.heard = time.monotonic()
+                        print(node.silence(), file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            table.close()
     return 0
-
-
-def _show(node: 'EchoNode', count: float, end: float) -> None:
-    """Show verdicts until there were `count`, or until `end`, s of the monotonic clock."""
-    from checkweigher_bringup.output import Table
-
-    table = Table()
-    try:
-        while table.count < count and time.monotonic() < end:
-            try:
-                table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
-            except queue.Empty:
-                if time.monotonic() - node.heard > _PATIENCE:
-                    node.heard = time.monotonic()
-                    print(node.silence(), file=sys.stderr, flush=True)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        table.close()

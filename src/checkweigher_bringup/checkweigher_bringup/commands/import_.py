@@ -52,10 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         for name, convert, metavar, text in options:
             group.add_argument(f'--{name}', type=convert, metavar=metavar, help=text)
         if options is _EYES:
-            group.add_argument(
-                '--blocked-below', action='store_true', default=None,
-                help='an eye is blocked below the threshold',
-            )  # fmt: skip
+            group.add_argument('--blocked-below', action='store_true', default=None,
+                               help='an eye is blocked below the threshold')  # fmt: skip
             group.add_argument(
                 '--edges', type=Path, metavar='FILE',
                 help='JSON with a list of [row, level] for each eye: 1 is blocked from that row '
@@ -71,11 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_recording.csv.log_import import ImportParameters, import_csv
     from checkweigher_recording.whole_file import check_new
 
-    given = {
-        entry.name: getattr(arguments, entry.name)
-        for entry in fields(ImportParameters)
-        if getattr(arguments, entry.name) is not None
-    }
+    names = {entry.name for entry in fields(ImportParameters)}
+    given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}
     check_new(arguments.output)
     recording = import_csv(arguments.log, ImportParameters.from_mapping(given), arguments.edges)
     write_bag(arguments.output, recording.load_cell, recording)

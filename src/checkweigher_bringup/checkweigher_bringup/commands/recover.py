@@ -8,9 +8,8 @@ from checkweigher_bringup.commands import add_new_bag
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `recover`."""
-    parser.add_argument(
-        'bag', type=Path, metavar='BAG', help='folder without metadata.yaml, or cut .mcap file'
-    )
+    parser.add_argument('bag', type=Path, metavar='BAG',
+                        help='folder without metadata.yaml, or cut .mcap file')  # fmt: skip
     add_new_bag(parser)
 
 

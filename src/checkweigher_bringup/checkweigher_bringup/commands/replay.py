@@ -8,30 +8,19 @@ from checkweigher_bringup.commands import add_weighing
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `replay`."""
     add_weighing(parser)
-    parser.add_argument(
-        '--rate', type=float, default=1.0, metavar='R',
-        help='seconds of signal in a second; 0 as fast as nothing is lost (default 1)',
-    )  # fmt: skip
-    parser.add_argument(
-        '--namespace', default='', metavar='NAME', help='ROS namespace to run the graph in'
-    )
-    parser.add_argument(
-        '--processes', action='store_true', help='run each node in a process of its own'
-    )
-    parser.add_argument(
-        '--listeners', type=int, default=0, metavar='N',
+    add = parser.add_argument
+    add('--rate', type=float, default=1.0, metavar='R',
+        help='seconds of signal in a second; 0 as fast as nothing is lost (default 1)')  # fmt: skip
+    add('--namespace', default='', metavar='NAME', help='ROS namespace to run the graph in')
+    add('--processes', action='store_true', help='run each node in a process of its own')
+    add('--listeners', type=int, default=0, metavar='N',
         help='begin when N others take the samples, such as record, started before or after',
     )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag; 1 if an item got no verdict."""
-    from checkweigher_bringup.output import (
-        Table,
-        check_output_file,
-        warn_unfinished,
-        write_results,
-    )
+    from checkweigher_bringup.output import Table, check_output_file, warn_unfinished, write_results
     from checkweigher_bringup.replaying import Replay, replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.devices import DriverParameters
@@ -50,8 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     results: list[ItemResult] = []
     plan = Replay(
         arguments.bag, arguments.lane or '', arguments.rate, parameters, namespace,
-        arguments.processes, arguments.listeners,
-    )  # fmt: skip
+        arguments.processes, arguments.listeners)  # fmt: skip
     for weighing in replay(plan):
         result = joiner.join(weighing.estimate, weighing.verdict)
         table.show(result)

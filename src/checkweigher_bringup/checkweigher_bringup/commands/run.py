@@ -10,15 +10,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
     add_parameter_file(parser)
     add_namespace(parser)
-    parser.add_argument(
-        '--processes', action='store_true',
+    add = parser.add_argument
+    add('--processes', action='store_true',
         help='run each node in a process of its own; each is started again when it dies or hangs',
     )  # fmt: skip
-    parser.add_argument(
-        '--source', metavar='NAME',
+    add('--source', metavar='NAME',
         help='where samples and edges come from; default: as in FILE, else the simulator',
     )  # fmt: skip
-    parser.add_argument('--bag', type=Path, metavar='BAG', help='bag to play; means --source bag')
+    add('--bag', type=Path, metavar='BAG', help='bag to play; means --source bag')
 
 
 def run(arguments: argparse.Namespace) -> int:

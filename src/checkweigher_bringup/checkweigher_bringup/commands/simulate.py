@@ -3,6 +3,7 @@
 import argparse
 
 from checkweigher_bringup.commands import add_new_bag
+from checkweigher_bringup.errors import UserError
 
 # Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
 # one of SI.
@@ -15,19 +16,15 @@ _CONVERTED = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `simulate`; the defaults are those of SimulationParameters."""
-    parser.add_argument(
-        '--speed', type=float, required=True, metavar='M_PER_MIN', help='belt speed, m/min'
-    )
-    parser.add_argument(
-        '--mass', type=float, nargs='+', action='extend', required=True, metavar='G',
-        help='mass of the products, g; several take turns',
-    )  # fmt: skip
-    parser.add_argument('--count', type=int, default=25, metavar='N', help='number of products')
-    parser.add_argument(
-        '--profile', metavar='NAME', default='paper',
+    add = parser.add_argument
+    add('--speed', type=float, required=True, metavar='M_PER_MIN', help='belt speed, m/min')
+    add('--mass', type=float, nargs='+', action='extend', required=True, metavar='G',
+        help='mass of the products, g; several take turns')  # fmt: skip
+    add('--count', type=int, default=25, metavar='N', help='number of products')
+    add('--profile', metavar='NAME', default='paper',
         help='machine and what shakes it: paper (default), roller, soft, floor or quiet',
     )  # fmt: skip
-    parser.add_argument('--seed', type=int, default=1, metavar='S', help='of all that is random')
+    add('--seed', type=int, default=1, metavar='S', help='of all that is random')
     add_new_bag(parser)
     for name, unit, text in (
         ('spacing', 'M', 'between leading edges of successive products'),
@@ -37,24 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ('lead-in', 'S', 'empty belt before the first product'),
         ('run-out', 'S', 'empty belt after the last product'),
     ):
-        parser.add_argument(f'--{name}', type=float, metavar=unit, help=text)
+        add(f'--{name}', type=float, metavar=unit, help=text)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate the line and write the bag."""
-    from checkweigher_bringup.errors import UserError
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.progress import with_progress
     from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-    given: dict[str, object] = {
-        name: value
-        for name in (
-            'count', 'profile', 'seed', 'spacing', 'product_length', 'weigh_length', 'lead_in',
-            'run_out',
-        )
-        if (value := getattr(arguments, name)) is not None
-    }  # fmt: skip
+    names = SimulationParameters.entries()
+    given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}
     if arguments.count == 0:
         raise UserError('--count 0 is an endless line, which fits in no bag')
     given['speed'] = _to_si('speed', arguments.speed)
@@ -63,8 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         given['zero_drift'] = _to_si('zero-drift', arguments.zero_drift)
     parameters = SimulationParameters.from_mapping(given)
     simulation = Simulation(parameters)
-    events = with_progress(simulation, 'simulating')
-    write_bag(arguments.output, simulation.load_cell, events)
+    write_bag(arguments.output, simulation.load_cell, with_progress(simulation, 'simulating'))
     print(
         f'{arguments.output}: {parameters.count} products at {arguments.speed:g} m/min, '
         f'profile {parameters.profile}, seed {parameters.seed}'
@@ -74,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _to_si(option: str, value: float) -> float:
     """Return the value of an option in SI; a refusal is in the unit of the option."""
-    from checkweigher_bringup.errors import UserError
     from checkweigher_dsp.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 

@@ -20,9 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `status`."""
     parser.add_argument('--namespace', default='', metavar='NAME', help='only this lane')
     add_end(parser, 'tables, one a second')
-    parser.add_argument(
-        '--values', action='store_true', help='show the figures of what is well, too'
-    )
+    parser.add_argument('--values', action='store_true',
+                        help='show the figures of what is well, too')  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,15 +8,12 @@ from checkweigher_bringup.commands import add_tuning
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `tune`."""
-    parser.add_argument(
-        'bags', type=Path, nargs='+', metavar='BAG', help='bags with reference_mass, of any speeds'
-    )
-    parser.add_argument('--output', type=Path, required=True, metavar='FILE',
-                        help='parameter file to write')  # fmt: skip
-    parser.add_argument('--overwrite', action='store_true', help='replace FILE if it exists')
+    add = parser.add_argument
+    add('bags', type=Path, nargs='+', metavar='BAG', help='bags with reference_mass, of any speeds')
+    add('--output', type=Path, required=True, metavar='FILE', help='parameter file to write')
+    add('--overwrite', action='store_true', help='replace FILE if it exists')
     add_tuning(parser)
-    parser.add_argument('--params', type=Path, metavar='FILE',
-                        help='parameters of everything that is not tuned')  # fmt: skip
+    add('--params', type=Path, metavar='FILE', help='parameters of everything that is not tuned')
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,12 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Weigh the bag and show each item."""
-    from checkweigher_bringup.output import (
-        Table,
-        check_output_file,
-        warn_unfinished,
-        write_results,
-    )
+    from checkweigher_bringup.output import Table, check_output_file, warn_unfinished, write_results
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_recording.bags.reading import read_bag
     from checkweigher_validation.accuracy.results import weigh

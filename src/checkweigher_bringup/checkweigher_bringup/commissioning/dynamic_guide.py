@@ -1,11 +1,13 @@
 """The dynamic setting with a technician: passes of a known mass at one belt speed after another."""
 
 import argparse
+from itertools import count
 from pathlib import Path
 from statistics import median
 
 from checkweigher_bringup.commissioning.static_guide import ask
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.output import check_output_file
 from checkweigher_bringup.recorder import record
 from checkweigher_bringup.settings import (
     check_namespace,
@@ -16,7 +18,7 @@ from checkweigher_bringup.settings import (
 from checkweigher_bringup.training import BUDGET, read_passes, train
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.whole_file import check_folder_of, output_error
+from checkweigher_recording.whole_file import output_error
 
 _SECONDS = 60.0  # in a minute
 _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
@@ -50,10 +52,8 @@ def _check(arguments: argparse.Namespace) -> None:
         raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
     check_namespace(arguments.namespace)
     estimator_names([arguments.estimator], ())
-    if arguments.output.is_dir():
-        raise UserError(f'{arguments.output}: is a folder, not a file to write to')
+    check_output_file(arguments.output, overwrite=True)
     check_not_installed(arguments.output)
-    check_folder_of(arguments.output)
 
 
 def _record_at(
@@ -62,11 +62,11 @@ def _record_at(
     """Record the passes at a speed in m/min, again if the belt ran at another; return the bag."""
     while True:
         ask(f'Set the belt to {speed:g} m/min, run the line')
-        bag = _free(folder, speed)
+        names = (folder / f'{speed:g}_{number}' for number in count(1))
+        bag = next(path for path in names if not path.exists())
         record(
             bag, check_namespace(arguments.namespace), None, inputs_only=True,
-            reference=0.001 * arguments.reference, passes=arguments.passes,
-        )  # fmt: skip
+            reference=0.001 * arguments.reference, passes=arguments.passes)  # fmt: skip
         passes = [each for each in read_passes([bag], None, base.segmenter)[0] if each.whole]
         if len(passes) < arguments.passes:
             raise UserError(
@@ -78,11 +78,3 @@ def _record_at(
         if abs(found / speed - 1) <= _TOLERANCE:
             return bag
         print(f'the belt ran at {found:.2f} m/min, not at {speed:g}: this bag is left out')
-
-
-def _free(folder: Path, speed: float) -> Path:
-    """Return the first name for a bag of a speed that does not exist yet."""
-    number = 1
-    while (path := folder / f'{speed:g}_{number}').exists():
-        number += 1
-    return path

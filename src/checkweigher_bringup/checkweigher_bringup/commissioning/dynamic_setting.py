@@ -4,8 +4,8 @@ The commands `record` and `tune` run in processes of their own: training takes m
 cores, and the line must not wait for it.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 import math
 import os
 from pathlib import Path
@@ -99,15 +99,12 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     # Services
 
-    def _on_record(
-        self, request: RecordPasses.Request, response: RecordPasses.Response
-    ) -> RecordPasses.Response:
+    def _on_record(self, request: Any, response: Any) -> Any:
         if self._child is not None:
             response.message = f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
         elif not (math.isfinite(request.mass) and request.mass > 0 and request.passes > 0):
-            response.message = (
-                f'mass {request.mass:g} kg, passes {request.passes}: both must be above 0'
-            )
+            given = f'mass {request.mass:g} kg, passes {request.passes}'
+            response.message = f'{given}: both must be above 0'
         else:
             numbers = [_number(path) for path in self._folder.glob('passes_*')]
             self._recording = self._folder / f'passes_{max([0, *numbers]) + 1}'
@@ -116,10 +113,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 'record', '--output', self._recording, '--inputs-only', '--reference', grams,
                 '--passes', request.passes, '--namespace', self.get_namespace().strip('/'),
             )  # fmt: skip
-            self._tell(
-                DynamicSetting.RECORDING, 'waiting for the first pass', mass=float(request.mass),
-                wanted=int(request.passes),
-            )  # fmt: skip
+            known = {'mass': float(request.mass), 'wanted': int(request.passes)}
+            self._tell(DynamicSetting.RECORDING, 'waiting for the first pass', **known)
             response.success, response.bag = True, str(self._recording)
         return response
 
@@ -179,17 +174,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if self._child is None:
             return
         status = self._child.poll()
-        if self._said.state == DynamicSetting.RECORDING:
-            self._look_for_passes()
-        if status is not None:
-            self._end(status)
-
-    def _look_for_passes(self) -> None:
-        lines = _lines(self._output)
+        lines = _lines(self._output) if self._said.state == DynamicSetting.RECORDING else []
         if lines and lines[-1] != self._said.text:
             self._said.text = lines[-1]
             self._said.passes = sum(line.startswith('pass ') for line in lines)
             self._publish()
+        if status is not None:
+            self._end(status)
 
     def _end(self, status: int) -> None:
         """Publish the result of a child that has ended."""
@@ -207,8 +198,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._tell(DynamicSetting.IDLE, 'training cancelled')
         else:
             version = replace_version(self._file, self._learned)
-            self._tell(DynamicSetting.IDLE, f'learned; the line takes {self._file} as its '
-                       f'parameters, version {version}')  # fmt: skip
+            text = f'learned; the line takes {self._file} as its parameters, version {version}'
+            self._tell(DynamicSetting.IDLE, text)
         if self._said.state == DynamicSetting.FAILED:
             self.warn(self._said.text)
         else:
@@ -233,9 +224,8 @@ def _folder(name: str) -> Path:
     """Return the folder of a name, or raise ParameterError if nothing can be kept in it."""
     folder = Path(name)
     if not name or not folder.is_dir():
-        raise ParameterError(
-            f'dynamic_setting.folder: {name!r} is no folder; make it, and name it there'
-        )
+        text = f'{name!r} is no folder; make it, and name it there'
+        raise ParameterError(f'dynamic_setting.folder: {text}')
     try:
         check_not_installed(folder)
     except CalibrationError as error:
@@ -254,10 +244,7 @@ def _lines(file: Path) -> list[str]:
     return [line.strip() for line in text.splitlines() if line.strip()]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(DynamicSettingNode, arguments)
-
+main = partial(run, DynamicSettingNode)
 
 if __name__ == '__main__':
     main()

@@ -1,7 +1,7 @@
 """The static calibration with a technician: known masses at rest, one after another."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 import sys
 
@@ -38,10 +38,8 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     masses = [mass / GRAMS for mass in arguments.masses or ()]
     with _feed(arguments) as feed:
         load_cell = feed.wait_for_load_cell()
-        points = guided_points(
-            feed, masses, arguments.mass_uncertainty / GRAMS,
-            Steadiness(arguments.duration, arguments.tolerance / GRAMS),
-        )  # fmt: skip
+        steadiness = Steadiness(arguments.duration, arguments.tolerance / GRAMS)
+        points = _guided_points(feed, masses, arguments.mass_uncertainty / GRAMS, steadiness)
     found = calibrate(points) if masses else zero_only(points[0], load_cell.counts_per_kg)
     print('\n'.join(calibration_table(found, points)))
     residual = GRAMS * found.largest_residual
@@ -75,61 +73,46 @@ def ask(text: str) -> None:
         print(file=sys.stderr)
 
 
-def read_at_rest(
-    feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
-) -> StaticReading:
-    """Return the reading of a load as soon as it has been at rest for long enough.
+def _guided_points(
+    feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
+) -> list[CalibrationPoint]:
+    """Ask for an empty belt, each mass, kg, and the empty belt again, and read each.
 
-    A UserError says that no samples come, a CalibrationError that the load does not come to rest or
-    that the converter is at its limit.
+    Without masses the empty belt is read once. `mass_uncertainty` is standard, of each mass, kg.
     """
+    wanted = [0.0, *masses, 0.0] if masses else [0.0]
+    points = []
+    for mass in wanted:
+        ask(f'Put {GRAMS * mass:g} g on the belt' if mass else 'Empty the belt')
+        reading = _read_at_rest(feed, feed.wait_for_load_cell(), steadiness)
+        _show('')
+        uncertainty = mass_uncertainty if mass else 0.0
+        points.append(CalibrationPoint(mass, reading.mean, reading.std_error, uncertainty))
+        print(f'{GRAMS * mass:g} g: reading {reading.mean:.1f} +- {reading.std_error:.1f}')
+    return points
+
+
+def _read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness) -> StaticReading:
+    """Return the reading of a load as soon as it has been at rest for long enough."""
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
     for block, whole in feed.blocks():
         found = reading.add(block, whole=whole)
         if reading.latest is not shown and reading.latest is not None:
             shown = reading.latest
-            show(_line(shown, load_cell, reading.duration))
+            _show(_line(shown, load_cell, reading.duration))
         if found is not None:
             return found
     raise AssertionError('a feed has no end')
 
 
 def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
-    mass = (reading.mean - load_cell.zero_counts) / load_cell.counts_per_kg
+    grams = GRAMS / load_cell.counts_per_kg  # in a count
+    mass = grams * (reading.mean - load_cell.zero_counts)
     return (
-        f'{duration:4.1f} s: {GRAMS * mass:10.3f} g as calibrated now, reading {reading.mean:.1f}, '
-        f'drift {_grams(reading.drift, load_cell):+.3f} g, noise '
-        f'{_grams(reading.noise, load_cell):.3f} g'
+        f'{duration:4.1f} s: {mass:10.3f} g as calibrated now, reading {reading.mean:.1f}, drift '
+        f'{abs(grams) * reading.drift:+.3f} g, noise {abs(grams) * reading.noise:.3f} g'
     )
-
-
-def _grams(counts: float, load_cell: LoadCell) -> float:
-    return GRAMS * counts / abs(load_cell.counts_per_kg)
-
-
-def guided_points(
-    feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
-) -> list[CalibrationPoint]:
-    """Ask for an empty belt, each mass in kg, and the empty belt again, and read each.
-
-    Without masses the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
-    each mass, kg.
-    """
-    load_cell = feed.wait_for_load_cell()
-    wanted = [0.0, *masses, 0.0] if masses else [0.0]
-    points = []
-    for mass in wanted:
-        ask(f'Put {GRAMS * mass:g} g on the belt' if mass else 'Empty the belt')
-        reading = read_at_rest(feed, load_cell, steadiness, _show)
-        _show('')
-        points.append(
-            CalibrationPoint(
-                mass, reading.mean, reading.std_error, mass_uncertainty if mass else 0.0
-            )
-        )
-        print(f'{GRAMS * mass:g} g: reading {reading.mean:.1f} +- {reading.std_error:.1f}')
-    return points
 
 
 def _show(text: str) -> None:

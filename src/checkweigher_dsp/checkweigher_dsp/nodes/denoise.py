@@ -1,6 +1,6 @@
 """The denoise node: weigh_window to denoised_window."""
 
-from collections.abc import Sequence
+from functools import partial
 import time
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
@@ -38,10 +38,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         return [self._workload.finding(now)]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(DenoiseNode, arguments)
-
+main = partial(run, DenoiseNode)
 
 if __name__ == '__main__':
     main()

@@ -1,6 +1,6 @@
 """The identifier node: denoised_window to mass_estimate."""
 
-from collections.abc import Sequence
+from functools import partial
 import time
 
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
@@ -47,10 +47,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return [self._convergence.finding(now, limit), self._workload.finding(now)]
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(IdentifierNode, arguments)
-
+main = partial(run, IdentifierNode)
 
 if __name__ == '__main__':
     main()

@@ -6,31 +6,20 @@ from typing import Any
 from checkweigher_dsp.production.audit_log import AuditError
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.line_parameters import (
-    LineParametersClient,
-    RefusedError,
-    python_value,
-)
+from checkweigher_dsp.ros.line_parameters import LineParametersClient, RefusedError, python_value
 
 
 class ParameterAudit:
     """Write down the parameters of each node when it is started, and each change from then on.
 
-    `namespace` is that of the line; `warn` takes a warning for the log of the node.
-
-    Attributes
-    ----------
-    unread : set of str
-        Nodes whose parameters are still to be read.
+    `namespace` is that of the line; `warn` takes a warning for the log of the node. The parameters
+    of the nodes `unread` are still to be read.
     """
 
     def __init__(
-        self,
-        namespace: str,
-        line: LineParametersClient,
-        trail: AuditTrail,
+        self, namespace: str, line: LineParametersClient, trail: AuditTrail,
         warn: Callable[[str], object],
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._namespace = namespace.rstrip('/')
         self._line = line
         self._trail = trail

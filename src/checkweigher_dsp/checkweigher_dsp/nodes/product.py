@@ -1,8 +1,8 @@
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,14 +18,7 @@ from checkweigher_dsp.production.audit_log import AuditError, AuditLog
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
 from checkweigher_dsp.production.statistics import ProductionRecord
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    LoadCell,
-    MassEstimate,
-    Statistics,
-    Verdict,
-    ZeroChange,
-)
+from checkweigher_dsp.records import NANOSECONDS, LoadCell, MassEstimate, Verdict, ZeroChange
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
@@ -34,6 +27,8 @@ from checkweigher_dsp.ros.stage_node import StageNode
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
+# Statistics that the audit log keeps.
+_AUDITED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
 
 
 @dataclass(frozen=True)
@@ -82,17 +77,15 @@ class ProductNode(StageNode[ProductParameters]):
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if self.parameters.recipes:
-            self._start_timer = self.create_timer(
-                _POLL_PERIOD, self._select_at_start, callback_group=group
-            )
-            self.create_timer(_POLL_PERIOD, self._restore, callback_group=group)
+            poll = partial(self.create_timer, _POLL_PERIOD, callback_group=group)
+            self._start_timer = poll(self._select_at_start)
+            poll(self._restore)
         if self._log is not None:
             self.subscribe(ports.PARAMETER_EVENTS, self._audit.take_event)
             self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
             self.subscribe(ports.ZERO_SETTING, self._on_zero_setting)
-            self.create_timer(
-                _POLL_PERIOD, self._read_started, callback_group=MutuallyExclusiveCallbackGroup()
-            )
+            own_group = MutuallyExclusiveCallbackGroup()
+            self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
 
     def destroy_node(self) -> None:
         """Close the log as well."""
@@ -121,9 +114,7 @@ class ProductNode(StageNode[ProductParameters]):
             raise RecipeError(f'{path}: has no product {name!r}; it has {", ".join(products)}')
         return products, products[name]
 
-    async def _on_select(
-        self, request: SelectProduct.Request, response: SelectProduct.Response
-    ) -> SelectProduct.Response:
+    async def _on_select(self, request: Any, response: Any) -> Any:
         try:
             await self._select(str(request.product))
             response.success = True
@@ -194,24 +185,21 @@ class ProductNode(StageNode[ProductParameters]):
     def _publish(self) -> None:
         self._statistics.send(self._production.summary())
 
-    def _on_new_batch(
-        self, request: NewBatch.Request, response: NewBatch.Response
-    ) -> NewBatch.Response:
+    def _on_new_batch(self, request: Any, response: Any) -> Any:
         name = str(request.batch).strip()
         if not name or self._production.has_batch(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
             return response
         return self._end_count(response, audit_trail.BATCH, name)
 
-    def _on_reset(
-        self, request: ResetStatistics.Request, response: ResetStatistics.Response
-    ) -> ResetStatistics.Response:
+    def _on_reset(self, request: Any, response: Any) -> Any:
         return self._end_count(response, audit_trail.RESET, None)
 
     def _end_count(self, response: Any, kind: str, batch: str | None) -> Any:
         finished = self._production.summary()
+        audited = {name: getattr(finished, name) for name in _AUDITED}
         try:
-            self._trail.note(kind, 'statistics', _audited(finished), batch)
+            self._trail.note(kind, 'statistics', audited, batch)
         except AuditError as error:
             response.message = str(error)
             self.warn(str(error))
@@ -250,11 +238,9 @@ class ProductNode(StageNode[ProductParameters]):
     def _diagnose_recipe(self) -> Finding:
         product, first = self._production.product, self.parameters.product
         values: dict[str, float | str] = {
-            'product': product.name if product else 'none',
-            'batch': self._production.batch,
-            'recipes': self.parameters.recipes,
-            'items': self._production.summary().items,
-        }
+            'product': product.name if product else 'none', 'batch': self._production.batch,
+            'recipes': self.parameters.recipes, 'items': self._production.summary().items,
+        }  # fmt: skip
         found = []
         if first and product is None:
             hint = 'check that denoise, identifier and reject run, and the warnings of this node'
@@ -266,10 +252,9 @@ class ProductNode(StageNode[ProductParameters]):
         if self._log is None:
             return conclude('Audit log', 'none: changes are not written down', ())
         values: dict[str, float | str] = {
-            'path': str(self._log.path),
-            'last_hash': self._log.last_hash,
+            'path': str(self._log.path), 'last_hash': self._log.last_hash,
             'nodes_to_be_read': len(self._audit.unread),
-        }
+        }  # fmt: skip
         found = []
         if not self._log.path.exists():
             hint = 'it was moved or deleted under the running node: restore it and start it again'
@@ -277,16 +262,7 @@ class ProductNode(StageNode[ProductParameters]):
         return conclude('Audit log', f'written to {self._log.path}', found, values)
 
 
-def _audited(statistics: Statistics) -> dict[str, object]:
-    """Return the part of statistics that the audit log keeps."""
-    names = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
-    return {name: getattr(statistics, name) for name in names}
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(ProductNode, arguments)
-
+main = partial(run, ProductNode)
 
 if __name__ == '__main__':
     main()

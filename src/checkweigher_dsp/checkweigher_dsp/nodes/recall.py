@@ -13,29 +13,16 @@ _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
 
 @dataclass
 class Recall:
-    """One question to the driver, and what comes while the answer is not there.
+    """One question to the driver, and what comes while the answer is not there."""
 
-    Attributes
-    ----------
-    driver_heard, asked : bool
-        Whether the driver has said what stream this is, and whether it was asked.
-    ended : bool
-        Whether it said that the stream is over.
-    edges, estimates : list
-        What has been kept back, edges with the time at which they came.
-    history : LineHistory or None
-        The answer.
-    released : bool
-        Whether what comes is no longer kept back, though an answer may yet come.
-    """
-
-    driver_heard: bool = False
+    driver_heard: bool = False  # it has said what stream this is
     asked: bool = False
-    ended: bool = False
+    ended: bool = False  # the driver has said that the stream is over
+    # What is kept back, edges with the time at which they came.
     edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
     estimates: list[MassEstimate] = field(default_factory=list)
-    history: LineHistory | None = None
-    released: bool = False
+    history: LineHistory | None = None  # the answer
+    released: bool = False  # nothing more is kept back, though an answer may yet come
     _began: float | None = None
     _answered: float | None = None
 
@@ -67,10 +54,7 @@ class Recall:
     def may_go_on(self, weigh_length: float | None) -> bool:
         """Tell whether nothing has to be kept back any more, with the answer or without.
 
-        Parameters
-        ----------
-        weigh_length : float or None
-            Without it edges are no items.
+        Without a `weigh_length` edges are no items.
         """
         if self._began is None:
             return False

@@ -1,6 +1,6 @@
 """The reject node: photo_eyes and mass_estimate to verdict; with reject_eye to stop_request."""
 
-from collections.abc import Sequence
+from functools import partial
 import time
 from typing import Any
 
@@ -140,7 +140,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if not self._active:
             return
-        if (recall := self._recall) is not None and self._holds_back():
+        if recall := self._holding():
             recall.edges.append((edge, self._now()))
         else:
             self._publish(self._stage.take(edge, self._now()))
@@ -149,7 +149,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if not self._active:
             return
-        if (recall := self._recall) is not None and self._holds_back():
+        if recall := self._holding():
             recall.estimates.append(estimate)
             self._wake()
         else:
@@ -170,17 +170,16 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._monitor.add_edge(edge)
             self._wake()
 
-    def _holds_back(self) -> bool:
-        """Tell whether a driver will say, or has said, what stream this is."""
+    def _holding(self) -> Recall | None:
+        """Return what keeps records back, None if no driver says what stream this is."""
         recall = self._recall
         if recall is None or recall.released:
-            return False
+            return None
         if not recall.waiting:
-            name = self.resolve_topic_name(ports.DRIVER_STATUS.name)
-            if self.count_publishers(name) == 0:
-                return False
+            if self.count_publishers(self.resolve_topic_name(ports.DRIVER_STATUS.name)) == 0:
+                return None
             recall.begin()
-        return True
+        return recall
 
     def _ask_for_history(self) -> None:
         """Ask the driver once, as soon as that can be done; keep nothing back for too long."""
@@ -217,8 +216,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if (recall := self._recall) is not None and recall.waiting:
             period = _LATE_PERIOD if recall.released else _RECALL_PERIOD
             times.append(now + round(period * NANOSECONDS))
-        known = [due for due in times if due is not None]
-        if known:
+        if known := [due for due in times if due is not None]:
             self._timer.set_by(min(known))
         else:
             self._timer.clear()
@@ -323,10 +321,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return response
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(RejectNode, arguments)
-
+main = partial(run, RejectNode)
 
 if __name__ == '__main__':
     main()

@@ -1,7 +1,7 @@
 """The segmenter node: load_cell/samples and photo_eyes to weigh_window; the service zero."""
 
 from collections import deque
-from collections.abc import Sequence
+from functools import partial
 import time
 from typing import Any
 
@@ -230,16 +230,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             return
         self._reported_samples = self._segmenter.samples
         self._blocks_since_report = 0
-        self._status.send(
-            StreamStatus(
-                self._last_stamp,
-                self._stream,
-                state,
-                self._segmenter.samples,
-                self._segmenter.edges,
-                self._items_before + self._segmenter.items,
-            )
-        )
+        items = self._items_before + self._segmenter.items
+        counts = self._segmenter.samples, self._segmenter.edges, items
+        self._status.send(StreamStatus(self._last_stamp, self._stream, state, *counts))
 
 
 def _in(seconds: float) -> int:
@@ -247,10 +240,7 @@ def _in(seconds: float) -> int:
     return time.monotonic_ns() + round(seconds * NANOSECONDS)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the node."""
-    run(SegmenterNode, arguments)
-
+main = partial(run, SegmenterNode)
 
 if __name__ == '__main__':
     main()
