@@ -116,7 +116,7 @@ def record(
     The bag grows under its name from the first message on. If this process is killed, it lacks the
     last second and ``metadata.yaml``. With `inputs_only` it has not what a replay makes again.
     `duration` is in s, `reference` is the known mass of every product that passes, kg: it goes into
-    the bag as reference_mass, in place of the references of the line.
+    the bag as reference_mass, in place of the references of the line; `passes` of it are enough.
 
     An OutputError says that the bag cannot be written, a UserError that no message came: an empty
     bag is of no use, so none is left.

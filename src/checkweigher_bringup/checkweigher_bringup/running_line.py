@@ -1,6 +1,6 @@
 """A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 import queue
@@ -65,19 +65,18 @@ class _Process:
 
 
 class _Listener(EchoNode):
-    """Listen to the results and the diagnostics of the lane."""
+    """Listen to the results of the lane, and to which of its nodes are `alive`."""
 
-    def __init__(self, alive: Callable[[str], None]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._prefix = self.get_namespace().strip('/')
-        self._alive = alive
+        self.alive: queue.SimpleQueue[str] = queue.SimpleQueue()
         self.listen(ports.DIAGNOSTICS, self._on_diagnostics)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
             namespace, _, name = status.name.lstrip('/').rpartition('/')
-            if namespace == self._prefix:
-                self._alive(name.split(':')[0])
+            if namespace == self.get_namespace().strip('/'):
+                self.alive.put(name.split(':')[0])
 
 
 def run_line(
@@ -101,30 +100,27 @@ def run_line(
         }
         try:
             with spinning(namespace) as spinner:
-                heard: queue.SimpleQueue[str] = queue.SimpleQueue()
-                node = _Listener(heard.put)
+                node = _Listener()
                 spinner.add(node)
                 time.sleep(_DISCOVERY_TIME)
                 if node.count_drivers():
                     raise UserError('a line runs here already; stop it, or choose another '
                                     '--namespace or ROS_DOMAIN_ID')  # fmt: skip
                 try:
-                    return _supervise(processes, node, heard)
+                    return _supervise(processes, node)
                 finally:
                     _end(processes)
         except KeyboardInterrupt:
             return 130
 
 
-def _supervise(
-    processes: Mapping[str, _Process], node: _Listener, heard: 'queue.SimpleQueue[str]'
-) -> int:
+def _supervise(processes: Mapping[str, _Process], node: _Listener) -> int:
     table = Table()
     try:
         while True:
             now = time.monotonic()
-            while not heard.empty():
-                name = heard.get()
+            while not node.alive.empty():
+                name = node.alive.get()
                 # In one process any node speaks for all: they share one executor.
                 for process in [processes[n] for n in (name, 'line') if n in processes]:
                     process.heard(now)

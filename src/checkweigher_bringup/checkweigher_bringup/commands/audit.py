@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,8 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _as_json(found: 'Verification') -> dict[str, Any]:
     """Return the entries before the first bad line, and what is wrong with that line."""
-    from dataclasses import asdict
-
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,

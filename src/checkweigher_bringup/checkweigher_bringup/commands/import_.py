@@ -1,6 +1,7 @@
 """Turn a CSV log of a scale into a bag."""
 
 import argparse
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and write the bag."""
-    from dataclasses import fields
-
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.csv.log_import import ImportParameters, import_csv
     from checkweigher_recording.whole_file import check_new

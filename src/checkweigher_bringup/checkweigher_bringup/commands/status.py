@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from shutil import get_terminal_size
 import sys
 import time
 from typing import TYPE_CHECKING
@@ -65,8 +66,6 @@ def _wait_for_the_first(board: 'StatusBoard', end: float) -> None:
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
-    from shutil import get_terminal_size
-
     from checkweigher_bringup.line_status import headline, table
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
