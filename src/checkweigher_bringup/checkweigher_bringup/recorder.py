@@ -103,14 +103,9 @@ class RecorderNode(PortNode):
 
 
 def record(
-    path: Path,
-    namespace: str,
-    duration: float | None,
-    *,
-    inputs_only: bool = False,
-    reference: float | None = None,
-    passes: int | None = None,
-) -> None:
+    path: Path, namespace: str, duration: float | None, *, inputs_only: bool = False,
+    reference: float | None = None, passes: int | None = None,
+) -> None:  # fmt: skip
     """Record until the duration is over, the passes have come, or SIGINT or SIGTERM comes.
 
     The bag grows under its name from the first message on. If this process is killed, it lacks the
@@ -158,12 +153,9 @@ def _ending() -> Iterator[threading.Event]:
 
 
 def _take(
-    bag: BagWriter,
-    node: RecorderNode,
-    duration: float | None,
-    known: ReferencePasses | None,
+    bag: BagWriter, node: RecorderNode, duration: float | None, known: ReferencePasses | None,
     ending: threading.Event,
-) -> None:
+) -> None:  # fmt: skip
     """Write messages until the end, and those that had come when it was asked for."""
     asked = False
     now = silent_since = flushed = time.monotonic()

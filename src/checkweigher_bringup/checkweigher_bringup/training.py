@@ -22,23 +22,20 @@ from checkweigher_validation.tuning.tuner import tune
 
 
 def read_passes(
-    bags: Sequence[Path],
-    lane: str | None,
-    segmenter: SegmenterParameters,
+    bags: Sequence[Path], lane: str | None, segmenter: SegmenterParameters,
     n_jobs: int | None = None,
-) -> tuple[list[KnownPass], list[str]]:
+) -> tuple[list[KnownPass], list[str]]:  # fmt: skip
     """Return the passes of known mass in bags, and a line on each bag; `n_jobs` as in `run_jobs`.
 
     A UserError says that a bag has none or that the bags are of different load cells, a BagError
     that a bag cannot be read.
     """
     calls = [delayed(_read_bag)(bag, lane, segmenter, len(bags) == 1) for bag in bags]
+    read = run_jobs(calls, n_jobs, 'reading', unit='bags')
     passes: list[KnownPass] = []
     lines = []
     rate = None
-    for bag, (cell, found, unfinished) in zip(
-        bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True
-    ):
+    for bag, (cell, found, unfinished) in zip(bags, read, strict=True):
         if unfinished:
             print(unfinished, file=sys.stderr, flush=True)
         if rate not in (None, cell.sample_rate):
@@ -48,9 +45,8 @@ def read_passes(
             )
         rate = cell.sample_rate
         if not found:
-            raise UserError(
-                f'{bag}: no pass of known mass; the bag needs reference_mass, stamped with t1'
-            )
+            text = 'no pass of known mass; the bag needs reference_mass, stamped with t1'
+            raise UserError(f'{bag}: {text}')
         whole = sum(each.whole for each in found)
         lines.append(
             f'{bag}: {whole} passes of {len({each.mass for each in found})} masses, '
@@ -71,15 +67,9 @@ def _read_bag(
 
 
 def train(
-    bags: Sequence[Path],
-    output: Path,
-    estimators: Sequence[str],
-    base: LineParameters,
-    *,
-    budget: int = BUDGET,
-    lane: str | None = None,
-    jobs: int | None = None,
-) -> None:
+    bags: Sequence[Path], output: Path, estimators: Sequence[str], base: LineParameters, *,
+    budget: int = BUDGET, lane: str | None = None, jobs: int | None = None,
+) -> None:  # fmt: skip
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
     The file holds `base` besides, and selects the first estimator. `budget` is the largest number
