@@ -48,10 +48,7 @@ class StaticReading:
 def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
     """Return the reading of a load at rest from successive samples, (n,) int32.
 
-    Raises
-    ------
-    CalibrationError
-        If the samples are too few or at a limit of the converter.
+    Raises CalibrationError if the samples are too few or at a limit of the converter.
     """
     if len(counts) < _LEAST_SAMPLES:
         raise CalibrationError(f'{len(counts)} samples are too few, {_LEAST_SAMPLES} are needed')
@@ -185,12 +182,8 @@ class StaticCalibration:
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     """Fit zero and sensitivity by weighted least squares with effective variances.
 
-    The points need at least two different masses; the same mass may come several times.
-
-    Raises
-    ------
-    CalibrationError
-        If the points do not determine both.
+    The points need at least two different masses; the same mass may come several times. Raises
+    CalibrationError if the points do not determine both.
     """
     values = np.array([astuple(point) for point in points]).reshape(-1, 4)
     masses, readings, of_readings, of_masses = values.T

@@ -50,16 +50,13 @@ class ModbusLink:
 
     def write_coil(self, address: int, value: bool) -> None:
         """Set a coil."""
-        self._ask(
-            self._client.write_coil, address, f'coil {address} cannot be written', value=value
-        )
+        what = f'coil {address} cannot be written'
+        self._ask(self._client.write_coil, address, what, value=value)
 
     def write_register(self, address: int, value: int) -> None:
         """Set a holding register."""
-        self._ask(
-            self._client.write_register, address, f'register {address} cannot be written',
-            value=value,
-        )  # fmt: skip
+        what = f'register {address} cannot be written'
+        self._ask(self._client.write_register, address, what, value=value)
 
     def _ask(
         self, request: Callable[..., Any], address: int, what: str, **arguments: int | bool

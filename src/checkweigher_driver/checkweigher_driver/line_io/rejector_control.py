@@ -79,13 +79,6 @@ class SwitchFigures:
     largest_error: int = 0
     largest_uncertainty: int = 0
 
-    def add_switch(self, error: int, uncertainty: int) -> None:
-        """Note by how much a switch of the rejector was late."""
-        self.switches += 1
-        self.error_sum += error
-        self.largest_error = max(self.largest_error, error, key=abs)
-        self.largest_uncertainty = max(self.largest_uncertainty, uncertainty)
-
     def shown(self) -> dict[str, float]:
         """Return the figures by their names in /diagnostics."""
         return {
@@ -217,7 +210,11 @@ class RejectorControl:
 
     def switched(self, reject: bool, due: int, begun: int, done: int) -> None:
         """Take that the rejector was switched between two moments, after it was due."""
-        self.figures.add_switch((begun + done) // 2 - due, (done - begun) // 2)
+        figures, error = self.figures, (begun + done) // 2 - due
+        figures.switches += 1
+        figures.error_sum += error
+        figures.largest_error = max(figures.largest_error, error, key=abs)
+        figures.largest_uncertainty = max(figures.largest_uncertainty, (done - begun) // 2)
         if reject and done - due > self._late_tolerance:
             self.missed.add(f'the rejector was {1e-6 * (done - due):.0f} ms late; look behind it')
 

@@ -48,9 +48,8 @@ class SerialParameters(Parameters):
         1.0, 'time without a value before it is started again', unit='s', minimum=0.1, maximum=60.0
     )
     delay: float = parameter(
-        0.0, 'delay of the signal by the filter of the device', unit='s', minimum=0.0,
-        maximum=10.0,
-    )  # fmt: skip
+        0.0, 'delay of the signal by the filter of the device', unit='s', minimum=0, maximum=10
+    )
     counts_per_kg: float = parameter(
         0.0, 'static sensitivity, must be given', unit='1/kg', minimum=-1e9, maximum=1e9
     )
@@ -141,8 +140,8 @@ class SerialSource(Source):
         self._port: serial.Serial | None = None
         self._trouble = ''
         self._rate = _RateCheck(parameters)
-        self._figures = {'samples': 0, 'samples lost': 0, 'bytes skipped': 0, 'bad frames': 0}
-        self._breaks = 0
+        counted = 'samples', 'samples lost', 'bytes skipped', 'bad frames', 'breaks'
+        self._figures = dict.fromkeys(counted, 0)
         self._clock = SampleClock(
             parameters.sample_rate, latency=parameters.delay + self._frame_time
         )
@@ -205,7 +204,7 @@ class SerialSource(Source):
     def _break_off(self, error: Exception) -> None:
         if self._closed.is_set():
             return
-        self._breaks += 1
+        self._figures['breaks'] += 1
         self._trouble = str(error)
         if isinstance(error, _BROKEN):
             self._trouble = (
@@ -355,4 +354,4 @@ class SerialSource(Source):
 
     def figures(self) -> dict[str, float]:
         """Return the counts of samples, losses and breaks, and the figures of their clock."""
-        return {**self._figures, 'breaks': self._breaks, **self._clock.figures()}
+        return {**self._figures, **self._clock.figures()}
