@@ -17,22 +17,8 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp import records
 from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    Decision,
-    EyeEdge,
-    LoadCell,
-    MassEstimate,
-    SampleBlock,
-    Stamp,
-    StopRequest,
-    StreamState,
-    StreamStatus,
-    Verdict,
-    WeighWindow,
-    ZeroChange,
-)
 from checkweigher_dsp.ros.ports import ALL, Port
 
 
@@ -54,13 +40,13 @@ class _Form:
     amend: Callable[[Any, Any], Any] | None = None
 
 
-def _with_reason(message: Any, estimate: MassEstimate) -> MassEstimate:
+def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
     """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
     weighed = message.status == _WEIGHED and not math.isnan(estimate.mass)
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
-def _with_text(message: Any, request: StopRequest) -> StopRequest:
+def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
     """Return a stop request with what its hint says beyond that of the reason."""
     text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
     return replace(request, text=text)
@@ -69,21 +55,25 @@ def _with_text(message: Any, request: StopRequest) -> StopRequest:
 _WEIGHED = 1  # of MassEstimate.status
 _RUN = 1  # of StopRequest.state; 0 is STOP
 _FORMS: dict[type, _Form] = {
-    LoadCell: _Form(stamp='', frame='load_cell'),
-    SampleBlock: _Form(frame='load_cell'),
-    EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
-    StreamStatus: _Form(unknown={'state': StreamState.FAILED}),
-    WeighWindow: _Form(stamp='t3', frame='weigh_belt', names={'t3': 't3', 'stamp': 'first_stamp'}),
-    MassEstimate: _Form(
+    records.LoadCell: _Form(stamp='', frame='load_cell'),
+    records.SampleBlock: _Form(frame='load_cell'),
+    records.EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
+    records.StreamStatus: _Form(unknown={'state': records.StreamState.FAILED}),
+    records.WeighWindow: _Form(
+        stamp='t3', frame='weigh_belt', names={'t3': 't3', 'stamp': 'first_stamp'}
+    ),
+    records.MassEstimate: _Form(
         stamp='t3',
         frame='weigh_belt',
         names={'t3': 't3'},
         derived={'status': lambda estimate: int(estimate.weighed)},
         amend=_with_reason,
     ),
-    Verdict: _Form(stamp='t3', frame='weigh_belt', unknown={'decision': Decision.FAULT}),
-    ZeroChange: _Form(frame='load_cell'),
-    StopRequest: _Form(
+    records.Verdict: _Form(
+        stamp='t3', frame='weigh_belt', unknown={'decision': records.Decision.FAULT}
+    ),
+    records.ZeroChange: _Form(frame='load_cell'),
+    records.StopRequest: _Form(
         frame='rejector',
         unknown={'reason': StopReason.UNKNOWN},
         lacks=('text',),
@@ -192,14 +182,14 @@ def _plan(kind: Any) -> _Plan:
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
     """Return what converts a value of this type for a message."""
-    if hint in (Stamp, Stamp | None):
+    if hint in (records.Stamp, records.Stamp | None):
         return _time
     if get_origin(hint) is np.ndarray:
         return partial(np.ascontiguousarray, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in _PORTS:
-            return lambda records: [to_message(_PORTS[kind], each) for each in records]
+            return lambda parts: [to_message(_PORTS[kind], each) for each in parts]
         return lambda values: list(map(kind, values))
     for plain in (bool, int, float, str):
         if issubclass(hint, plain):
@@ -209,9 +199,9 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     """Return what makes a value of this type of the field of a message."""
-    if hint == Stamp:
+    if hint == records.Stamp:
         return stamp_from
-    if hint == Stamp | None:
+    if hint == records.Stamp | None:
         return lambda time: stamp_from(time) or None  # 0 means that it is not known
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
@@ -229,7 +219,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
 
 def _time(stamp: int | None) -> dict[str, int]:
     """Return a stamp in ns as s and ns, 0 if it is not known or no time message can hold it."""
-    sec, nanosec = divmod(int(stamp or 0), NANOSECONDS)
+    sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
     held = -(2**31) <= sec < 2**31
     return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}
@@ -237,7 +227,7 @@ def _time(stamp: int | None) -> dict[str, int]:
 
 def stamp_from(time: Any) -> int:
     """Return a time message in ns."""
-    return int(time.sec) * NANOSECONDS + int(time.nanosec)
+    return int(time.sec) * records.NANOSECONDS + int(time.nanosec)
 
 
 def _dtype(hint: Any) -> np.dtype[Any]:

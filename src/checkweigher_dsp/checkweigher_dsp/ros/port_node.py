@@ -9,8 +9,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 
-from checkweigher_dsp.ros.held_output import HeldOutput
-from checkweigher_dsp.ros.outputs import LOCK, Callback, Input, Output, disconnect
+from checkweigher_dsp.ros.outputs import LOCK, Callback, HeldOutput, Input, Output, disconnect
 from checkweigher_dsp.ros.ports import Port
 
 
