@@ -150,63 +150,35 @@ class StreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class WeighWindow:
-    """The signal of one item, with what the photo-eyes showed of the item.
+    """The signal of one item, with what the photo-eyes showed of the item."""
 
-    Attributes
-    ----------
-    item_id : int
-        From 1, in order of entry.
-    t1, t2, t3 : int or None
-        ns; the item begins to enter, is fully on the belt, begins to leave.
-    belt_speed : float
-        m/s, ``weigh_length / (t3 - t1)``.
-    product_length : float
-        m, ``belt_speed * (t2 - t1)``.
-    line_speed : float
-        m/s, `belt_speed`, or where an edge is missing that of the last whole item: no
-        measurement, only to time the rejector.
-    sample_rate, counts_per_kg, zero_counts : float
-        Those of the load cell.
-    zero, zero_std_dev : float
-        Empty belt as last seen before t1 and its standard deviation, counts.
-    first_index, stamp : int
-        Index of ``counts[0]`` since the source started and its time in ns, at the nominal rate
-        from that of the sample at `window_begin`.
-    empty_begin : int
-        Position in `counts` of the first sample at which the item before had left the belt; at
-        dense spacing it lies after t1, where the item is entering already.
-    window_begin, window_end : int
-        Positions in `counts` of the first sample at or after t2 and one past the last sample
-        before t3.
-    counts : ndarray, (n,) int32
-        Raw readings: signal before t2, then t2..t3, then trailing signal after t3. Empty in a
-        fault.
-    denoised : ndarray, (n,) or (0,) float64
-        kg, at the same positions; empty until denoise has run.
-    reasons : tuple of str
-        Why the item cannot be weighed; empty if it can.
-    """
-
-    item_id: int
-    t1: Stamp | None
-    t2: Stamp | None
-    t3: Stamp | None
-    belt_speed: float = math.nan
-    product_length: float = math.nan
+    item_id: int  # from 1, in order of entry
+    t1: Stamp | None  # ns, the item begins to enter
+    t2: Stamp | None  # ns, it is fully on the belt
+    t3: Stamp | None  # ns, it begins to leave
+    belt_speed: float = math.nan  # m/s, weigh_length / (t3 - t1)
+    product_length: float = math.nan  # m, belt_speed * (t2 - t1)
+    # m/s, belt_speed, or where an edge is missing that of the last whole item: no measurement,
+    # only to time the rejector.
     line_speed: float = math.nan
-    sample_rate: float = math.nan
-    counts_per_kg: float = math.nan
-    zero_counts: float = math.nan
-    zero: float = math.nan
-    zero_std_dev: float = math.nan
-    first_index: int = 0
+    sample_rate: float = math.nan  # Hz
+    counts_per_kg: float = math.nan  # static calibration
+    zero_counts: float = math.nan  # static calibration
+    zero: float = math.nan  # counts, empty belt as last seen before t1
+    zero_std_dev: float = math.nan  # counts
+    first_index: int = 0  # of counts[0] since the source started
+    # ns, time of counts[0], at the nominal rate from that of the sample at window_begin.
     stamp: Stamp = 0
+    # Position in counts of the first sample at which the item before had left the belt; at dense
+    # spacing it lies after t1, where the item is entering already.
     empty_begin: int = 0
-    window_begin: int = 0
-    window_end: int = 0
+    window_begin: int = 0  # position in counts of the first sample at or after t2
+    window_end: int = 0  # one past the position of the last sample before t3
+    # Raw readings (n,): before t2, then t2..t3, then trailing signal after t3. Empty in a fault.
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
+    # kg, (n,) at the same positions, (0,) until denoise has run.
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can
 
     def __eq__(self, other: object) -> bool:
         """Compare field by field, NaN equal to NaN: two unknowns are the same window."""
