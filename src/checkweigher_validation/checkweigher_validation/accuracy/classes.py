@@ -113,16 +113,10 @@ def weighings_required(mass: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A condition against its limits.
+    """A condition against its limits in kg, and the weighings that the rule asks for.
 
-    Attributes
-    ----------
-    max_mean_error, max_std_dev : float
-        kg; the former is NaN if the load is above the range of the class.
-    mean_error_passed, std_dev_passed : bool
-        Whether the limit is kept; false if there is no limit or no value.
-    weighings, weighings_required : int
-        Passes that were weighed and how many the rule asks for.
+    `max_mean_error` is NaN for a load above the range of the class. A limit is not kept if there is
+    no limit or no value.
     """
 
     max_mean_error: float

@@ -31,10 +31,8 @@ class ConditionResult:
     ----------
     estimator : str
         Its name.
-    speed : float
-        m/s, nominal.
-    mass : float
-        kg, true.
+    speed, mass : float
+        Nominal speed in m/s, true mass in kg.
     part : str
         'train' if the estimator was tuned on these passes, else 'test'.
     errors : ndarray, (n,) float64
@@ -65,8 +63,8 @@ class ConditionResult:
     def __post_init__(self) -> None:
         if self.errors.ndim != 1 or self.errors.shape != self.std_devs.shape:
             raise ValueError(
-                f'errors {self.errors.shape} and std_devs {self.std_devs.shape} are not of one '
-                'length'
+                f'errors {self.errors.shape} and std_devs {self.std_devs.shape} are '
+                'not of one length'
             )
         if not np.isfinite(self.errors).all():
             raise ValueError('an error is not finite; a pass without a mass is a fault')
@@ -99,24 +97,8 @@ class ConditionResult:
         return self.std_dev / self.bound if self.bound else math.nan
 
     def coverage(self, level: float) -> float:
-        """Return the share of passes whose error lies in the interval that was stated for it.
-
-        Parameters
-        ----------
-        level : float
-            Probability of the interval for a normal distribution, in 0..1 without its ends.
-
-        Returns
-        -------
-        float
-            In 0..1; NaN if no pass states a standard deviation. Close to `level` if the stated
-            standard deviations are right and there is no bias.
-        """
-        stated = np.isfinite(self.std_devs)
-        if not stated.any():
-            return math.nan
-        width = interval_factor(level) * self.std_devs[stated]
-        return float(np.mean(np.abs(self.errors[stated]) <= width))
+        """Return the share of passes whose error lies in the stated interval; see `coverage`."""
+        return coverage((self,), level)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,16 +108,8 @@ class Average:
     Where one condition has no value the mean has none, so that a condition that could not be
     weighed does not make an estimator look better.
 
-    Attributes
-    ----------
-    mean_error : float
-        kg, of the magnitudes of mu.
-    std_dev, index, bound : float
-        kg.
-    ratio : float
-        Of the ratios sigma / bound.
-    count, faults : int
-        Sums: passes that were weighed, and those that got no mass.
+    The mean error is that of the magnitudes of mu. All are in kg but `ratio`, the mean of the
+    ratios sigma / bound, and the sums of passes that were weighed and that got no mass.
     """
 
     mean_error: float
@@ -213,17 +187,7 @@ class Evaluation:
         mass: float | None = None,
         part: str | None = None,
     ) -> tuple[ConditionResult, ...]:
-        """Return the conditions that agree with all that is given, in their order.
-
-        Parameters
-        ----------
-        estimator, part : str, optional
-            By name.
-        speed : float, optional
-            m/s.
-        mass : float, optional
-            kg.
-        """
+        """Return the conditions that agree with all that is given, in their order; m/s and kg."""
         return tuple(
             one
             for one in self.conditions
@@ -254,17 +218,23 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
     Parameters
     ----------
     conditions : iterable of ConditionResult
-        Whose passes are put together.
+        Their passes are put together.
     level : float
-        As in `ConditionResult.coverage`.
+        Probability of the interval for a normal distribution, in 0..1 without its ends.
+
+    Returns
+    -------
+    float
+        In 0..1; NaN if no pass states a standard deviation. Close to `level` if the stated
+        standard deviations are right and there is no bias.
     """
-    shares, counts = [], []
-    for one in conditions:
-        stated = int(np.isfinite(one.std_devs).sum())
-        if stated:
-            shares.append(one.coverage(level))
-            counts.append(stated)
-    return float(np.average(shares, weights=counts)) if counts else math.nan
+    factor = interval_factor(level)
+    within = [
+        np.abs(one.errors[stated]) <= factor * one.std_devs[stated]
+        for one in conditions
+        if (stated := np.isfinite(one.std_devs)).any()
+    ]
+    return float(np.mean(np.concatenate(within))) if within else math.nan
 
 
 def overall_index(mean_error: float, std_dev: float) -> float:

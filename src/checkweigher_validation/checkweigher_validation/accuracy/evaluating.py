@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 import math
 
 from joblib import delayed
@@ -20,18 +21,10 @@ _MASS_STEP = 1e-6  # kg; references that differ by less are one mass
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Passes that ran at one speed and are reported together.
+    """Passes that ran at one nominal speed in m/s and are reported together, faults included.
 
-    Attributes
-    ----------
-    speed : float
-        m/s, nominal.
-    part : str
-        'train' or 'test'.
-    passes : tuple of KnownPass
-        Those that became faults included.
-    bounds : dict of float to float
-        Gauss-Markov bound by mass, kg; empty where it is not known.
+    The part is 'train' or 'test'. Bounds are those of Gauss and Markov by mass, in kg; empty where
+    they are not known.
     """
 
     speed: float
@@ -47,15 +40,7 @@ def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> lis
 
 
 def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionResult]:
-    """Return the results of one estimator, a condition for each mass.
-
-    Parameters
-    ----------
-    batch : Batch
-        The passes.
-    parameters : LineParameters
-        With the estimator.
-    """
+    """Return the results of the estimator of the parameters, a condition for each mass."""
     estimates = weigh_passes(batch.passes, parameters)
     masses = np.array([each.mass for each in batch.passes])
     keys = np.round(masses / _MASS_STEP)
@@ -80,23 +65,12 @@ def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionRe
 
 
 def evaluate_batches(
-    batches: Sequence[Batch],
-    estimators: Sequence[LineParameters],
-    n_jobs: int | None = None,
+    batches: Sequence[Batch], estimators: Sequence[LineParameters], n_jobs: int | None = None
 ) -> tuple[ConditionResult, ...]:
     """Return the results of estimators on batches, the estimators in their order.
 
-    Parameters
-    ----------
-    batches : sequence of Batch
-        The passes.
-    estimators : sequence of LineParameters
-        Parameters of the line, each with another estimator.
-    n_jobs : int, optional
-        Processes, as in `checkweigher_validation.jobs.run_jobs`.
+    Each set of parameters has another estimator. `n_jobs` counts processes, as in
+    `checkweigher_validation.jobs.run_jobs`.
     """
-    calls = [
-        delayed(evaluate_batch)(batch, parameters) for parameters in estimators for batch in batches
-    ]
-    found = run_jobs(calls, n_jobs, 'weighing')
-    return tuple(condition for conditions in found for condition in conditions)
+    calls = [delayed(evaluate_batch)(batch, line) for line in estimators for batch in batches]
+    return tuple(chain.from_iterable(run_jobs(calls, n_jobs, 'weighing')))

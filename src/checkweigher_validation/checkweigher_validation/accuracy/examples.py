@@ -33,12 +33,8 @@ class Example:
 
     Attributes
     ----------
-    speed : float
-        m/s, nominal.
-    mass : float
-        kg, true.
-    sample_rate : float
-        Hz.
+    speed, mass, sample_rate : float
+        Nominal speed in m/s, true mass in kg, Hz.
     t1, t2, t3, t4 : float
         s from the first sample: begins to enter, is fully on, begins to leave, is gone.
     signal : ndarray, (n,) float64
@@ -78,13 +74,10 @@ def simulated_examples(
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     built = PROFILES[profile]
     platform = Platform(built.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+    line = SimulationParameters(profile=profile, masses=(mass,), count=_PRODUCTS, seed=seed)
     examples = []
     for speed in speeds:
-        simulation = Simulation(
-            SimulationParameters(
-                profile=profile, speed=speed, masses=(mass,), count=_PRODUCTS, seed=seed
-            )
-        )
+        simulation = Simulation(replace(line, speed=speed))
         shown = known_passes(simulation.load_cell, simulation, segmenter)[-1]
         examples.append(example_of(shown, speed, parameters.denoise, platform))
     return tuple(examples)

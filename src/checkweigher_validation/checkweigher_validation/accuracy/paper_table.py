@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.errors import overall_index, same
 
 
@@ -53,30 +54,19 @@ _TABLE_3 = """
 """
 
 
-def _cells() -> dict[tuple[int, str], list[PaperResult]]:
-    """Return the results of the masses, in their order, by place of the speed and algorithm."""
-    cells = {}
-    for row, line in enumerate(_TABLE_3.split('\n')[1:-1]):
-        _, estimator, *numbers = line.split()
-        kilograms = np.array(numbers, float).reshape(-1, 2) / 1000
-        cells[row // len(PAPER_ESTIMATORS), estimator] = [
-            PaperResult(*pair) for pair in kilograms.tolist()
-        ]
-    return cells
-
-
-_CELLS = _cells()
+# In kg: by place of the speed, algorithm, place of the mass, sigma and mu.
+_CELLS = np.reshape(
+    [np.array(line.split()[2:], np.float64) / GRAMS for line in _TABLE_3.strip().split('\n')],
+    (len(PAPER_SPEEDS), len(PAPER_ESTIMATORS), len(PAPER_MASSES), 2),
+)
 
 
 def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | None:
-    """Return the result of an algorithm at a speed in m/s and a mass in kg, None if there is none.
-
-    Estimators are named as everywhere here: tvlpf, aid, aeksi, iswd_eksi.
-    """
-    place, column = _place(PAPER_SPEEDS, speed), _place(PAPER_MASSES, mass)
-    if place is None or column is None or (place, estimator) not in _CELLS:
+    """Return the result of an algorithm at a speed in m/s and a mass in kg, or None."""
+    row, column = _place(PAPER_SPEEDS, speed), _place(PAPER_MASSES, mass)
+    if row is None or column is None or estimator not in PAPER_ESTIMATORS:
         return None
-    return _CELLS[place, estimator][column]
+    return PaperResult(*_CELLS[row, PAPER_ESTIMATORS.index(estimator), column].tolist())
 
 
 def paper_index(estimator: str, speed: float | None = None) -> float:

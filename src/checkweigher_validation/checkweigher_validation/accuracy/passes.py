@@ -20,24 +20,17 @@ _SAME_SPEED = 0.05
 
 
 class ReferenceMasses:
-    """Known masses by the time of entry.
-
-    Parameters
-    ----------
-    references : iterable of Reference
-        In any order.
-    """
+    """Known masses by the time of entry, from references in any order."""
 
     def __init__(self, references: Iterable[Reference]) -> None:
         self._references = sorted(references, key=lambda reference: reference.stamp)
-        self._stamps = [reference.stamp for reference in self._references]
 
     def at(self, t1: int | None) -> float:
         """Return the mass in kg of the item that entered at `t1` in ns, NaN if it is not known."""
         if t1 is None:
             return math.nan
-        position = bisect_left(self._stamps, t1 - _SAME_ITEM)
-        near = self._references[position : position + 2]
+        first = bisect_left(self._references, t1 - _SAME_ITEM, key=lambda known: known.stamp)
+        near = self._references[first : first + 2]
         best = min(near, key=lambda reference: abs(reference.stamp - t1), default=None)
         return best.mass if best and abs(best.stamp - t1) <= _SAME_ITEM else math.nan
 
@@ -57,15 +50,10 @@ class KnownPass:
 
 @dataclass(frozen=True, slots=True)
 class SpeedGroup:
-    """All passes of one belt speed.
+    """All passes of one belt speed in m/s, in the order in which they ran.
 
-    Attributes
-    ----------
-    speed : float
-        m/s; in a group of `group_by_speed` half way from the slowest pass to the fastest, so that
-        none is further off than the identifier takes a pass for trained.
-    passes : tuple of KnownPass
-        In the order in which they ran.
+    The speed of a group of `group_by_speed` is half way from the slowest pass to the fastest, so
+    that none is further off than the identifier takes a pass for trained.
     """
 
     speed: float
@@ -82,14 +70,7 @@ def known_passes(
 ) -> list[KnownPass]:
     """Return the passes of known mass of a recording or simulation, in order of entry.
 
-    Parameters
-    ----------
-    load_cell : LoadCell
-        Calibration, rate and the distance between the eyes.
-    events : iterable of SampleBlock, EyeEdge and Reference
-        In the order in which they came.
-    parameters : SegmenterParameters
-        How items are told apart.
+    The events are blocks of samples, edges and references in the order in which they came.
     """
     segmenter = Segmenter(load_cell, parameters)
     windows: list[WeighWindow] = []
@@ -110,18 +91,18 @@ def known_passes(
 def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
     """Return the whole passes by belt speed, slowest first."""
     whole = [each for each in passes if each.whole]
-    ordered = sorted(enumerate(whole), key=lambda item: item[1].window.belt_speed)
-    groups: list[list[tuple[int, KnownPass]]] = []
-    last = -math.inf
-    for number, each in ordered:
-        if each.window.belt_speed > last * (1 + _SAME_SPEED) or not groups:
+    groups: list[list[int]] = []
+    slowest = -math.inf
+    for number in sorted(range(len(whole)), key=lambda number: whole[number].window.belt_speed):
+        speed = whole[number].window.belt_speed
+        if speed > slowest * (1 + _SAME_SPEED) or not groups:
             groups.append([])
-            last = each.window.belt_speed
-        groups[-1].append((number, each))
+            slowest = speed
+        groups[-1].append(number)
     return tuple(
         SpeedGroup(
-            (group[0][1].window.belt_speed + group[-1][1].window.belt_speed) / 2,
-            tuple(each for _, each in sorted(group, key=lambda item: item[0])),
+            (whole[group[0]].window.belt_speed + whole[group[-1]].window.belt_speed) / 2,
+            tuple(whole[number] for number in sorted(group)),
         )
         for group in groups
     )

@@ -9,7 +9,7 @@ from typing import TextIO
 
 import numpy as np
 
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -42,20 +42,13 @@ class ItemResult:
 
 
 class ResultJoiner:
-    """Join weighings with the t4 and the known masses of a bag.
+    """Join weighings with the known masses of a bag and with t4, from all photo-eye edges of it.
 
-    Parameters
-    ----------
-    edges : iterable of EyeEdge
-        All photo-eye edges, for t4: the verdict is due before it.
-    references : iterable of Reference
-        Known masses.
+    A weighing itself has no t4, for the verdict is due before it.
     """
 
     def __init__(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
-        outfeed = sorted((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
-        self._outfeed_stamps = [stamp for stamp, _ in outfeed]
-        self._outfeed_blocked = [blocked for _, blocked in outfeed]
+        self._outfeed = sorted((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
         self._references = ReferenceMasses(references)
 
     def join(self, estimate: MassEstimate, verdict: Verdict) -> ItemResult:
@@ -67,45 +60,27 @@ class ResultJoiner:
         """Return the edge after t3, if the outfeed eye clears with it."""
         if t3 is None:
             return None
-        position = bisect_right(self._outfeed_stamps, t3)
-        if position == len(self._outfeed_stamps) or self._outfeed_blocked[position]:
+        position = bisect_right(self._outfeed, (t3, True))
+        if position == len(self._outfeed):
             return None
-        return self._outfeed_stamps[position]
-
-
-def join_all(
-    weighings: Iterable[Weighing], edges: Iterable[EyeEdge], references: Iterable[Reference]
-) -> list[ItemResult]:
-    """Return the results of all items in order of entry."""
-    joiner = ResultJoiner(edges, references)
-    results = [joiner.join(weighing.estimate, weighing.verdict) for weighing in weighings]
-    return sorted(results, key=lambda result: result.estimate.item_id)
+        stamp, blocked = self._outfeed[position]
+        return None if blocked else stamp
 
 
 def weigh(
     recording: Recording, parameters: LineParameters, *, progress: bool = False
 ) -> list[ItemResult]:
-    """Weigh everything in a recording.
+    """Weigh everything in a recording, and return the results in order of entry.
 
-    Parameters
-    ----------
-    recording : Recording
-        Samples, edges and known masses.
-    parameters : LineParameters
-        Of all stages.
-    progress : bool
-        Whether to show a bar on a terminal if it takes more than a second.
-
-    Returns
-    -------
-    list of ItemResult
-        In order of entry.
+    With `progress` there is a bar on a terminal if it takes more than a second.
     """
     line = WeighingLine(recording.load_cell, parameters)
     # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
-    return join_all(line.weigh_all(events), recording.edges, recording.references)
+    joiner = ResultJoiner(recording.edges, recording.references)
+    results = [joiner.join(each.estimate, each.verdict) for each in line.weigh_all(events)]
+    return sorted(results, key=lambda result: result.estimate.item_id)
 
 
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
@@ -164,15 +139,7 @@ TABLE_HEADER = (
 
 
 def table_row(result: ItemResult, origin: int) -> str:
-    """Return one line for a screen.
-
-    Parameters
-    ----------
-    result : ItemResult
-        The item.
-    origin : int
-        ns, zero of the column t1.
-    """
+    """Return one line for a screen; `origin` in ns is the zero of the column t1."""
     estimate, verdict = result.estimate, result.verdict
     t1 = '' if estimate.t1 is None else f'{(estimate.t1 - origin) / NANOSECONDS:.3f}'
 

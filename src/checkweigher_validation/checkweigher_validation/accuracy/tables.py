@@ -84,44 +84,39 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
         f'{evaluation.title}: means over the masses, {part} passes; class {accuracy_class}',
         header,
     ]
-    for speed in evaluation.speeds:
+    overall = (None,) if len(evaluation.speeds) > 1 else ()
+    for speed in (*evaluation.speeds, *overall):
         lines += _text_block(evaluation, accuracy_class, part, speed)
-    if len(evaluation.speeds) > 1:
-        lines += _text_block(evaluation, accuracy_class, part, None)
     return '\n'.join(lines)
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
     """Whether the masses are those of the paper, so that averages over them can be compared."""
-    masses = evaluation.masses
-    return len(masses) == len(PAPER_MASSES) and all(map(same, masses, PAPER_MASSES))
+    return _all_same(evaluation.masses, PAPER_MASSES)
 
 
 def has_paper_speeds(evaluation: Evaluation) -> bool:
     """Whether the speeds are those of the paper."""
-    speeds = evaluation.speeds
-    return len(speeds) == len(PAPER_SPEEDS) and all(map(same, speeds, PAPER_SPEEDS))
+    return _all_same(evaluation.speeds, PAPER_SPEEDS)
+
+
+def _all_same(values: Sequence[float], others: Sequence[float]) -> bool:
+    return len(values) == len(others) and all(map(same, values, others))
 
 
 def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
     parts, estimators = evaluation.parts, evaluation.estimators
-    return sorted(
-        evaluation.conditions,
-        key=lambda one: (
-            parts.index(one.part), one.speed, estimators.index(one.estimator), one.mass,
-        ),
-    )  # fmt: skip
+
+    def place(one: ConditionResult) -> tuple[int, float, int, float]:
+        return parts.index(one.part), one.speed, estimators.index(one.estimator), one.mass
+
+    return sorted(evaluation.conditions, key=place)
 
 
 def _json_object(one: ConditionResult) -> dict[str, object]:
-    values: dict[str, float] = {
-        'mean_error_kg': one.mean_error,
-        'std_dev_kg': one.std_dev,
-        'index_kg': one.index,
-        'bound_kg': one.bound,
-        'std_dev_over_bound': one.ratio,
-        **{f'coverage_{100 * level:.0f}': one.coverage(level) for level in LEVELS},
-    }
+    def known(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
     return {
         'part': one.part,
         'estimator': one.estimator,
@@ -129,11 +124,14 @@ def _json_object(one: ConditionResult) -> dict[str, object]:
         'mass_kg': one.mass,
         'count': one.count,
         'faults': one.faults,
-        **{name: value if math.isfinite(value) else None for name, value in values.items()},
+        'mean_error_kg': known(one.mean_error),
+        'std_dev_kg': known(one.std_dev),
+        'index_kg': known(one.index),
+        'bound_kg': known(one.bound),
+        'std_dev_over_bound': known(one.ratio),
+        **{f'coverage_{100 * level:.0f}': known(one.coverage(level)) for level in LEVELS},
         'errors_kg': one.errors.tolist(),
-        'stated_std_devs_kg': [
-            value if math.isfinite(value) else None for value in one.std_devs.tolist()
-        ],
+        'stated_std_devs_kg': [known(value) for value in one.std_devs.tolist()],
     }
 
 
@@ -144,9 +142,7 @@ def _text_block(
     label = 'all' if speed is None else f'{METRES_PER_MINUTE * speed:.4g}'
     bound = average(evaluation.select(speed=speed, part=part)).bound
     rows = [f'{label:>6}  {"bound":<14}{_cell(GRAMS * bound, 3) or "-":>9}']
-    comparable = has_paper_masses(evaluation) and (
-        speed is not None or has_paper_speeds(evaluation)
-    )
+    comparable = has_paper_masses(evaluation) and (speed or has_paper_speeds(evaluation))
     for estimator in evaluation.estimators:
         there = evaluation.select(estimator=estimator, speed=speed, part=part)
         if there:
@@ -156,11 +152,9 @@ def _text_block(
 
 
 def _text_row(
-    estimator: str,
-    conditions: Sequence[ConditionResult],
-    accuracy_class: AccuracyClass,
+    estimator: str, conditions: Sequence[ConditionResult], accuracy_class: AccuracyClass,
     paper: float,
-) -> str:
+) -> str:  # fmt: skip
     means = average(conditions)
     values = (means.std_dev, means.mean_error, means.index)
     passed = sum(judge(one, accuracy_class).passed for one in conditions)

@@ -45,15 +45,11 @@ _SETTLING = 2.0  # s
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Bounds of the standard deviation of one mass, all in kg.
+    """Bounds of the standard deviation of one mass, kg.
 
-    Attributes
-    ----------
-    std_dev : float
-        If the zero is known exactly. The tightest: no estimate is better.
-    zero_unknown_std_dev : float
-        If the zero is known from the signal before the product alone; infinite if
-        the signal cannot tell a mass from a zero.
+    `std_dev` holds if the zero is known exactly: no estimate is better. `zero_unknown_std_dev`
+    holds if the zero is known from the signal before the product alone; it is infinite if the
+    signal cannot tell a mass from a zero.
     """
 
     std_dev: float
@@ -127,21 +123,15 @@ def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.
     if not 0 <= before < math.inf:
         raise ValueError(f'before: {before:g} s is not a length of time')
     simulated = _SimulatedPass(parameters, mass, before)
+    response = simulated.response(simulated.load) / mass
     noise = simulated.lines() + simulated.impact() + simulated.white_noise()
-    return PassModel(
-        time=simulated.sample_time(),
-        response=simulated.kept(simulated.response(simulated.load) / mass),
-        covariance=noise,
-    )
+    return PassModel(simulated.sample_time(), response, noise)
 
 
 class _SimulatedPass:
     """One product on an otherwise empty belt, on the simulator's own grid of steps.
 
-    Attributes
-    ----------
-    load : ndarray, (steps,) float64
-        Force of the product, kg.
+    `load` is the force of the product in each step, (steps,), kg.
     """
 
     def __init__(self, parameters: SimulationParameters, mass: float, before: float) -> None:
@@ -159,15 +149,10 @@ class _SimulatedPass:
         self._samples = entry + last
         self._t1 = entry / sample_rate
         line = Line(
-            speed=parameters.speed,
-            speed_jitter=0.0,
-            spacing=parameters.spacing,
-            product_length=parameters.product_length,
-            weigh_length=parameters.weigh_length,
-            masses=(mass,),
-            count=1,
-            first_entry=self._t1,
-        )
+            speed=parameters.speed, speed_jitter=0.0, spacing=parameters.spacing,
+            product_length=parameters.product_length, weigh_length=parameters.weigh_length,
+            masses=(mass,), count=1, first_entry=self._t1,
+        )  # fmt: skip
         belt = BeltTravel(line, np.random.Generator(np.random.PCG64(0)))
         steps = np.arange(self._samples * OVERSAMPLING, dtype=np.float64)
         self._time = (steps + 0.5 - (OVERSAMPLING - 1) / 2) * self._step
@@ -180,14 +165,10 @@ class _SimulatedPass:
         """Return the time of the samples that are used, in s from t1."""
         return (np.arange(self._first, self._samples) - self._entry) / self._parameters.sample_rate
 
-    def kept(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return those samples of a signal that are used."""
-        return signal[self._first :]
-
     def response(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the readings of the converter, in samples, of a force in steps."""
+        """Return the readings of the converter, in the samples used, of a force in steps."""
         reading = self._platform().run(force, self._bounds, self._loads)
-        return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1), np.float64)
+        return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
         """Return the covariance of rollers and motor: sines of random phase."""
@@ -199,7 +180,7 @@ class _SimulatedPass:
         angles.append((profile.motor, 2 * math.pi * profile.motor_frequency))
         parts = [
             # A sine of random phase is a sine and a cosine, uncorrelated, of half its power each.
-            speed * amplitude / math.sqrt(2) * self.kept(self.response(wave(angle * self._travel)))
+            speed * amplitude / math.sqrt(2) * self.response(wave(angle * self._travel))
             for amplitude, angle in angles
             if amplitude
             for wave in (np.sin, np.cos)
@@ -212,7 +193,7 @@ class _SimulatedPass:
         size = self._profile.impact * self._mass * self._parameters.speed
         phase = (self._time - self._t1) / IMPACT_DURATION
         force = np.where((phase >= 0) & (phase < 1), size * np.sin(math.pi * phase), 0.0)
-        form = self.kept(self.response(force))
+        form = self.response(force)
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
@@ -266,12 +247,8 @@ def _covariance_of_readings(
 ) -> NDArray[np.float64]:
     """Return the covariance of samples, each the mean of the readings at the begin of its steps.
 
-    Parameters
-    ----------
-    step : function
-        From a load to F (d, d) and G (d,) of x' = F x + G w; the reading is x[0].
-    loads : ndarray, (n, steps)
-        kg in each step of each sample; before the first one the state is stationary.
+    `step` leads from a load to F (d, d) and G (d,) of x' = F x + G w; the reading is x[0]. `loads`,
+    (n, steps) in kg, has those of each sample; before the first one the state is stationary.
     """
     whole, drive = step(float(loads[0, 0]))
     size = len(drive)
@@ -297,14 +274,9 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transition of the state over one sample, the sample itself as the last row.
+    """Return the transition of the state over one sample, (d + 1, d), and its noise's covariance.
 
-    Returns
-    -------
-    ndarray, (d + 1, d)
-        Of the state at the begin of the sample.
-    ndarray, (d + 1, d + 1)
-        Covariance of the noise that comes in within the sample.
+    The sample itself is the last row.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 from joblib import delayed
 import numpy as np
@@ -26,17 +25,7 @@ PASSES = 120  # of each mass at each speed: the first half trains, the second ha
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The passes of one speed.
-
-    Attributes
-    ----------
-    speed : float
-        m/s, nominal.
-    train, test : tuple of KnownPass
-        The first and the second half of the run.
-    simulation : SimulationParameters
-        How it came about.
-    """
+    """The passes of one nominal speed in m/s, in halves, and how they were simulated."""
 
     speed: float
     train: tuple[KnownPass, ...]
@@ -90,14 +79,8 @@ def evaluate_protocol(
     ----------
     protocol : Protocol
         Machine, passes and speeds.
-    estimators : sequence of str
-        Names.
-    base : LineParameters
-        Everything that is not tuned.
-    budget : int
-        Evaluations of each estimator at each speed.
-    n_jobs : int, optional
-        Processes, as in `checkweigher_validation.jobs.run_jobs`.
+    estimators, base, budget, n_jobs
+        As in `checkweigher_validation.tuning.tuner.tune`.
 
     Returns
     -------
@@ -106,28 +89,19 @@ def evaluate_protocol(
     tuned : dict of str to Tuned
         By estimator.
     """
-    runs = run_jobs(
-        [delayed(run_protocol)(protocol, speed, base.segmenter) for speed in protocol.speeds],
-        n_jobs,
-        'simulating',
-    )
-    bounds = run_jobs(
-        [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES],
-        n_jobs,
-        'computing the bound',
-    )
-    bound_of = {
-        (run.speed, mass): found.std_dev
-        for (run, mass), found in zip(product(runs, MASSES), bounds, strict=True)
-    }
+    simulations = [delayed(run_protocol)(protocol, speed, base.segmenter)
+                   for speed in protocol.speeds]  # fmt: skip
+    runs = run_jobs(simulations, n_jobs, 'simulating')
+    calls = [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES]
+    bounds = iter(run_jobs(calls, n_jobs, 'computing the bound'))
     groups = [
         SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
     ]
     tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
-    batches = [
-        Batch(run.speed, part, passes, {mass: bound_of[run.speed, mass] for mass in MASSES})
-        for run in runs
-        for part, passes in (('train', run.train), ('test', run.test))
-    ]
+    batches = []
+    for run in runs:
+        bound_of = {mass: next(bounds).std_dev for mass in MASSES}
+        batches += [Batch(run.speed, 'train', run.train, bound_of),
+                    Batch(run.speed, 'test', run.test, bound_of)]  # fmt: skip
     lines = [tuned[name].parameters for name in estimators]
     return evaluate_batches(batches, lines, n_jobs), tuned

@@ -18,7 +18,7 @@ from checkweigher_validation.accuracy.tables import (
     has_paper_masses,
     has_paper_speeds,
 )
-from checkweigher_validation.report.inline_svg import INK, MUTED, SURFACE, new_figure, stand_in
+from checkweigher_validation.report.inline_svg import INK, MUTED, SURFACE, stand_in
 from checkweigher_validation.report.palette import Look, looks_of
 
 _BOUND: dict[str, Any] = {'color': INK, 'lw': 1.2, 'ls': (0, (4, 2)), 'label': '3 × bound'}
@@ -30,7 +30,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
     speeds = evaluation.speeds
     # One place is left for the legend.
     rows = math.ceil((len(speeds) + 1) / _COLUMNS)
-    figure = new_figure(9.6, 2.5 * rows)
+    figure = Figure(figsize=(9.6, 2.5 * rows))
     panels = cast(NDArray[np.object_], figure.subplots(rows, _COLUMNS, squeeze=False)).ravel()
     for number, (axes, speed) in enumerate(zip(panels, speeds, strict=False)):
         _draw_speed(axes, evaluation, speed, part)
@@ -49,7 +49,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
 
 def averages_figure(evaluation: Evaluation, part: str) -> Figure:
     """Draw A on average over the masses and over everything (figure 12)."""
-    figure = new_figure(9.6, 3.9)
+    figure = Figure(figsize=(9.6, 3.9))
     left, right = cast(NDArray[np.object_], figure.subplots(1, 2, width_ratios=(1, 1.1)))
     _draw_by_speed(left, evaluation, part)
     _draw_overall(right, evaluation, part)
@@ -58,16 +58,14 @@ def averages_figure(evaluation: Evaluation, part: str) -> Figure:
 
 def _draw_speed(axes: Axes, evaluation: Evaluation, speed: float, part: str) -> None:
     for number, (name, look) in enumerate(looks_of(evaluation.estimators).items()):
-        there = sorted(
-            evaluation.select(estimator=name, speed=speed, part=part), key=lambda one: one.mass
-        )
+        there = evaluation.select(estimator=name, speed=speed, part=part)
+        there = tuple(sorted(there, key=lambda one: one.mass))
         masses = [GRAMS * one.mass for one in there]
         axes.plot(masses, [GRAMS * one.index for one in there], **_line(number, look))
     bounds = {one.mass: one.bound for one in evaluation.select(speed=speed, part=part)}
     masses = sorted(bounds)
-    axes.plot(
-        [GRAMS * mass for mass in masses], [3 * GRAMS * bounds[mass] for mass in masses], **_BOUND
-    )
+    levels = [3 * GRAMS * bounds[mass] for mass in masses]
+    axes.plot([GRAMS * mass for mass in masses], levels, **_BOUND)
     _logarithmic(axes)
 
 
@@ -75,15 +73,11 @@ def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
     speeds = evaluation.speeds
     shown = [METRES_PER_MINUTE * speed for speed in speeds]
     for number, (name, look) in enumerate(looks_of(evaluation.estimators).items()):
-        means = [
-            GRAMS * average(evaluation.select(estimator=name, speed=speed, part=part)).index
-            for speed in speeds
-        ]
+        groups = [evaluation.select(estimator=name, speed=speed, part=part) for speed in speeds]
+        means = [GRAMS * average(group).index for group in groups]
         axes.plot(shown, means, **_line(number, look))
-    bounds = [
-        3 * GRAMS * average(evaluation.select(speed=speed, part=part)).bound for speed in speeds
-    ]
-    axes.plot(shown, bounds, **_BOUND)
+    groups = [evaluation.select(speed=speed, part=part) for speed in speeds]
+    axes.plot(shown, [3 * GRAMS * average(group).bound for group in groups], **_BOUND)
     _logarithmic(axes)
     axes.set(xlabel='belt speed, m/min', ylabel='A, g', xticks=shown)
     axes.set_title('Average over the masses')

@@ -6,12 +6,7 @@ import math
 from typing import Any
 
 from checkweigher_dsp.records import GRAMS
-from checkweigher_validation.accuracy.classes import (
-    AccuracyClass,
-    Judgement,
-    judge,
-    weighings_required,
-)
+from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
 from checkweigher_validation.accuracy.errors import (
     Average,
     ConditionResult,
@@ -74,19 +69,10 @@ def mass_label(mass: float) -> str:
 
 
 class Content:
-    """Tables and findings of one evaluation; where the part is not named, of the part that counts.
+    """Tables and findings of an evaluation with at least one condition, held to a class.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-        At least one condition.
-    accuracy_class : AccuracyClass
-        Class whose limits the conditions are held to.
-
-    Attributes
-    ----------
-    part : str
-        'test' if there are test passes, else 'train'.
+    They are of the part that counts where none is named: 'test' if there are test passes, else
+    'train'.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
@@ -141,15 +127,13 @@ class Content:
         for name in self._ranking:
             one, there = self._means[name], self._conditions(estimator=name)
             passed = sum(judge(condition, self._class).passed for condition in there)
+            state = 'passed' if passed == len(there) else 'failed'
             cells = [
                 Cell(grams(one.index), best=one.index == best),
                 Cell(grams(one.std_dev)),
                 Cell(grams(one.mean_error)),
                 Cell(number(one.ratio, 2)),
-                Cell(
-                    f'{passed} of {len(there)}',
-                    state='passed' if passed == len(there) else 'failed',
-                ),
+                Cell(f'{passed} of {len(there)}', state=state),
                 Cell(str(one.faults), state='failed' if one.faults else ''),
             ]
             if 'train' in self._evaluation.parts and self.part != 'train':
@@ -167,16 +151,13 @@ class Content:
             for name in self._looks
         }
         best = [_best(one.index for one in column) for column in zip(*means.values(), strict=True)]
-        rows = [
-            self._row(
-                name,
-                (
-                    Cell(grams(one.index), _times(one.ratio), one.index == least)
-                    for one, least in zip(means[name], best, strict=True)
-                ),
+        rows = []
+        for name in self._looks:
+            cells = (
+                Cell(grams(one.index), _times(one.ratio), one.index == least)
+                for one, least in zip(means[name], best, strict=True)
             )
-            for name in self._looks
-        ]
+            rows.append(self._row(name, cells))
         bounds = (Cell(grams(3 * self._mean(speed=speed).bound)) for speed in speeds)
         return [*rows, Row('3 × bound of σ', -1, tuple(bounds)), *self._paper_by_speed()]
 
@@ -184,10 +165,7 @@ class Content:
         """Return sigma and mu of each condition by speed, those of the paper below ours."""
         groups = {}
         for speed in self._evaluation.speeds:
-            at_masses = [
-                self._conditions(speed=speed, mass=mass, part=part)
-                for mass in self._evaluation.masses
-            ]
+            at_masses = self._at_masses(speed=speed, part=part)
             bounds = [Cell(grams(there[0].bound) if there else '') for there in at_masses]
             rows = [Row('bound of σ', -1, (*bounds, Cell(''), Cell('')))]
             for name in self._evaluation.estimators:
@@ -197,39 +175,17 @@ class Content:
             groups[speed_label(speed)] = rows
         return groups
 
-    def class_limits(self) -> list[Row]:
-        """Return the limits at each mass."""
-        return [
-            Row(
-                mass_label(mass),
-                -1,
-                (
-                    Cell(grams(self._class.max_mean_error(mass))),
-                    Cell(grams(self._class.max_std_dev(mass), 4)),
-                    Cell(str(weighings_required(mass))),
-                ),
-            )
-            for mass in self._evaluation.masses
-        ]
-
     def verdicts(self) -> list[Row]:
         """Return one row for each estimator, with one cell for each speed and mass."""
-        conditions = [
-            (speed, mass) for speed in self._evaluation.speeds for mass in self._evaluation.masses
-        ]
-        return [
-            self._row(
-                name,
-                (
-                    _verdict(judge(there[0], self._class)) if there else Cell('')
-                    for there in (
-                        self._conditions(estimator=name, speed=speed, mass=mass)
-                        for speed, mass in conditions
-                    )
-                ),
+        rows = []
+        for name in self._looks:
+            cells = (
+                _verdict(judge(there[0], self._class)) if there else Cell('')
+                for speed in self._evaluation.speeds
+                for there in self._at_masses(estimator=name, speed=speed)
             )
-            for name in self._looks
-        ]
+            rows.append(self._row(name, cells))
+        return rows
 
     def coverages(self) -> list[Row]:
         """Return how often the stated intervals hold the error: for each part, for each level."""
@@ -245,19 +201,9 @@ class Content:
         return rows
 
     def _condition_row(self, name: str, speed: float, part: str) -> Row:
-        at_masses = [
-            self._conditions(estimator=name, speed=speed, mass=mass, part=part)
-            for mass in self._evaluation.masses
-        ]
+        pairs = [_pair(*there) for there in self._at_masses(estimator=name, speed=speed, part=part)]
         means = self._mean(estimator=name, speed=speed, part=part)
-        return self._row(
-            name,
-            (
-                *(_pair(*there) for there in at_masses),
-                Cell(grams(means.index)),
-                Cell(number(means.ratio, 2)),
-            ),
-        )
+        return self._row(name, [*pairs, Cell(grams(means.index)), Cell(number(means.ratio, 2))])
 
     def _paper_row(self, name: str, speed: float) -> Iterator[Row]:
         found = [paper_result(name, speed, mass) for mass in self._evaluation.masses]
@@ -276,6 +222,10 @@ class Content:
     def _conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
         """Return the conditions as `Evaluation.select` does; those of `part` by default."""
         return self._evaluation.select(**{'part': self.part, **chosen})
+
+    def _at_masses(self, **chosen: Any) -> list[tuple[ConditionResult, ...]]:
+        """Return the conditions at each mass."""
+        return [self._conditions(mass=mass, **chosen) for mass in self._evaluation.masses]
 
     def _mean(self, **chosen: Any) -> Average:
         return average(self._conditions(**chosen))

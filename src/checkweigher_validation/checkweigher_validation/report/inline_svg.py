@@ -4,14 +4,11 @@ A figure is drawn in stand-in colours. In the finished SVG these become CSS vari
 serves a light and a dark page and paper. Text stays text, in the font of the page.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from html import escape
 import io
 import re
 from typing import Any
 
-import matplotlib
 from matplotlib.figure import Figure
 
 # Stand-ins and the CSS variables they become.
@@ -19,8 +16,9 @@ INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
 _SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
-# Any: matplotlib's own type of it is a list of all names that there are.
-_STYLE: Any = {
+# The look of the report, for matplotlib.rc_context: figures are drawn and written within. Any:
+# matplotlib's own type of it is a list of all names that there are.
+STYLE: Any = {
     'axes.axisbelow': True,
     'axes.edgecolor': GRID,
     'axes.facecolor': 'none',
@@ -32,6 +30,7 @@ _STYLE: Any = {
     'axes.titlecolor': INK,
     'axes.titlelocation': 'left',
     'axes.titlesize': 10,
+    'figure.constrained_layout.use': True,
     'figure.facecolor': 'none',
     'font.size': 9,
     'grid.color': GRID,
@@ -54,41 +53,27 @@ _STYLE: Any = {
 }
 
 
-@contextmanager
-def house_style() -> Iterator[None]:
-    """Give all figures that are made within the look of the report."""
-    with matplotlib.rc_context(_STYLE):
-        yield
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without anything; width and height in inches of 1/10 of a full row."""
-    return Figure(figsize=(width, height), layout='constrained')
-
-
 def stand_in(number: int) -> str:
     """Return the stand-in colour of a series; it becomes the CSS variable ``--series-N``."""
     return f'#f1e2{number:02x}'
 
 
 def to_inline_svg(figure: Figure, name: str, description: str) -> str:
-    """Return a figure as an SVG element for an HTML page.
+    """Return a figure as an SVG element for an HTML page; call it within `STYLE`.
 
     Parameters
     ----------
     figure : Figure
-        Drawn within `house_style`.
+        Drawn within `STYLE`.
     name : str
         Prefix of all ids within the figure, which have to be unique on the page.
     description : str
         Text for readers who cannot see the figure.
     """
     file = io.StringIO()
-    with house_style():
-        # None of its metadata, and so none of the names in it.
-        figure.savefig(
-            file, format='svg', metadata=dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
-        )
+    # None of its metadata, and so none of the names in it.
+    no_metadata = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
+    figure.savefig(file, format='svg', metadata=no_metadata)
     text = file.getvalue()
     # The size is up to the page; its font, too.
     head, rest = text[text.index('<svg') :].split('>', 1)

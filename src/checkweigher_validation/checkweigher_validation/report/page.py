@@ -1,18 +1,19 @@
 """The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from checkweigher_dsp.production import prepackages
-from checkweigher_validation.accuracy.classes import AccuracyClass
+from checkweigher_validation.accuracy.classes import AccuracyClass, weighings_required
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
-from checkweigher_validation.report.inline_svg import house_style, to_inline_svg
+from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
 from checkweigher_validation.report.palette import looks_of
 
 _TEMPLATE = 'report.html.j2'
@@ -38,7 +39,7 @@ def render(
     evaluation : Evaluation
         At least one condition. The report is of part 'test' if there is one.
     accuracy_class : AccuracyClass
-        Whose limits the conditions are held to.
+        Class whose limits the conditions are held to.
     nominal : float, optional
         kg, nominal quantity of prepackages whose limits are to be shown.
 
@@ -50,41 +51,28 @@ def render(
     if not evaluation.conditions:
         raise ValueError('an evaluation without conditions has nothing to report')
     environment = Environment(
-        loader=PackageLoader('checkweigher_validation.report', ''),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
+        loader=PackageLoader('checkweigher_validation.report', ''), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
+    )  # fmt: skip
     shown = content.Content(evaluation, accuracy_class)
+    with rc_context(STYLE):
+        accuracy_pictures = list(_accuracy_pictures(evaluation, shown.part))
+        signal_pictures = list(_signal_pictures(evaluation.examples))
     return environment.get_template(_TEMPLATE).render(
-        evaluation=evaluation,
-        part=shown.part,
-        accuracy_class=accuracy_class,
+        evaluation=evaluation, content=shown, part=shown.part, accuracy_class=accuracy_class,
         looks=list(looks_of(evaluation.estimators).values()),
-        findings=shown.findings(),
-        summary=shown.summary(),
-        by_speed=shown.by_speed(),
-        tables={part: shown.by_condition(part) for part in evaluation.parts},
-        limits=shown.class_limits(),
-        verdicts=shown.verdicts(),
-        coverages=shown.coverages(),
         levels=[f'{100 * level:.0f} %' for level in content.LEVELS],
         prepackage=None if nominal is None else prepackages.limits(nominal),
-        has_paper=shown.has_paper,
-        paper_average=shown.has_paper_average,
-        accuracy_pictures=list(_accuracy_pictures(evaluation, shown.part)),
-        signal_pictures=list(_signal_pictures(evaluation.examples)),
-        speed_label=content.speed_label,
-        mass_label=content.mass_label,
-        grams=content.grams,
-    )
+        accuracy_pictures=accuracy_pictures, signal_pictures=signal_pictures,
+        speed_label=content.speed_label, mass_label=content.mass_label, grams=content.grams,
+        weighings_required=weighings_required,
+    )  # fmt: skip
 
 
 def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
     yield _picture(
         'index-by-mass',
-        lambda: accuracy_figures.index_by_mass_figure(evaluation, part),
+        accuracy_figures.index_by_mass_figure(evaluation, part),
         'A of each estimator over the mass, one panel for each belt speed; lower is better. An '
         'unbiased linear estimate gets below the dashed line, three times the Gauss-Markov bound, '
         'by chance only. (As figure 11 of the paper; logarithmic, each panel on a scale of its '
@@ -92,7 +80,7 @@ def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
     )
     yield _picture(
         'averages',
-        lambda: accuracy_figures.averages_figure(evaluation, part),
+        accuracy_figures.averages_figure(evaluation, part),
         'Left: A on average over the masses, by belt speed; the distance to the dashed line is '
         'what an estimator leaves to be gained. Right: A on average over everything, the best on '
         'top. (As figure 12.)',
@@ -110,20 +98,20 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
     )
     yield _picture(
         'pass',
-        lambda: signal_figures.pass_figure(slow),
+        signal_figures.pass_figure(slow),
         f'A pass, {of_slow}. From t1 to t2 the product rides on, from t3 to t4 it leaves; all '
         'there is to weigh it lies in the shaded window. (As figure 2 of the paper.)',
     )
     if len(fast.ideal):
         yield _picture(
             'ideal',
-            lambda: signal_figures.ideal_figure(fast),
+            signal_figures.ideal_figure(fast),
             f'A pass, {of_fast}, and what the platform would show without any noise: the load '
             'and the ringing from its entry. Below, the difference of the two. (As figure 5.)',
         )
     yield _picture(
         'spectrum',
-        lambda: signal_figures.spectrum_figure(fast),
+        signal_figures.spectrum_figure(fast),
         f'The spectrum of a pass, {of_fast}. The load lies at the lowest frequencies, the '
         'ringing about the natural frequency of the platform; where the signal stands above the '
         'line without noise, it is disturbed. (As figure 6.)',
@@ -131,7 +119,7 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
     if fast.bands:
         yield _picture(
             'bands',
-            lambda: signal_figures.bands_figure(fast),
+            signal_figures.bands_figure(fast),
             'The same pass in the bands of the stationary wavelet transform, each on a scale of '
             'its own. The lower the band, the longer its wavelet, and the more of what surrounds '
             'the shaded window gets into it. (As figure 7.)',
@@ -139,14 +127,12 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
     if fast.denoised:
         yield _picture(
             'denoised',
-            lambda: signal_figures.denoised_figure(fast),
+            signal_figures.denoised_figure(fast),
             'The window after hard and soft thresholding of all details and after shrinkage, '
             'against the response without noise and the mass that is to be found. (As figures 8 '
             'and 9.)',
         )
 
 
-def _picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    with house_style():
-        figure = draw()
+def _picture(name: str, figure: Figure, caption: str) -> Picture:
     return Picture(Markup(to_inline_svg(figure, name, caption)), caption)

@@ -5,21 +5,12 @@ dark variant; every estimator has a marker of its own as well.
 """
 
 from dataclasses import dataclass
+from itertools import cycle
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How an estimator is shown.
-
-    Attributes
-    ----------
-    label : str
-        Name for readers.
-    marker : str
-        As matplotlib names it.
-    light, dark : str
-        Colour on a light and on a dark ground.
-    """
+    """Name of an estimator for readers, marker of matplotlib, colours on light and dark ground."""
 
     label: str
     marker: str
@@ -41,16 +32,10 @@ _LOOKS = {
 # For estimators that have no look of their own.
 _OTHERS = (('<', '#7a5230', '#c79a6f'), ('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
-BOUND_LABEL = 'Gauss-Markov bound'
-
 
 def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
     """Return the looks of estimators by name; one that is not known here is called as it is."""
-    unknown = [name for name in estimators if name not in _LOOKS]
-    looks = {}
-    for name in estimators:
-        if name in _LOOKS:
-            looks[name] = _LOOKS[name]
-        else:
-            looks[name] = Look(name, *_OTHERS[unknown.index(name) % len(_OTHERS)])
-    return looks
+    others = cycle(_OTHERS)
+    return {
+        name: _LOOKS[name] if name in _LOOKS else Look(name, *next(others)) for name in estimators
+    }

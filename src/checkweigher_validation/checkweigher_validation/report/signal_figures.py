@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
-from checkweigher_validation.report.inline_svg import (
-    INK,
-    MUTED,
-    SHADE,
-    new_figure,
-    stand_in,
-)
+from checkweigher_validation.report.inline_svg import INK, MUTED, SHADE, stand_in
 
 MILLISECONDS = 1000.0  # in a second
 
@@ -31,7 +25,7 @@ _ENERGY_SHARE = 0.99
 
 def pass_figure(example: Example) -> Figure:
     """Draw a pass with its four times (figure 2 of the paper)."""
-    figure = new_figure(9.6, 3.0)
+    figure = Figure(figsize=(9.6, 3.0))
     axes = figure.add_subplot()
     _draw_pass(axes, example)
     axes.plot(_time(example), GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0)
@@ -40,7 +34,7 @@ def pass_figure(example: Example) -> Figure:
 
 def ideal_figure(example: Example) -> Figure:
     """Draw a pass over the response of the platform without noise (figure 5)."""
-    figure = new_figure(9.6, 4.0)
+    figure = Figure(figsize=(9.6, 4.0))
     top, bottom = cast(
         NDArray[np.object_], figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     )
@@ -60,7 +54,7 @@ def ideal_figure(example: Example) -> Figure:
 
 def spectrum_figure(example: Example) -> Figure:
     """Draw the amplitude spectra of a pass and of its ideal (figure 6)."""
-    figure = new_figure(9.6, 3.0)
+    figure = Figure(figsize=(9.6, 3.0))
     axes = figure.add_subplot()
     frequency, of_signal = amplitude_spectrum(example.signal, example.sample_rate)
     axes.semilogy(frequency, GRAMS * of_signal, color=stand_in(SIGNAL), lw=1.0, label='signal')
@@ -76,11 +70,9 @@ def spectrum_figure(example: Example) -> Figure:
             color=MUTED, fontsize=8, va='top',
         )  # fmt: skip
     axes.set(
-        xlim=(0, _SPECTRUM_LIMIT),
-        ylim=(GRAMS * top / 3e4, GRAMS * top * 1.5),
-        xlabel='frequency, Hz',
-        ylabel='amplitude, g/Hz',
-    )
+        xlim=(0, _SPECTRUM_LIMIT), ylim=(GRAMS * top / 3e4, GRAMS * top * 1.5),
+        xlabel='frequency, Hz', ylabel='amplitude, g/Hz',
+    )  # fmt: skip
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
     axes.legend(loc='upper right')
     return figure
@@ -89,7 +81,7 @@ def spectrum_figure(example: Example) -> Figure:
 def bands_figure(example: Example) -> Figure:
     """Draw the bands of the stationary wavelet transform, the lowest first (figure 7)."""
     count = len(example.bands)
-    figure = new_figure(9.6, 0.62 * count + 0.5)
+    figure = Figure(figsize=(9.6, 0.62 * count + 0.5))
     rows = cast(NDArray[np.object_], figure.subplots(count, 1, sharex=True, squeeze=False))
     for axes, (name, values) in zip(rows[:, 0], example.bands, strict=True):
         axes.plot(_time(example), GRAMS * values, color=stand_in(SIGNAL), lw=0.9)
@@ -105,7 +97,7 @@ def bands_figure(example: Example) -> Figure:
 
 def denoised_figure(example: Example) -> Figure:
     """Draw the window after each kind of thresholding (figures 8 and 9)."""
-    figure = new_figure(9.6, 3.4)
+    figure = Figure(figsize=(9.6, 3.4))
     axes = figure.add_subplot()
     window = example.window
     time = _time(example)[window]
@@ -127,17 +119,8 @@ def amplitude_spectrum(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the magnitude of the Fourier transform of a signal that begins and ends at zero.
 
-    Parameters
-    ----------
-    signal : ndarray, (n,) float64
-        Padded by zeros, for a smooth curve.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    ndarray, ndarray
-        Frequency in Hz, and amplitude in the signal's unit per Hz: at 0 Hz it is the area.
+    The signal, (n,), is padded by zeros, for a smooth curve. Returned are frequencies in Hz and
+    amplitudes in the signal's unit per Hz: that at 0 Hz is the area.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)

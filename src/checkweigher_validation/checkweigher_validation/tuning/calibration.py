@@ -43,19 +43,9 @@ class Uncertainty:
 
 
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
-    """Return the gain and offset with the smallest squared errors.
+    """Return the gain and offset with the smallest squared errors; (n,), kg, not NaN.
 
-    Parameters
-    ----------
-    estimates : ndarray, (n,) float64
-        Estimates of the passes, kg, not NaN.
-    masses : ndarray, (n,) float64
-        True masses, kg.
-
-    Returns
-    -------
-    Calibration
-        Without an offset if there are few passes or their masses hardly differ.
+    There is no offset if there are few passes or their masses hardly differ.
     """
     if len(masses) >= _FEWEST_FOR_OFFSET and masses.max() > _DISTINCT_MASSES * masses.min():
         slope, intercept = np.polyfit(estimates, masses, 1)
@@ -64,13 +54,7 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg, averaged over the masses.
-
-    Parameters
-    ----------
-    errors, masses : ndarray, (n,) float64
-        kg; masses with few passes count together as one.
-    """
+    """Return A in kg, averaged over the masses; those with few passes count together as one."""
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]
@@ -116,14 +100,8 @@ def held_out_errors(
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
     """Return how errors spread, a part in proportion to the mass, by maximum likelihood.
 
-    Few passes know their own scatter badly; it is widened so that 95 % intervals hold (Student).
-
-    Parameters
-    ----------
-    errors : ndarray, (n,) float64
-        kg, of passes that were held out.
-    masses : ndarray, (n,) float64
-        kg.
+    The errors, (n,) in kg, are of passes that were held out. Few passes know their own scatter
+    badly; it is widened so that 95 % intervals hold (Student).
     """
     best, chosen = math.inf, Uncertainty(math.inf, 0.0)
     shape = masses / np.mean(masses)

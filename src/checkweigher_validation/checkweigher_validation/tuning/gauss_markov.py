@@ -53,16 +53,11 @@ class TunedGaussMarkov(Tunable):
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
         """Return `base` with the platform that the passes of all speeds fit, if it is of use."""
-        known = replace(
-            base.identifier.gauss_markov,
-            sample_rate=groups[0].passes[0].window.sample_rate,
-        )
+        sample_rate = groups[0].passes[0].window.sample_rate
+        known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
         untrained = replace(known, sample_rate=0.0)
-        chosen = min(
-            (fit_platform(groups, known), untrained),
-            key=lambda model: _held_out_index(groups, _with_model(base, model)),
-        )
-        return _with_model(base, chosen)
+        lines = [_with_model(base, model) for model in (fit_platform(groups, known), untrained)]
+        return min(lines, key=lambda line: _held_out_index(groups, line))
 
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
@@ -73,13 +68,10 @@ class TunedGaussMarkov(Tunable):
             values = {'order': 1.0}
             return values, badness(values)
         longest = min(len(pass_signal(e.window, known).time) for e in self.group.passes) // 2
-        tried: list[tuple[float, Values]] = []
-        for order in ORDERS[:budget]:
-            if order < longest or order == ORDERS[0]:
-                values = {'order': float(order)}
-                tried.append((badness(values), values))
-        least, values = min(tried, key=lambda entry: entry[0])
-        return values, least
+        orders = [order for order in ORDERS[:budget] if order < longest or order == ORDERS[0]]
+        found = [badness({'order': float(order)}) for order in orders]
+        least = min(found)
+        return {'order': float(orders[found.index(least)])}, least
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the mass of every pass in the noise that the others have taught."""
@@ -91,9 +83,8 @@ class TunedGaussMarkov(Tunable):
         for number in range(_FOLDS):
             others = replace(self.group, passes=tuple(passes[fold != number]))
             estimator = GaussMarkov(self._model(others, round(values['order'])))
-            result[fold == number] = [
-                estimator.estimate(each.window).mass for each in passes[fold == number]
-            ]
+            windows = [each.window for each in passes[fold == number]]
+            result[fold == number] = [load.mass for load in estimator.estimate_all(windows)]
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
@@ -150,10 +141,7 @@ def fit_platform(
 ) -> GaussMarkovParameters:
     """Return `known` with the platform and the places of entry that fit the passes best.
 
-    Raises
-    ------
-    TuningError
-        If the passes are too short or hold no noise.
+    TuningError says that the passes are too short or hold no noise.
     """
     whiteners = {group.speed: _first_whitener(group, known) for group in groups}
     heaviest = max(float(group.masses.max()) for group in groups)
@@ -176,23 +164,17 @@ def fit_platform(
 
         def of(values: NDArray[np.float64]) -> NDArray[np.float64]:
             model = parameters(values)
-            return np.concatenate(
-                [
-                    _residual(
-                        replace(used, crossing=pass_signal(each.window, model).crossing),
-                        each.mass, model, white,
-                    )[1]
-                    for white, each, used in chosen
-                ]
-            )  # fmt: skip
+            residuals = []
+            for white, each, used in chosen:
+                moved = replace(used, crossing=pass_signal(each.window, model).crossing)
+                residuals.append(_residual(moved, each.mass, model, white)[1])
+            return np.concatenate(residuals)
 
         return of
 
     rough = misfit(_PASSES_FOR_START)
-    starts = [
-        np.array([math.log(frequency), math.log(0.05), math.log(10.0), 0.0, 0.0])
-        for frequency in _FREQUENCIES
-    ]
+    rest = (math.log(0.05), math.log(10.0), 0.0, 0.0)
+    starts = [np.array([math.log(frequency), *rest]) for frequency in _FREQUENCIES]
     start = min(starts, key=lambda values: float(np.sum(rough(values) ** 2)))
     found = least_squares(
         misfit(_PASSES_FOR_PLATFORM), start, bounds=(_LOWEST, _HIGHEST),
@@ -206,19 +188,9 @@ def fit_noise(
 ) -> tuple[NDArray[np.float64], float, float]:
     """Return the noise that a model leaves of the passes of one speed.
 
-    Returns
-    -------
-    reflections : ndarray, (order,) float64
-        Of the autoregression.
-    std_dev : float
-        kg, of its innovations.
-    impact : float
-        s/m, of the oscillation from the entry on, per mass and speed.
-
-    Raises
-    ------
-    TuningError
-        If the passes are too short for the order or hold no noise.
+    It is the reflection coefficients of an autoregression, (order,), the standard deviation of its
+    innovations in kg, and the impact in s/m: the oscillation from the entry on, per mass and speed.
+    TuningError says that the passes are too short for the order or hold no noise.
     """
     whitener = _first_whitener(group, known)
     residuals, kicks = [], []
@@ -235,18 +207,9 @@ def fit_noise(
 def _residual(
     used: PassSignal, mass: float, known: GaussMarkovParameters, whitener: Prewhitener
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the residual of the model on a pass of known mass.
+    """Return the residual of the model on a pass of known mass, in time and whitened, (n,), kg.
 
-    Returns
-    -------
-    ndarray, (n,)
-        kg, in time.
-    ndarray, (n,)
-        Whitened.
-    ndarray, (5,)
-        Coefficients of the oscillations and the zero, kg.
-    ndarray, (5,)
-        Their variances.
+    With it the coefficients of the oscillations and of the zero, and their variances, (5,).
     """
     load, *others = responses(known.platform, mass, used.crossing, used.time)
     signal = used.signal - mass * load
@@ -254,12 +217,8 @@ def _residual(
     white_signal, white_columns = whitener.whiten(signal), whitener.whiten(columns)
     inverse = np.linalg.inv(white_columns @ white_columns.T + np.diag(np.array(_FREE) ** -2.0))
     coefficients = inverse @ (white_columns @ white_signal)
-    return (
-        signal - coefficients @ columns,
-        white_signal - coefficients @ white_columns,
-        coefficients,
-        np.diag(inverse),
-    )
+    left = signal - coefficients @ columns
+    return left, white_signal - coefficients @ white_columns, coefficients, np.diag(inverse)
 
 
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:

@@ -18,20 +18,17 @@ def parameter_file(
 ) -> str:
     """Return the text of a parameter file with everything that was tuned.
 
+    The YAML has all parameters of what was tuned, and of the others, with which it was tuned, those
+    that are not at their default.
+
     Parameters
     ----------
     tuned : dict of str to Tuned
-        By estimator; the first one is the one that the file selects.
+        By estimator; the file selects the first one.
     source : sequence of str
         Training passes, a line each.
     made : datetime, optional
         When; by default now.
-
-    Returns
-    -------
-    str
-        YAML. In it are all parameters of what was tuned, and of the others, with which it was
-        tuned, those that are not at their default.
     """
     made = made or datetime.now(UTC)
     first, *_ = tuned.values()
@@ -59,8 +56,7 @@ def parameter_file(
         f'# {"estimator":<14}{"m/min":>7}{"passes":>8}{"A trained":>11}{"A held out":>12}',
         *(
             f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
-            f'{GRAMS * speed.index:11.4f}'
-            f'{GRAMS * speed.held_out_index:12.4f}'
+            f'{GRAMS * speed.index:11.4f}{GRAMS * speed.held_out_index:12.4f}'
             for each in tuned.values()
             for speed in each.speeds
         ),

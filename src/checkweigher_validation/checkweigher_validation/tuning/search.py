@@ -23,20 +23,10 @@ Point = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One parameter of an estimator and where to look for it.
+    """One parameter of an estimator, and the range to search, both ends included.
 
-    Attributes
-    ----------
-    name : str
-        Of the parameter.
-    low, high : float
-        Both included.
-    start : float
-        First value to try; it may lie outside.
-    logarithmic : bool
-        Whether factors count rather than differences.
-    whole : bool
-        Whether only whole numbers are tried.
+    The first value to try may lie outside. On a logarithmic axis factors count rather than
+    differences; on a whole one only whole numbers are tried.
     """
 
     name: str
@@ -85,30 +75,26 @@ def search(
 
     Returns
     -------
-    values : dict of str to float
-        The best that was found.
-    badness : float
-        Theirs.
+    dict of str to float, float
+        The best values that were found, and their badness.
     """
     tried: list[tuple[float, Point, Values]] = []
-
-    def at(position: Point) -> float:
-        values = {axis.name: axis.value(float(p)) for axis, p in zip(axes, position, strict=True)}
-        return evaluate(position, values)
 
     def evaluate(position: Point, values: Values) -> float:
         tried.append((badness(values), np.array(position), values))
         return tried[-1][0]
 
+    def at(position: Point) -> float:
+        values = {axis.name: axis.value(float(p)) for axis, p in zip(axes, position, strict=True)}
+        return evaluate(position, values)
+
     def descend(origin: Point, step: float, evaluations: int) -> None:
         if evaluations > len(axes) + 1:
-            minimize(
-                at, origin, method='Nelder-Mead', bounds=[(0, 1)] * len(axes),
-                options={
-                    'maxfev': evaluations, 'xatol': 1e-3, 'fatol': 1e-9,
-                    'initial_simplex': _simplex(origin, step),
-                },
-            )  # fmt: skip
+            options = {
+                'maxfev': evaluations, 'xatol': 1e-3, 'fatol': 1e-9,
+                'initial_simplex': _simplex(origin, step),
+            }  # fmt: skip
+            minimize(at, origin, method='Nelder-Mead', bounds=[(0, 1)] * len(axes), options=options)
 
     start = np.array([axis.start_position for axis in axes])
     evaluate(start, {axis.name: axis.start for axis in axes})
@@ -145,8 +131,5 @@ def _best_apart(tried: Sequence[tuple[float, Point, Values]]) -> list[Point]:
 
 def _simplex(origin: Point, step: float) -> Point:
     """Return a simplex with a corner at `origin` that stays between 0 and 1."""
-    corners = np.tile(origin, (len(origin) + 1, 1))
-    for number in range(len(origin)):
-        inward = step if origin[number] + step <= 1 else -step
-        corners[number + 1, number] += inward
-    return corners
+    inward = np.where(origin + step <= 1, step, -step)
+    return np.vstack((origin, origin + np.diag(inward)))

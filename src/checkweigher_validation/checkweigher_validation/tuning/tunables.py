@@ -41,21 +41,9 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
 
 
 class Tunable:
-    """An estimator on the passes of one belt speed.
+    """An estimator on the passes of one belt speed; `axes` are its parameters that are searched.
 
-    Parameters
-    ----------
-    group : SpeedGroup
-        The passes.
-    base : LineParameters
-        Everything that is not tuned at one speed alone.
-
-    Attributes
-    ----------
-    name : str
-        Of the estimator.
-    axes : tuple of Axis
-        Parameters that are searched.
+    `base` has everything that is not tuned at one speed alone.
     """
 
     name: ClassVar[str]
@@ -187,10 +175,9 @@ class TunedAeksi(Tunable):
             values['measurement_noise'], values['process_noise'], values['coefficient_variance']
         )
         settings = _settings(values)
+        rate = self.sample_rate
         return self.of_windows(
-            lambda samples: (
-                identify_adaptive_by_ekf(samples, settings, noise, self.sample_rate).gain
-            )
+            lambda samples: identify_adaptive_by_ekf(samples, settings, noise, rate).gain
         )
 
 
@@ -266,10 +253,8 @@ class TunedIswdEksi(Tunable):
             if at_speed > 0 and name == 'gamma5':
                 found.append(Axis(name, 0.0, 1.2, at_speed))
             elif at_speed > 0:
-                factor = _THRESHOLD_FACTOR
-                found.append(
-                    Axis(name, at_speed / factor, at_speed * factor, at_speed, logarithmic=True)
-                )
+                low, high = at_speed / _THRESHOLD_FACTOR, at_speed * _THRESHOLD_FACTOR
+                found.append(Axis(name, low, high, at_speed, logarithmic=True))
         return tuple(found)
 
     def start(self, axis: Axis) -> float:

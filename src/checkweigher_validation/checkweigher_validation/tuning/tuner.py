@@ -40,16 +40,10 @@ from checkweigher_validation.tuning.tunables import (
 TUNABLES: dict[str, type[Tunable]] = {
     tunable.name: tunable
     for tunable in (
-        TunedMean,
-        TunedHann,
-        TunedTvlpf,
-        TunedAid,
-        TunedAeksi,
-        TunedIswdEksi,
-        TunedFirModel,
+        TunedMean, TunedHann, TunedTvlpf, TunedAid, TunedAeksi, TunedIswdEksi, TunedFirModel,
         TunedGaussMarkov,
     )
-}
+}  # fmt: skip
 
 FEWEST_PASSES = 3  # of one speed; fewer tell nothing of their own scatter
 _FEWEST_FOR_HALVES = 20  # each half then holds enough to be tuned on
@@ -58,27 +52,21 @@ _DIGITS = 7  # significant, of what is written into a parameter file
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """Parameters, calibration and accuracy from the passes of one belt speed.
+    """Parameters, calibration and accuracy from the passes of one belt speed, in kg and m/s.
 
     Attributes
     ----------
-    speed : float
-        m/s.
-    passes : int
-        Number of passes.
     lists : dict of str to tuple of float
         Values of the lists of the parameters for this speed, by their name with that of the node.
-    calibration : Calibration
-        Gain and offset.
     uncertainty : Uncertainty
         How the errors of passes spread that were held out of the calibration.
     zero_std_dev : float
-        kg, typical of these passes.
+        Typical of these passes.
     index : float
-        A on the training passes, kg.
+        A on the training passes.
     held_out_index : float
         A when each half of the passes, or with fewer than 20 each single one, is weighed by what
-        the others taught, kg. Much more than `index` means overfitting.
+        the others taught. Much more than `index` means overfitting.
     """
 
     speed: float
@@ -146,9 +134,9 @@ def tune(
     calls = [delayed(_tune_speed)(*task) for task in tasks]
     calls += [delayed(_check_fold)(*task, fold) for task in tasks for fold in _folds(task[1])]
     found = run_jobs(calls, n_jobs, 'tuning')
-    learned_speeds, held_out = found[: len(tasks)], iter(found[len(tasks) :])
+    held_out = iter(found[len(tasks) :])
     tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators}
-    for (name, group, *_), learned in zip(tasks, learned_speeds, strict=True):
+    for (name, group, *_), learned in zip(tasks, found[: len(tasks)], strict=True):
         errors, masses = np.concatenate([next(held_out) for _ in _folds(group)], axis=1)
         learned = replace(learned, held_out_index=index(errors, masses))
         if len(masses) < _FEWEST_FOR_HALVES:
@@ -220,8 +208,7 @@ def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters
             f'{own}.zero_std_dev': (each.zero_std_dev,),
             **each.lists,
         }
-        for name in {name.rpartition('.')[0] for name in each.lists}:
-            values[f'{name}.speeds'] = (each.speed,)
+        values |= {f'{name.rpartition(".")[0]}.speeds': (each.speed,) for name in each.lists}
         for name, value in values.items():
             lists[name] = lists.get(name, ()) + tuple(_rounded(number) for number in value)
     changes: dict[str, object] = {
