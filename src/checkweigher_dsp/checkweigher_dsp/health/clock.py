@@ -6,9 +6,9 @@ import math
 from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 
-_MAX_INBOX = 20_000  # blocks or edges between two looks
-_RATE_SPAN = 10.0  # s, over which rates are taken
-_SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
+MAX_INBOX = 20_000  # blocks or edges between two looks
+RATE_SPAN = 10.0  # s, over which rates are taken
+SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
 # Stamps that run slower or faster than the machine's clock by more are those of a replay.
 _REPLAY = 0.1
 _CLOCK_BIN = 5.0  # s; the least delay in each is that of the clock, the others come from the load
@@ -38,9 +38,9 @@ class ClockWatch:
         """Forget the clock of the stream before."""
         self._origin: int | None = None
         self._began = 0.0
-        self._blocks: deque[tuple[float, int, int]] = deque(maxlen=_MAX_INBOX)
-        self._edges: deque[tuple[float, int]] = deque(maxlen=_MAX_INBOX)
-        self._delays = RecentValues(_RATE_SPAN)
+        self._blocks: deque[tuple[float, int, int]] = deque(maxlen=MAX_INBOX)
+        self._edges: deque[tuple[float, int]] = deque(maxlen=MAX_INBOX)
+        self._delays = RecentValues(RATE_SPAN)
         self._edge_delays = RecentValues(MINUTE)
         self._bins = RecentValues(_CLOCK_SPAN)
         self._bin: tuple[float, float] | None = None  # its begin and its least delay
@@ -79,7 +79,7 @@ class ClockWatch:
                 self._edge_delays.add(came, came - (stamp - self._origin) / NANOSECONDS)
         for values in (self._delays, self._bins, self._edge_delays):
             values.forget(now)
-        while self._blocks and self._blocks[0][0] <= now - _RATE_SPAN:
+        while self._blocks and self._blocks[0][0] <= now - RATE_SPAN:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
@@ -93,7 +93,7 @@ class ClockWatch:
             return math.nan
         (began, first_stamp, _), (came, last_stamp, _) = self._blocks[0], self._blocks[-1]
         elapsed = came - began
-        if elapsed < _SHORTEST_SPAN:
+        if elapsed < SHORTEST_SPAN:
             return math.nan
         return (last_stamp - first_stamp) / NANOSECONDS / elapsed
 
@@ -104,7 +104,7 @@ class ClockWatch:
             return math.nan
         (_, first_stamp, first), (_, last_stamp, last) = self._blocks[0], self._blocks[-1]
         elapsed = (last_stamp - first_stamp) / NANOSECONDS
-        return (last - first) / elapsed if elapsed >= _SHORTEST_SPAN else math.nan
+        return (last - first) / elapsed if elapsed >= SHORTEST_SPAN else math.nan
 
     def _least(self) -> float:
         """Return the least delay of a block lately, s from the stamp of the first one."""

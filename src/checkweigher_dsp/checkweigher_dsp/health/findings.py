@@ -53,11 +53,9 @@ class Finding:
 
 
 def conclude(
-    aspect: str,
-    well: str,
-    concerns: Iterable[Concern],
+    aspect: str, well: str, concerns: Iterable[Concern],
     values: Mapping[str, float | str] | None = None,
-) -> Finding:
+) -> Finding:  # fmt: skip
     """Return the finding of the worst concern, of the first of these; `well` if there is none."""
     fine = Concern(Level.OK, well, '')
     worst = max(concerns, key=lambda concern: concern.level, default=fine)

@@ -6,12 +6,10 @@ from numpy.typing import NDArray
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.items import FaultWatch
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
-from checkweigher_dsp.health.stream import EyeWatch, SampleWatch
+from checkweigher_dsp.health.stream import PATIENCE, EyeWatch, SampleWatch
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
-
-_PATIENCE = 5.0  # s, in which a line starts
 
 
 class SegmenterWatch:
@@ -89,7 +87,7 @@ class SegmenterWatch:
 
     def _without_load_cell(self, now: float) -> Finding:
         found = []
-        if now - self._began > _PATIENCE:
+        if now - self._began > PATIENCE:
             hint = 'check that the driver runs and publishes it reliable and transient local'
             found.append(Concern(Level.ERROR, 'no load_cell/info has come', hint))
         return conclude('Samples', 'waits for load_cell/info', found)

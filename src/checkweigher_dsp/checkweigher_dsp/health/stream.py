@@ -5,16 +5,13 @@ import math
 
 import numpy as np
 
-from checkweigher_dsp.health.clock import ClockWatch
+from checkweigher_dsp.health.clock import MAX_INBOX, RATE_SPAN, SHORTEST_SPAN, ClockWatch
 from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
 from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, SampleBlock
 
-_MAX_INBOX = 20_000  # blocks or edges between two looks
-_PATIENCE = 5.0  # s, in which a line starts
+PATIENCE = 5.0  # s, in which a line starts
 _SILENCE = 1.0  # s without samples; a block is 10 to 50 ms
 _SILENT_BLOCKS = 5.0  # where blocks are long
-_RATE_SPAN = 10.0  # s, over which rates are taken
-_SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye while the other shows none
@@ -51,12 +48,12 @@ class SampleWatch:
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
         self.clock = ClockWatch(load_cell.sample_rate)
-        self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=_MAX_INBOX)
+        self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=MAX_INBOX)
         self._last: float | None = None
         self._end: int | None = None
         self._last_stamp = 0
         self._block = 0.0  # s
-        self._arrivals = RecentValues(_RATE_SPAN)
+        self._arrivals = RecentValues(RATE_SPAN)
         self._counts = dict.fromkeys(_COUNTED, 0)
         self._recent = {what: RecentValues() for what in _COUNTED}
 
@@ -73,7 +70,7 @@ class SampleWatch:
     def look(self, now: float) -> None:
         """Work through what has come."""
         blocks = [self._inbox.popleft() for _ in range(len(self._inbox))]
-        if len(blocks) == _MAX_INBOX:  # some fell out, that is no gap of the stream
+        if len(blocks) == MAX_INBOX:  # some fell out, that is no gap of the stream
             self.restart()
         for came, block in blocks:
             if len(block.counts):
@@ -115,7 +112,7 @@ class SampleWatch:
         age = math.inf if self._last is None else now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
         span = self._arrivals.span
-        if span < _SHORTEST_SPAN:
+        if span < SHORTEST_SPAN:
             span = math.nan
         values = {
             'sample_rate_nominal_hz': self.load_cell.sample_rate,
@@ -131,7 +128,7 @@ class SampleWatch:
 
     def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern]:
         found = []
-        if age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > _PATIENCE:
+        if age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > PATIENCE:
             text = 'no samples have come' if age == math.inf else f'no samples for {age:.1f} s'
             hint = 'check that the driver runs, and the cable and power of the load cell'
             found.append(Concern(Level.ERROR, text, hint))
@@ -161,7 +158,7 @@ class EyeWatch:
 
     def restart(self) -> None:
         """Forget which eyes are blocked: another stream need not say that they are free."""
-        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=_MAX_INBOX)
+        self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=MAX_INBOX)
         self._recent = {eye: RecentValues() for eye in Eye}
         self._blocked: dict[Eye, float] = {}
 

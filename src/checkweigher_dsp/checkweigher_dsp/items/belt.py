@@ -3,7 +3,7 @@
 from collections import deque
 
 from checkweigher_dsp.items.eyes import Eyes
-from checkweigher_dsp.items.item import Item, State
+from checkweigher_dsp.items.item import YET_TO_LEAVE, Item, State
 from checkweigher_dsp.reasons import Reason
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
@@ -11,7 +11,6 @@ _OVERDUE = 1.5
 # An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16
-_ENTERING, _LEAVING, _GIVEN_UP = State.ENTERING, State.LEAVING, State.GIVEN_UP
 
 
 class UsualTransit:
@@ -99,14 +98,14 @@ class Belt:
 
     def move(self, item: Item, state: State) -> None:
         """Change the state of an item; one that has left the belt does not come back onto it."""
-        if state is _LEAVING:
+        if state is State.LEAVING:
             self.at_outfeed = self.left_last = item
             self.covered = False
-        elif state is _ENTERING:
+        elif state is State.ENTERING:
             self.at_infeed = item
-        elif state is _GIVEN_UP:
+        elif state is State.GIVEN_UP:
             self.given_up.append(item)
-        if item.state.is_on_belt or not state.is_on_belt:
+        if item.state in YET_TO_LEAVE or state not in YET_TO_LEAVE:
             item.state = state
 
     def finish(self, item: Item) -> None:

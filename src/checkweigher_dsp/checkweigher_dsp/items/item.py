@@ -16,13 +16,8 @@ class State(Enum):
     GIVEN_UP = 'it was reported without its t3; the outfeed eye may see it yet'
     ABANDONED = 'as GIVEN_UP, but its stream has ended: only what nothing else can be is this item'
 
-    @property
-    def is_on_belt(self) -> bool:
-        """Whether the item is yet to reach the outfeed eye."""
-        return self in _ON_BELT
 
-
-_ON_BELT = (State.ENTERING, State.ON_BELT)
+YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
 
 
 @dataclass(slots=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 
 from checkweigher_dsp.items.belt import Belt
 from checkweigher_dsp.items.eyes import Switch
-from checkweigher_dsp.items.item import Item, State
+from checkweigher_dsp.items.item import YET_TO_LEAVE, Item, State
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Eye, EyeEdge
 
@@ -176,7 +176,7 @@ def _flickering_after_entry(belt: Belt, switch: Switch) -> Item | None:
     last = belt.entered_last
     if last is None or last.t2 is None:
         return None
-    began = last.state.is_on_belt and 0 < last.length < _longest_flicker(belt, last)
+    began = last.state in YET_TO_LEAVE and 0 < last.length < _longest_flicker(belt, last)
     return last if began or belt.eyes.flickers(switch) else None
 
 

@@ -15,19 +15,12 @@ def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, parameters))
     decision = decide(estimate, parameters.lower_limit, parameters.upper_limit)
+    reject_at = parameters.reject_time(estimate.t3, estimate.line_speed)
     return Verdict(
-        estimate.item_id,
-        estimate.t3,
-        Decision.FAULT if reasons else decision,
-        reasons,
-        estimate.mass,
-        estimate.std_dev,
-        parameters.lower_limit,
-        parameters.upper_limit,
-        parameters.reject_time(estimate.t3, estimate.line_speed),
-        estimate.t1,
-        estimate.item_id,
-    )
+        estimate.item_id, estimate.t3, Decision.FAULT if reasons else decision, reasons,
+        estimate.mass, estimate.std_dev, parameters.lower_limit, parameters.upper_limit,
+        reject_at, estimate.t1, estimate.item_id,
+    )  # fmt: skip
 
 
 def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Reason]:

@@ -23,10 +23,8 @@ from checkweigher_dsp.records import (
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_dsp.rejection.timing import ArrivalClock
+from checkweigher_dsp.rejection.timing import RESTART, ArrivalClock
 
-# Edges further back than this belong to a new stream.
-_RESTART = 2 * NANOSECONDS
 # What has no reject time is waited for so long: when it would be too late is not known.
 _PATIENCE = NANOSECONDS // 10
 _PATIENCE_GIVEN_UP = NANOSECONDS
@@ -148,7 +146,7 @@ class RejectStage:
             self._early.append((edge, now))
             return []
         newest = self._stream.newest
-        if newest is not None and edge.stamp < newest - _RESTART:
+        if newest is not None and edge.stamp < newest - RESTART:
             if self._tracker.knows(edge):
                 return self._hold(edge, now)
             self.restart(now)
@@ -187,13 +185,10 @@ class RejectStage:
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
-        if now is not None:
-            self._give_up_overdue(now)
-        pending = self._items.pending
-        if not pending:
-            return []
         overdue = []
         if now is not None:
+            self._see_missing(now)
+            pending = self._items.pending
             overdue = [item for item in pending if item.due is not None and item.due <= now]
         overdue += [item for item in self._items.too_many() if item not in overdue]
         return self._give_up(overdue, now)
@@ -263,7 +258,7 @@ class RejectStage:
                 verdicts.append(self._give(item, self._without_estimate(item), now))
         return verdicts
 
-    def _give_up_overdue(self, now: int) -> None:
+    def _see_missing(self, now: int) -> None:
         """Give up what should have reached the outfeed eye, as if an edge had come that late."""
         newest, came = self._stream.newest, self._stream.came
         if self._tracker is not None and newest is not None and came is not None:

@@ -5,7 +5,7 @@ from checkweigher_dsp.records import NANOSECONDS
 # Faster than any clock of a machine runs away from another one.
 _DRIFT = 500e-6
 # Stamps further back than this are of a new stream.
-_RESTART = 2 * NANOSECONDS
+RESTART = 2 * NANOSECONDS
 
 
 class StreamClock:
@@ -55,7 +55,7 @@ class ArrivalClock:
         Both in ns, `now` on a clock that never steps back.
         """
         lag = now - stamp
-        if self._newest is None or stamp < self._newest[0] - _RESTART:
+        if self._newest is None or stamp < self._newest[0] - RESTART:
             self._least = lag
         else:
             self._least = min(lag, self._least + round(_DRIFT * (now - self._newest[1])))
