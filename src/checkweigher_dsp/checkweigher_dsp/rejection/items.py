@@ -1,6 +1,6 @@
 """The items that wait for their verdict and those that have it, with their numbers."""
 
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
@@ -78,9 +78,8 @@ class RejectItems:
 
     def __init__(self) -> None:
         self.pending: list[RejectItem] = []  # those that have no verdict yet
-        self._judged: deque[RejectItem] = deque()
-        self._unseen: dict[int, RejectItem] = {}  # of these those in that state, by number
-        self._numbers: set[int] = set()
+        self._judged: OrderedDict[int, RejectItem] = OrderedDict()  # by number
+        self._unseen: dict[int, RejectItem] = {}  # of these those in that state
         self._largest = 0
         self._forgotten = 0
         self._ahead = 0  # of the count by the eyes
@@ -110,7 +109,7 @@ class RejectItems:
         """
         if not estimate.weighed and self.is_used_up(estimate):
             return True
-        for item in reversed(self._judged):
+        for item in reversed(self._judged.values()):
             whole = item.state is ItemState.JUDGED and not item.reasons
             again = whole and item.stream == self._stream and not estimate.weighed
             if same(item, estimate) and (again or item.estimate_id in (0, estimate.item_id)):
@@ -154,7 +153,7 @@ class RejectItems:
         if estimate is not None:
             self._use(estimate)
         number = max(self._wanted_number(item, estimate_id), self._forgotten + 1)
-        while number in self._numbers:
+        while number in self._judged:
             number += 1
         if item.count is None:
             item.state = ItemState.UNSEEN
@@ -175,26 +174,24 @@ class RejectItems:
         known = [verdict for verdict in verdicts if 0 < verdict.item_id < _MAX_NUMBER]
         for verdict in known:
             number = verdict.item_id
-            if number not in self._numbers:
+            if number not in self._judged:
                 self._largest = max(self._largest, number)
                 item = RejectItem(verdict.t1, None, verdict.t3, ItemState.UNSEEN)
                 item.number, item.estimate_id = number, verdict.estimate_id
                 self._remember(item)
-        for item in self._judged:
+        for item in self._judged.values():
             item.state, item.count = ItemState.UNSEEN, None  # the eyes may show it once more
-        self._unseen = {item.number: item for item in self._judged}
+        self._unseen = dict(self._judged)
         first = min((verdict.item_id for verdict in known), default=1)
         self._forgotten = max(self._forgotten, first - 1)
         self._ahead = 0
 
     def _remember(self, item: RejectItem) -> None:
-        self._numbers.add(item.number)
-        self._judged.append(item)
+        self._judged[item.number] = item
         if item.state is ItemState.UNSEEN:
             self._unseen[item.number] = item
         if len(self._judged) > _MAX_JUDGED:
-            forgotten = self._judged.popleft().number
-            self._numbers.remove(forgotten)
+            forgotten, _ = self._judged.popitem(last=False)
             self._unseen.pop(forgotten, None)
             self._forgotten = max(self._forgotten, forgotten)
 

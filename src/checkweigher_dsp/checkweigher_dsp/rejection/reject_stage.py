@@ -79,6 +79,8 @@ class RejectStage:
     ----------
     parameters : RejectParameters
         May be replaced between two items.
+    weigh_length : float or None
+        m; `set_weigh_length` changes it.
     late_estimates : int
         Estimates that came after the verdict on their item, or twice; they change nothing.
     late_verdicts : int
@@ -89,7 +91,7 @@ class RejectStage:
         self.parameters = parameters
         self.late_estimates = 0
         self.late_verdicts = 0
-        self._weigh_length = weigh_length
+        self.weigh_length = weigh_length
         self._items = RejectItems()
         self._tracker: ItemTracker | None = None
         self._stream = _Stream()
@@ -98,11 +100,6 @@ class RejectStage:
         self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
         if weigh_length is not None:
             self._tracker = self._new_tracker(weigh_length, 0)
-
-    @property
-    def weigh_length(self) -> float | None:
-        """Between the eyes, m; None while it is not known."""
-        return self._weigh_length
 
     @property
     def due(self) -> int | None:
@@ -116,9 +113,9 @@ class RejectStage:
 
     def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
         """Take the distance between the eyes, m; with a change of it a new stream begins."""
-        if weigh_length == self._weigh_length:
+        if weigh_length == self.weigh_length:
             return
-        self._weigh_length = weigh_length
+        self.weigh_length = weigh_length
         self.restart(now)
         count = self._tracker.count if self._tracker is not None else 0
         self._tracker = self._new_tracker(weigh_length, count)
@@ -217,9 +214,9 @@ class RejectStage:
         missed = history.edges[:begin]
         self._items.recall(history.verdicts)
         verdicts: list[Verdict] = []
-        if missed and self._weigh_length is not None:
+        if missed and self.weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges
-            self._tracker = self._new_tracker(self._weigh_length, 0)
+            self._tracker = self._new_tracker(self.weigh_length, 0)
             self._stream = _Stream(held=self._stream.held, arrivals=self._stream.arrivals)
             for edge in missed:
                 self.add_edge(edge)
@@ -240,8 +237,8 @@ class RejectStage:
 
     def _forget_cut(self, begin: int) -> None:
         """Forget items whose first edges the history lacks: the oldest, long past the rejector."""
-        assert self._weigh_length is not None
-        end = begin + self.parameters.max_transit(self._weigh_length)
+        assert self.weigh_length is not None
+        end = begin + self.parameters.max_transit(self.weigh_length)
         self._items.pending = [
             item
             for item in self._items.pending
@@ -296,9 +293,9 @@ class RejectStage:
         transit = item.usual_transit
         if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
             transit = item.t3 - item.t1
-        if self._weigh_length is None or not transit:
+        if self.weigh_length is None or not transit:
             return math.nan
-        return self._weigh_length * NANOSECONDS / transit
+        return self.weigh_length * NANOSECONDS / transit
 
     def _may_be_there(self, estimate: MassEstimate) -> bool:
         """Tell whether the eyes showed the item, or may have done so before this stage listened."""
