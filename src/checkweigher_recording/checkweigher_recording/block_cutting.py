@@ -20,12 +20,9 @@ _NEARLY = 1e-3  # samples, more than the rounding of stamps
 
 
 def join(
-    events: Iterable[Event],
-    sample_rate: float,
-    longest: float = LONGEST,
-    *,
+    events: Iterable[Event], sample_rate: float, longest: float = LONGEST, *,
     ends_block: Callable[[EyeEdge], bool],
-) -> Iterator[Event]:
+) -> Iterator[Event]:  # fmt: skip
     """Yield a stream with fewer, longer blocks: an edge comes before that in which it falls.
 
     Blocks that follow each other without a gap, in index and in time, become one of at most

@@ -29,29 +29,16 @@ def canonical_order(event: Event) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What a line sent from a begin to an end.
+    """What a line sent from a begin to an end: blocks, edges and references by their stamps.
 
     Iterating yields every event in canonical order.
-
-    Attributes
-    ----------
-    load_cell : LoadCell
-        The cell that took the samples.
-    blocks : sequence of SampleBlock
-        In order of their stamps.
-    edges : tuple of EyeEdge
-        In order of their stamps.
-    references : tuple of Reference
-        In order of their stamps; empty if the masses are not known.
-    unfinished : str
-        How far it was read if it is the beginning of a recording that broke off, in one line;
-        empty if it is whole.
     """
 
     load_cell: LoadCell
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
-    references: tuple[Reference, ...] = ()
+    references: tuple[Reference, ...] = ()  # empty if the masses are not known
+    # How far it was read, in one line, if it is the beginning of a recording that broke off.
     unfinished: str = ''
 
     @classmethod

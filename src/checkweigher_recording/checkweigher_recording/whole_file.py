@@ -32,26 +32,14 @@ def write_whole(path: Path, text: str) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Check that a file or folder can be made, before the work for it begins.
-
-    Raises
-    ------
-    OutputError
-        If `path` exists or its parent is not a folder that can be written to.
-    """
+    """Raise OutputError unless a file or folder can be made, before the work for it begins."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
 
 
 def check_folder_of(path: Path) -> None:
-    """Check that something can be made or replaced beside what `path` names.
-
-    Raises
-    ------
-    OutputError
-        If its parent is not a folder that can be written to.
-    """
+    """Raise OutputError unless something can be made or replaced beside what `path` names."""
     if not path.parent.is_dir():
         raise OutputError(f'{path}: there is no folder {path.parent}; make it first')
     if not os.access(path.parent, os.W_OK | os.X_OK):

@@ -42,21 +42,8 @@ def load_response(
 
     and to a rise that ends after D with (r(t) - r(t - D)) / D. [own derivation]
 
-    Parameters
-    ----------
-    time : ndarray, (..., n) float64
-        Time since t1, s.
-    rise_time : float or ndarray, (..., 1)
-        D = t2 - t1, s.
-    natural_frequency : float or ndarray, (..., 1)
-        Hz.
-    damping_ratio : float or ndarray, (..., 1)
-        xi, below 1.
-
-    Returns
-    -------
-    ndarray, (..., n) float64
-        0 up to t1, about 1 from t2 on.
+    `time` (..., n) is that since t1 in s. D = t2 - t1 in s, the natural frequency in Hz and xi,
+    below 1, are floats or (..., 1). The response is 0 up to t1 and about 1 from t2 on.
 
     Examples
     --------

@@ -102,21 +102,17 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 
 @lru_cache(maxsize=64)
-def _syntheses(length: int, wavelet: str, levels: int) -> NDArray[np.complex128]:
-    """Return the frequency responses of the inverse transform, one of each band."""
+def _syntheses(
+    length: int, wavelet: str, levels: int
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """Return the responses of the inverse transform, and what each band adds to the whole gain."""
+    responses = band_responses(length, wavelet, levels)
     # The inverse averages the 2**j shifted bases of level j, hence the powers of two.
     scales = 2.0 ** -np.array([*range(1, levels + 1), levels])
-    syntheses = band_responses(length, wavelet, levels).conj() * scales[:, None]
-    syntheses.flags.writeable = False
-    return syntheses
-
-
-@lru_cache(maxsize=64)
-def _band_powers(length: int, wavelet: str, levels: int) -> NDArray[np.float64]:
-    """Return what each band adds to the gain of the whole when it is left as it is."""
-    powers = (band_responses(length, wavelet, levels) * _syntheses(length, wavelet, levels)).real
-    powers.flags.writeable = False
-    return powers
+    syntheses = responses.conj() * scales[:, None]
+    powers = (responses * syntheses).real
+    syntheses.flags.writeable = powers.flags.writeable = False
+    return syntheses, powers
 
 
 def denoise_periodic(
@@ -158,8 +154,7 @@ def denoise_periodic(
     """
     length, levels = stretch.shape[-1], len(details)
     responses = band_responses(length, wavelet, levels)
-    syntheses = _syntheses(length, wavelet, levels)
-    powers = _band_powers(length, wavelet, levels)
+    syntheses, powers = _syntheses(length, wavelet, levels)
     spectrum = np.fft.rfft(stretch)
     gain: Any = powers[levels]
     shrunk: list[tuple[int, Shrinkage]] = []
@@ -191,26 +186,10 @@ def threshold_universally(
     :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. A soft threshold takes lambda off a
     coefficient that exceeds it, a hard one leaves it as it is.
 
-    Parameters
-    ----------
-    stretch : ndarray, (..., n) float64
-        As for `denoise_periodic`.
-    hard : bool
-        Hard or soft.
-    measured : slice
-        Part of the stretch whose coefficients give sigma and whose length is n: the padding around
-        it holds no noise.
-    each_level : bool
-        Whether sigma is that of each level, for noise that is not white; else that of level 1.
-
-    Returns
-    -------
-    ndarray, (..., n) float64
-
-    Raises
-    ------
-    ValueError
-        If n is not a multiple of 128.
+    The coefficients of the part `measured` of the stretch give sigma, and its length is n: the
+    padding around it holds no noise. With `each_level` sigma is that of each level, for noise that
+    is not white; else that of level 1. Stretches, result and errors are those of
+    `denoise_periodic`.
 
     References
     ----------
@@ -224,9 +203,9 @@ def threshold_universally(
     """
     length = stretch.shape[-1]
     responses = band_responses(length)
-    syntheses = _syntheses(length, WAVELET, LEVELS)
+    syntheses, powers = _syntheses(length, WAVELET, LEVELS)
     spectrum = np.fft.rfft(stretch)
-    result = spectrum * _band_powers(length, WAVELET, LEVELS)[LEVELS]
+    result = spectrum * powers[LEVELS]
     taps = pywt.Wavelet(WAVELET).dec_len
     factor = math.sqrt(2 * math.log(max(len(range(length)[measured]), 1))) / _NORMAL_MEDIAN
     threshold: Any = 0.0

@@ -97,17 +97,8 @@ def burg(
 def akaike_order(powers: NDArray[np.float64], count: int) -> int:
     """Choose the order of an AR model by Akaike's information criterion, n ln(power) + 2 m.
 
-    Parameters
-    ----------
-    powers : ndarray, (p + 1,) float64
-        Prediction error power of each order m = 0 to p, not negative.
-    count : int
-        Number of samples n that the models were fitted to.
-
-    Returns
-    -------
-    int
-        The lowest of the best orders.
+    `powers` (p + 1,) is the prediction error power of each order m = 0 to p, not negative, of
+    models that were fitted to n = `count` samples. It is the lowest of the best orders.
 
     References
     ----------

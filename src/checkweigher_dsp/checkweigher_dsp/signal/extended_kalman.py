@@ -26,23 +26,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class Identification:
-    """Coefficients of the platform in each window, and its steady state.
-
-    Attributes
-    ----------
-    a1, a2, b1 : ndarray, (windows,) float64
-        Coefficients of the difference equation; b1 in the unit of the signal.
-    gain : ndarray, (windows,) float64
-        Steady state b1 / (1 + a1 + a2), in the unit of the signal; NaN where there is none.
-    variance : ndarray, (windows,) float64
-        Variance of `gain`, from the covariance of the coefficients to first order.
-    """
+    """Coefficients of the platform in each window, and its steady state, all (windows,)."""
 
     a1: NDArray[np.float64]
     a2: NDArray[np.float64]
-    b1: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    variance: NDArray[np.float64]
+    b1: NDArray[np.float64]  # in the unit of the signal
+    gain: NDArray[np.float64]  # b1 / (1 + a1 + a2), in that unit; NaN where there is none
+    variance: NDArray[np.float64]  # of `gain`, from that of the coefficients to first order
 
     def in_unit(self, scale: NDArray[np.float64]) -> Self:
         """Return the result for the signals before they were divided by `scale`, (windows,)."""

@@ -5,25 +5,11 @@ from typing import Any
 
 
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:
-    r"""Return natural frequency and damping ratio of an identified platform.
+    r"""Return natural frequency, Hz, and damping ratio of an identified platform.
 
-    From the poles :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2}) \omega_n T}` of
-    :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)`,
-    :math:`a_2 = e^{-2 \xi \omega_n T}`.
-
-    Parameters
-    ----------
-    a1, a2 : float
-        Coefficients of the difference equation.
-    sample_rate : float
-        Hz.
-
-    Returns
-    -------
-    natural_frequency : float
-        Hz, NaN unless the poles are a stable complex pair.
-    damping_ratio : float
-        1, NaN likewise.
+    Both are NaN unless its poles are a stable complex pair. From these :math:`e^{(-\xi \pm j
+    \sqrt{1 - \xi^2}) \omega_n T}` the coefficients are :math:`a_1 = -2 e^{-\xi \omega_n T}
+    \cos(\omega_n \sqrt{1 - \xi^2} T)`, :math:`a_2 = e^{-2 \xi \omega_n T}`.
 
     Examples
     --------

@@ -76,24 +76,12 @@ class Prewhitener:
 def pooled_reflections(
     segments: Sequence[NDArray[np.float64]], order: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Fit one autoregression to several segments of the same noise, by Burg's method.
+    """Fit one autoregression of an order to several segments of the same noise, by Burg's method.
 
-    Forward and backward prediction errors of all segments together make each reflection
-    coefficient, so that short segments serve as well as long ones and no taper is needed.
-
-    Parameters
-    ----------
-    segments : sequence of ndarray, (n_i,) float64
-        Noise without mean; segments no longer than `order` are left out.
-    order : int
-        p.
-
-    Returns
-    -------
-    reflections : ndarray, (p,) float64
-        Each between -1 and 1.
-    std_dev : float
-        Standard deviation of the innovations.
+    Forward and backward prediction errors of all segments (n_i,), without mean, together make each
+    reflection coefficient, so that short segments serve as well as long ones and no taper is
+    needed; those no longer than `order` are left out. Returned are the coefficients (order,), each
+    between -1 and 1, and the standard deviation of the innovations.
 
     Raises
     ------

@@ -82,10 +82,7 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 def deserialize(port: Port, data: bytes) -> Any:
     """Return the record of a message in CDR.
 
-    Raises
-    ------
-    Exception
-        If the bytes are no such message, or it holds what the record cannot have.
+    Bytes that are no such message, or hold what the record cannot have, raise an exception.
     """
     message: Any = typestore([port]).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -95,13 +92,7 @@ def deserialize(port: Port, data: bytes) -> Any:
 
 
 def check_definition(path: Path, connection: Connection, port: Port) -> None:
-    """Check that the messages of a connection have the type and definition of a port.
-
-    Raises
-    ------
-    BagError
-        If they have another type or another definition.
-    """
+    """Raise BagError unless the messages of a connection have the type and definition of a port."""
     if connection.msgtype != port.message_type:
         raise BagError(
             f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '

@@ -12,13 +12,8 @@ from checkweigher_recording.bags.writing import BagWriter
 def recover_bag(source: Path, path: Path) -> int:
     """Write a new bag of all messages up to where a recording was cut; return their number.
 
-    Parameters
-    ----------
-    source : Path
-        An ``.mcap`` file without an end, or the folder of a recording that broke off. Of a chunk
-        with a wrong check sum nothing is taken, nor of anything behind it.
-    path : Path
-        Bag to write.
+    `source` is an ``.mcap`` file without an end, or the folder of a recording that broke off. Of a
+    chunk with a wrong check sum nothing is taken, nor of anything behind it.
 
     Raises
     ------

@@ -23,13 +23,7 @@ class SampleDecoder:
         self._decoded: list[BlockColumns] = []
 
     def add(self, message: bytes) -> None:
-        """Take a message.
-
-        Raises
-        ------
-        Exception
-            If this one, or one before, cannot be decoded.
-        """
+        """Take a message; an exception says that this one, or one before, cannot be decoded."""
         self._messages.append(message)
         if len(self._messages) == _BATCH_SIZE:
             self._decode_batch()

@@ -231,10 +231,7 @@ def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
 def _records(record: bytes) -> list[McapRecord]:
     """Return what a record with its head holds: the records of a chunk, or the record itself.
 
-    Raises
-    ------
-    Exception
-        If its check sum is wrong or it cannot be parsed.
+    A wrong check sum, or bytes that cannot be parsed, raise an exception.
     """
     # A reader wants an end.
     builder = RecordBuilder()

@@ -150,13 +150,7 @@ class BagWriter:
         self._begin, self._end = min(self._begin, stamp), max(self._end, stamp)
 
     def flush(self) -> None:
-        """Write what has come so far, so that it is there if this process is killed.
-
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
-        """
+        """Write what has come so far, so that it is there if this process is killed."""
         if self._mcap is not None:
             try:
                 self._mcap.flush()

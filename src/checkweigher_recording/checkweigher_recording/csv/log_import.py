@@ -105,21 +105,10 @@ class ImportParameters(Parameters):
 
 
 def import_csv(path: Path, parameters: ImportParameters, edges: Path | None = None) -> Recording:
-    """Read a log.
+    """Read a log, a CSV file with or without a header row.
 
-    Parameters
-    ----------
-    path : Path
-        CSV file, with or without a header row.
-    parameters : ImportParameters
-        Columns, calibration, load cell.
-    edges : Path or None
-        File with the switching of the photo-eyes, see `edges_file.read_edges_file`.
-
-    Returns
-    -------
-    Recording
-        With a jump of ``first_index`` where the time column jumps.
+    `edges` is a file with the switching of the photo-eyes, see `edges_file.read_edges_file`. The
+    recording has a jump of ``first_index`` where the time column jumps.
 
     Raises
     ------

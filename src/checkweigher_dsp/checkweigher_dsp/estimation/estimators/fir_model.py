@@ -65,19 +65,10 @@ class FirModel(Average):
 
 
 def fir_weights(knots: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the weights of a window: the curve through the knots, at unity gain.
+    """Return the weights of a window of `count` samples: the curve through the knots, with sum 1.
 
-    Parameters
-    ----------
-    knots : ndarray, (k,) float64
-        Values at equal distances from the first sample to the last, straight lines between them.
-    count : int
-        Length n of the window.
-
-    Returns
-    -------
-    ndarray, (n,) float64
-        Their sum is 1.
+    The values `knots` (k,) are at equal distances from the first sample to the last, with straight
+    lines between them.
 
     Raises
     ------
