@@ -111,13 +111,11 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
     """Return `value` in the field's type, or raise `ParameterError`."""
     default, description = entry.default, describe(entry)
-    if isinstance(default, bool):
-        if isinstance(value, bool):
-            return value
-        raise ParameterError(f'{name}: {value!r} is not true or false')
-    if isinstance(default, str):
-        if not isinstance(value, str):
-            raise ParameterError(f'{name}: {value!r} is not a string')
+    if isinstance(default, (bool, str)):
+        text = isinstance(default, str)
+        if not isinstance(value, str if text else bool):
+            kind = 'a string' if text else 'true or false'
+            raise ParameterError(f'{name}: {value!r} is not {kind}')
         if description.choices and value not in description.choices:
             choices = ', '.join(description.choices)
             raise ParameterError(f'{name}: {value!r} is not one of {choices}')

@@ -54,30 +54,23 @@ def _with_text(message: Any, request: records.StopRequest) -> records.StopReques
 
 _WEIGHED = 1  # of MassEstimate.status
 _RUN = 1  # of StopRequest.state; 0 is STOP
+_item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
     records.SampleBlock: _Form(frame='load_cell'),
     records.EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
     records.StreamStatus: _Form(unknown={'state': records.StreamState.FAILED}),
-    records.WeighWindow: _Form(
-        stamp='t3', frame='weigh_belt', names={'t3': 't3', 'stamp': 'first_stamp'}
+    records.WeighWindow: _item(names={'t3': 't3', 'stamp': 'first_stamp'}),
+    records.MassEstimate: _item(
+        names={'t3': 't3'}, derived={'status': lambda each: int(each.weighed)}, amend=_with_reason
     ),
-    records.MassEstimate: _Form(
-        stamp='t3',
-        frame='weigh_belt',
-        names={'t3': 't3'},
-        derived={'status': lambda estimate: int(estimate.weighed)},
-        amend=_with_reason,
-    ),
-    records.Verdict: _Form(
-        stamp='t3', frame='weigh_belt', unknown={'decision': records.Decision.FAULT}
-    ),
+    records.Verdict: _item(unknown={'decision': records.Decision.FAULT}),
     records.ZeroChange: _Form(frame='load_cell'),
     records.StopRequest: _Form(
         frame='rejector',
         unknown={'reason': StopReason.UNKNOWN},
         lacks=('text',),
-        derived={'hint': lambda request: request.hint},
+        derived={'hint': attrgetter('hint')},
         absent={'state': _RUN},
         amend=_with_text,
     ),

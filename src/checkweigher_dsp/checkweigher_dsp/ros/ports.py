@@ -102,20 +102,17 @@ def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
 # fmt: off
 LOAD_CELL_INFO = Port(
     'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', records.LoadCell, STATE,
-    'driver', ('all',), ('driver',),
-    'What the load cell is; a bag describes itself by it')
+    'driver', ('all',), ('driver',), 'What the load cell is; a bag describes itself by it')
 LOAD_CELL_SAMPLES = Port(
     'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', records.SampleBlock, STREAM,
     'driver', ('segmenter',), ('driver', 'segmenter'),
     'Blocks of raw readings; a jump of `first_index` means lost samples')
 PHOTO_EYES = Port(
     'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
-    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'),
-    'Edges of the two eyes')
+    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'), 'Edges of the two eyes')
 REFERENCE_MASS = Port(
     'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', records.Reference, STREAM,
-    'driver', ('users',), (),
-    'True masses, where a bag or the simulator knows them')
+    'driver', ('users',), (), 'True masses, where a bag or the simulator knows them')
 DRIVER_STATUS = Port(
     'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'driver', ('segmenter', 'reject'), (),
@@ -127,8 +124,7 @@ WEIGH_WINDOW = Port(
     'One for each item, without signal if it cannot be weighed')
 ZERO_SETTING = Port(
     'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', records.ZeroChange, STATE,
-    'segmenter', ('product', 'users'), (),
-    'The last change of the zero by the service `zero`')
+    'segmenter', ('product', 'users'), (), 'The last change of the zero by the service `zero`')
 SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver',), (),
@@ -144,8 +140,7 @@ MASS_ESTIMATE = Port(
     'Mass, standard deviation, or the reasons why there is none')
 VERDICT = Port(
     'verdict', 'checkweigher_msgs/msg/Verdict', records.Verdict, RESULTS,
-    'reject', ('line', 'driver', 'product'), ('reject',),
-    'Exactly one for each item')
+    'reject', ('line', 'driver', 'product'), ('reject',), 'Exactly one for each item')
 REJECT_EYE = Port(
     'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
     'machine', ('reject',), (),
@@ -160,8 +155,7 @@ STATISTICS = Port(
     'Counts, mean, giveaway of this product in this batch, with each verdict')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
-    'every node', ('users',), (),
-    'Once a second: see [Diagnostics](#diagnostics)')
+    'every node', ('users',), (), 'Once a second: see [Diagnostics](#diagnostics)')
 # Of the node dynamic_setting, which is no part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
@@ -169,13 +163,11 @@ DYNAMIC_SETTING = Port(
     'Passes, what was recorded, the file, and why something failed')
 PARAMETER_EVENTS = Port(
     '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', None, STREAM,
-    'every node', ('product',), (),
-    'Parameters that were set')
+    'every node', ('product',), (), 'Parameters that were set')
 # The answer of the service of this name.
 LINE_HISTORY = Port(
     'line_history', 'checkweigher_msgs/srv/LineHistory_Response', records.LineHistory, STATE,
-    'driver', ('reject',), (),
-    'The latest edges of this stream and the latest verdicts')
+    'driver', ('reject',), (), 'The latest edges of this stream and the latest verdicts')
 
 # All topics of a lane, and so of a bag of it: the first four are played again, all others follow.
 ALL = (

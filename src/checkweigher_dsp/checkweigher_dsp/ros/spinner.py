@@ -27,7 +27,7 @@ class Spinner:
         self._on_end = on_end
         self._executor = SingleThreadedExecutor()
         self._nodes: list[Node] = []
-        self._stopping = False
+        self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
         self._thread.start()
 
@@ -79,7 +79,7 @@ class Spinner:
     def stop(self) -> None:
         """Stop, and destroy the nodes in the order opposite to that in which they came."""
         # Shut down only when the thread has ended: rclpy takes away what a wait is using.
-        self._executor.create_task(self._end)
+        self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)
         if not self._thread.is_alive():
             self._executor.shutdown()
@@ -87,13 +87,10 @@ class Spinner:
             for node in reversed(self._nodes):
                 node.destroy_node()
 
-    def _end(self) -> None:
-        self._stopping = True
-
     def _spin(self) -> None:
         try:
             with suppress(ExternalShutdownException):
-                while not self._stopping:
+                while not self._stopping.is_set():
                     self._executor.spin_once()
         except Exception as error:
             self.error = error
