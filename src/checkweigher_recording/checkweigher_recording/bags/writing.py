@@ -6,7 +6,6 @@ from contextlib import suppress
 import os
 from pathlib import Path
 import shutil
-from types import TracebackType
 from typing import Any, Self
 
 from mcap.writer import CompressionType, Writer
@@ -104,12 +103,7 @@ class BagWriter:
         """Return the bag."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         """Complete the bag; after an exception remove it, or leave what is there in place."""
         try:
             if error is None:
@@ -247,14 +241,8 @@ class BagWriter:
 
 
 def _qos(port: Port) -> Qos:
+    durability = QosDurability.TRANSIENT_LOCAL if port.history.latched else QosDurability.VOLATILE
     return Qos(
-        QosHistory.KEEP_LAST,
-        port.history.depth,
-        QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if port.history.latched else QosDurability.VOLATILE,
-        _FOREVER,
-        _FOREVER,
-        QosLiveliness.AUTOMATIC,
-        _FOREVER,
-        avoid_ros_namespace_conventions=False,
-    )
+        QosHistory.KEEP_LAST, port.history.depth, QosReliability.RELIABLE, durability, _FOREVER,
+        _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
+    )  # fmt: skip

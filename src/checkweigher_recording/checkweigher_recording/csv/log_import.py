@@ -212,9 +212,8 @@ def _edges_of_column(
     table: Table, clock: _Clock, eye: Eye, parameters: ImportParameters
 ) -> Iterator[EyeEdge]:
     level = table.columns[eye.name.lower()]
-    blocked = (level < parameters.threshold) if parameters.blocked_below else (
-        level > parameters.threshold
-    )  # fmt: skip
+    below, above = level < parameters.threshold, level > parameters.threshold
+    blocked = below if parameters.blocked_below else above
     for row in np.flatnonzero(np.diff(blocked)) + 1:
         yield EyeEdge(clock.stamp(int(row)), eye, bool(blocked[row]))
 
