@@ -81,6 +81,8 @@ class LineDecoder:
     as it is longer than the lines before. What comes before the first end of a line is passed over.
     """
 
+    waiting = 0  # readings that have come but are not returned yet
+
     def __init__(self, pattern: str, decimals: int = 0) -> None:
         try:
             self._pattern = re.compile(pattern.encode())
@@ -95,11 +97,6 @@ class LineDecoder:
         self.frame_bytes = 0
         self.skipped_bytes = 0
         self.bad_frames = 0
-
-    @property
-    def waiting(self) -> int:
-        """Readings that have come but are not returned yet: none."""
-        return 0
 
     @property
     def missing(self) -> int:

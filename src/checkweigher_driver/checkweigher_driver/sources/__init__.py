@@ -40,22 +40,13 @@ class Device(ABC):
 
 
 class Source(Device):
-    """A machine, a recording or a simulation.
+    """A machine, a recording or a simulation."""
 
-    Attributes
-    ----------
-    paced : bool
-        Whether the reader has to keep the pace of the stamps. A source of hardware is not paced:
-        its iterator blocks until something happens.
-    load_cell : LoadCell
-        The cell that takes the samples.
-    start_stamp : int
-        ns, stamp of the stream's first event or of the moment when it was opened.
-    """
-
+    # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced: its
+    # iterator blocks until something happens.
     paced: ClassVar[bool]
-    load_cell: LoadCell
-    start_stamp: int
+    load_cell: LoadCell  # that takes the samples
+    start_stamp: int  # ns, of the stream's first event or of the moment when it was opened
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
