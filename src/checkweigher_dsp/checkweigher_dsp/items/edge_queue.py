@@ -25,9 +25,6 @@ class EdgeQueue:
         self._strays: list[EyeEdge] = []
         self._newest: int | None = None  # stamp of an edge by this clock
 
-    def __len__(self) -> int:
-        return len(self._edges)
-
     def add(self, edge: EyeEdge) -> None:
         """Take an edge."""
         if self._newest is not None and edge.stamp < self._newest - self._lateness:

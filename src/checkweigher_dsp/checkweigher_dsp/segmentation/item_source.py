@@ -71,10 +71,11 @@ class ItemSource:
 
     def _reached(self) -> list[Item]:
         buffer = self._buffer
-        if buffer.empty or not self._queue:  # the latter nearly always
+        if buffer.empty:
             return []
-        end = buffer.end
-        return self._track(self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= end))
+        return self._track(
+            self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= buffer.end)
+        )
 
     def _track(self, edges: Iterable[EyeEdge]) -> list[Item]:
         return [item.snapshot() for edge in edges for item in self.tracker.add(edge)]

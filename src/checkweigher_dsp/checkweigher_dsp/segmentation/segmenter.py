@@ -148,7 +148,7 @@ class Segmenter:
         windows = self.give_up(reason)
         self._source.change_clock(later, forward=forward)
         if reason is Reason.SOURCE_RESTARTED:  # a clock that jumps leaves the belt its speed
-            self._cutter.forget_speed()
+            self._cutter.motion.forget()
         buffer.clear()
         if self._zero.is_requested:
             self.request_zero()

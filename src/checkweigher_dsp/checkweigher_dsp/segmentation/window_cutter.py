@@ -33,7 +33,7 @@ class WindowCutter:
         self._parameters = parameters
         self._buffer = buffer
         self._zero = zero
-        self._motion = MotionCheck(load_cell.weigh_length, parameters)
+        self.motion = MotionCheck(load_cell.weigh_length, parameters)
         self._load_check = LoadCheck()
         self._debounce = round(NANOSECONDS * parameters.debounce_time)
         self._max_transit = parameters.max_transit(load_cell.weigh_length)
@@ -44,15 +44,11 @@ class WindowCutter:
         self._waiting: list[Item] = []
         self.count = 0
 
-    def forget_speed(self) -> None:
-        """Forget the speed of the belt: the source has started again."""
-        self._motion.forget()
-
     def take(self, items: Iterable[Item]) -> None:
         """Let items wait for their samples."""
         for item in items:
             self._check_start(item)
-            self._motion.check(item)
+            self.motion.check(item)
             self._waiting.append(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
@@ -127,7 +123,7 @@ class WindowCutter:
 
     def _identity(self, item: Item) -> _Identity:
         """Return the first fields of the window of an item: which it is, and how it moves."""
-        speed, length = self._motion.measure(item)
+        speed, length = self.motion.measure(item)
         line_speed = speed
         if math.isnan(speed) and item.usual_transit is not None:
             line_speed = self._load_cell.weigh_length / seconds(item.usual_transit)
