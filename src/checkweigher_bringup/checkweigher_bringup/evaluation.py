@@ -90,9 +90,8 @@ def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
     estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
     protocol = Protocol(arguments.profile, arguments.passes, arguments.seed)
     budget = arguments.budget or BUDGET
-    conditions, tuned = evaluate_protocol(
-        protocol, estimators, base, budget=budget, n_jobs=arguments.jobs or ALL_CORES
-    )
+    n_jobs = arguments.jobs or ALL_CORES
+    conditions, tuned = evaluate_protocol(protocol, estimators, base, budget=budget, n_jobs=n_jobs)
     half = protocol.passes // 2
     provenance = (
         ('machine', f'simulated, profile {protocol.profile}, seed {protocol.seed}'),
@@ -112,9 +111,8 @@ def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
 def _evaluate_bags(arguments: argparse.Namespace) -> Result:
     """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
     base = line_parameters(arguments.params, None)
-    estimators = estimator_names(
-        arguments.estimator, tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
-    )
+    default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
+    estimators = estimator_names(arguments.estimator, default)
     n_jobs = arguments.jobs or ALL_CORES
     passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
     provenance = [('test', line) for line in source]

@@ -69,10 +69,10 @@ class ResultListener(PortNode):
         A listener that has just started may have missed the estimate of its first verdict.
         """
         now = time.monotonic()
-        overdue = [key for key, (came, _) in self._verdicts.items() if now - came > patience]
-        for key in overdue:
-            _, verdict = self._verdicts.pop(key)
-            self._pair(_estimate_of(verdict), verdict)
+        for key, (came, verdict) in list(self._verdicts.items()):
+            if now - came > patience:
+                del self._verdicts[key]
+                self._pair(_estimate_of(verdict), verdict)
 
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()

@@ -85,9 +85,8 @@ class RecorderNode(PortNode):
         # that are not in the recording.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
-                self.create_subscription(
-                    port.type, port.name, partial(self._put, port), port.stage_qos, raw=True
-                )
+                put = partial(self._put, port)
+                self.create_subscription(port.type, port.name, put, port.stage_qos, raw=True)
         if passes is not None:
             self.subscribe(ports.VERDICT, self._on_verdict)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 import queue
 import tempfile
@@ -31,33 +31,6 @@ _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s
 _FAREWELL = 1.0  # s, for recorders to take the last messages
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
-
-
-@dataclass(frozen=True)
-class Replay:
-    """What to play and how."""
-
-    bag: Path
-    lane: str
-    rate: float
-    parameters: LineParameters
-    namespace: str = ''
-    processes: bool = False
-    listeners: int = 0
-
-    def node_parameters(self) -> dict[str, dict[str, object]]:
-        """Return names and values for each node."""
-        values = {
-            entry.name: getattr(self.parameters, entry.name).as_mapping()
-            for entry in fields(self.parameters)
-        }
-        # However slow this machine is, a replay gives what `weigh` gives.
-        values['reject']['deadlines'] = False
-        bag = {'bag.path': str(self.bag.absolute()), 'bag.namespace': self.lane}
-        values['driver'] = {
-            'source': 'bag', 'rate': self.rate, 'listeners': self.listeners, **bag
-        }  # fmt: skip
-        return values
 
 
 class Collector(ResultListener):
@@ -113,16 +86,26 @@ class Collector(ResultListener):
         )
 
 
-def replay(plan: Replay) -> Iterator[Weighing]:
+def replay(
+    bag: Path, lane: str, rate: float, parameters: LineParameters, *, namespace: str = '',
+    processes: bool = False, listeners: int = 0,
+) -> Iterator[Weighing]:  # fmt: skip
     """Run the graph on a bag and yield each item when it has its verdict.
 
     A UserError says that there is a driver on the same topics already, a LineError that the graph
     broke off or an item got no verdict.
     """
-    with spinning(plan.namespace) as spinner, ExitStack() as stack:
+    values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
+    # However slow this machine is, a replay gives what `weigh` gives.
+    values['reject']['deadlines'] = False
+    values['driver'] = {
+        'source': 'bag', 'rate': rate, 'listeners': listeners,
+        'bag.path': str(bag.absolute()), 'bag.namespace': lane,
+    }  # fmt: skip
+    with spinning(namespace) as spinner, ExitStack() as stack:
         # One status comes for every quarter of a second of signal.
-        patience = _PATIENCE + (1 / plan.rate if plan.rate > 0 else 0)
-        collector = Collector(patience, waits=plan.listeners > 0)
+        patience = _PATIENCE + (1 / rate if rate > 0 else 0)
+        collector = Collector(patience, waits=listeners > 0)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
             conflict = collector.conflict()
@@ -130,13 +113,12 @@ def replay(plan: Replay) -> Iterator[Weighing]:
             raise conflict
         children: list[Process] = []
         nodes: list[Node] = [collector]
-        values = plan.node_parameters()
-        if plan.processes:
+        if processes:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='checkweigher-'))
             file = Path(folder, 'parameters.yaml')
             write_parameter_file(file, values)
             commands = {
-                name: node_command(ports.NODES[name], plan.namespace, file)
+                name: node_command(ports.NODES[name], namespace, file)
                 for name in ('driver', *ports.STAGES)
             }
             children += stack.enter_context(running_processes(commands)).values()

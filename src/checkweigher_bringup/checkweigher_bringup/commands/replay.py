@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag; 1 if an item got no verdict."""
     from checkweigher_bringup.output import Table, check_output_file, warn_unfinished, write_results
-    from checkweigher_bringup.replaying import Replay, replay
+    from checkweigher_bringup.replaying import replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.devices import DriverParameters
     from checkweigher_recording.bags.reading import read_bag
@@ -37,10 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     joiner = ResultJoiner(recording.edges, recording.references)
     table = Table(recording.blocks[0].stamp)
     results: list[ItemResult] = []
-    plan = Replay(
-        arguments.bag, arguments.lane or '', arguments.rate, parameters, namespace,
-        arguments.processes, arguments.listeners)  # fmt: skip
-    for weighing in replay(plan):
+    weighings = replay(
+        arguments.bag, arguments.lane or '', arguments.rate, parameters, namespace=namespace,
+        processes=arguments.processes, listeners=arguments.listeners)  # fmt: skip
+    for weighing in weighings:
         result = joiner.join(weighing.estimate, weighing.verdict)
         table.show(result)
         results.append(result)

@@ -68,9 +68,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._cancelled = False
         self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')
         self._output, self._errors = (Path(self._scratch.name, n) for n in ('output', 'errors'))
-        self._publisher = self.create_publisher(
-            ports.DYNAMIC_SETTING.type, ports.DYNAMIC_SETTING.name, ports.DYNAMIC_SETTING.qos
-        )
+        port = ports.DYNAMIC_SETTING
+        self._publisher = self.create_publisher(port.type, port.name, port.qos)
         self.create_service(RecordPasses, ports.RECORD_PASSES, self._on_record)
         self.create_service(Trigger, ports.TUNE_PASSES, self._on_tune)
         self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
