@@ -68,11 +68,10 @@ def _check(arguments: argparse.Namespace) -> None:
     check_positive(arguments, 'budget', 'jobs', 'nominal')
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
-    given = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
-    outputs = [path for path in given if path is not None]
+    outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
     for path in outputs:
         check_output_file(path, arguments.overwrite)
-        if outputs.count(path) > 1:
+        if path is not None and outputs.count(path) > 1:
             raise UserError(f'{path}: cannot be two of the outputs at once')
 
 

@@ -127,12 +127,11 @@ def record(
         _take(bag, node, duration, known, ending)
         while not node.messages.empty():
             bag.put(*node.messages.get())
-        if bag.message_count == 0:
-            raise UserError(
-                f'{path}: nothing was recorded: no message came on '
-                f'{node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)}; is the line running?'
-            )
         count = bag.message_count
+        if count == 0:
+            topic = node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)
+            text = f'nothing was recorded: no message came on {topic}; is the line running?'
+            raise UserError(f'{path}: {text}')
     print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from checkweigher_bringup.commands import add_end
 
 if TYPE_CHECKING:
-    from checkweigher_bringup.line_status import Row, StatusBoard
+    from checkweigher_bringup.line_status import Row
 
 _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # s, in which the first report of a running line comes
@@ -44,7 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
         node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(time.monotonic(), m.status))
         spinner.add(node)
         try:
-            _wait_for_the_first(board, began + min(_PATIENCE, duration))
+            while not board.heard and time.monotonic() < began + min(_PATIENCE, duration):
+                time.sleep(0.05)
+            if board.heard:
+                time.sleep(_FIRST_LOOK)
             while True:
                 rows = board.rows(time.monotonic())
                 _print(rows, values=arguments.values, heard=board.heard)
@@ -55,14 +58,6 @@ def run(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             pass
     return 0 if worst(rows) < Level.ERROR else 1
-
-
-def _wait_for_the_first(board: 'StatusBoard', end: float) -> None:
-    """Wait until a line has reported, at most until `end`, s of the monotonic clock."""
-    while not board.heard and time.monotonic() < end:
-        time.sleep(0.05)
-    if board.heard:
-        time.sleep(_FIRST_LOOK)
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
