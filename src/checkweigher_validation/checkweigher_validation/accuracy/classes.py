@@ -50,27 +50,16 @@ _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 class AccuracyClass:
     """A class as it stands on a nameplate, and the occasion.
 
-    Attributes
-    ----------
-    name : str
-        XI, XII, XIII or XIV.
-    factor : float
-        Class factor x.
-    interval : float
-        Verification scale interval e, kg.
-    in_service : bool
-        Whether the limits in service hold instead of those at initial verification.
-
     Raises
     ------
     ValueError
         If there is no such class, or a number is not positive.
     """
 
-    name: str = 'XIII'
-    factor: float = 1.0
-    interval: float = 0.1e-3
-    in_service: bool = False
+    name: str = 'XIII'  # XI, XII, XIII or XIV
+    factor: float = 1.0  # class factor x
+    interval: float = 0.1e-3  # verification scale interval e, kg
+    in_service: bool = False  # whether these limits hold instead of those at initial verification
 
     def __post_init__(self) -> None:
         if self.name not in _MEAN_ERROR_STEPS:

@@ -27,23 +27,6 @@ _SAME = 1e-6
 class ConditionResult:
     """All passes of one estimator at one mass and one speed.
 
-    Attributes
-    ----------
-    estimator : str
-        Its name.
-    speed, mass : float
-        Nominal speed in m/s, true mass in kg.
-    part : str
-        'train' if the estimator was tuned on these passes, else 'test'.
-    errors : ndarray, (n,) float64
-        kg, mass less true mass of the passes that were weighed.
-    std_devs : ndarray, (n,) float64
-        kg, standard deviation that the estimator states for each; NaN where it states none.
-    faults : int
-        Passes that got no mass.
-    bound : float
-        kg, the Gauss-Markov bound of sigma, NaN where it is not known.
-
     Raises
     ------
     ValueError
@@ -52,13 +35,13 @@ class ConditionResult:
     """
 
     estimator: str
-    speed: float
-    mass: float
-    part: str
-    errors: NDArray[np.float64]
-    std_devs: NDArray[np.float64]
-    faults: int = 0
-    bound: float = math.nan
+    speed: float  # m/s, nominal
+    mass: float  # kg, true
+    part: str  # 'train' if the estimator was tuned on these passes, else 'test'
+    errors: NDArray[np.float64]  # (n,), kg: mass less true mass of the passes that were weighed
+    std_devs: NDArray[np.float64]  # (n,), kg: stated for each; NaN where none is stated
+    faults: int = 0  # passes that got no mass
+    bound: float = math.nan  # kg, the Gauss-Markov bound of sigma; NaN where it is not known
 
     def __post_init__(self) -> None:
         if self.errors.ndim != 1 or self.errors.shape != self.std_devs.shape:
@@ -107,45 +90,34 @@ class Average:
 
     Where one condition has no value the mean has none, so that a condition that could not be
     weighed does not make an estimator look better.
-
-    The mean error is that of the magnitudes of mu. All are in kg but `ratio`, the mean of the
-    ratios sigma / bound, and the sums of passes that were weighed and that got no mass.
     """
 
-    mean_error: float
-    std_dev: float
-    index: float
-    bound: float
-    ratio: float
-    count: int
-    faults: int
+    mean_error: float  # kg, of the magnitudes of mu
+    std_dev: float  # kg
+    index: float  # kg
+    bound: float  # kg
+    ratio: float  # of the ratios sigma / bound
+    count: int  # sum of the passes that were weighed
+    faults: int  # sum of those that got no mass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
     """Result of a protocol: all conditions, their provenance, signals to show.
 
-    Attributes
-    ----------
-    title : str
-        One line.
-    conditions : tuple of ConditionResult
-        At most one for each estimator, speed, mass and part.
-    provenance : tuple of (str, str)
-        Name and value of each thing that is needed to repeat it: profile, seed, bags, versions.
-    examples : tuple of Example
-        Signals for the figures.
+    Its provenance names each thing that is needed to repeat it, with its value: profile, seed,
+    bags, versions.
 
     Raises
     ------
     ValueError
-        If two conditions are the same.
+        If two conditions have the same estimator, speed, mass and part.
     """
 
-    title: str
+    title: str  # one line
     conditions: tuple[ConditionResult, ...]
     provenance: tuple[tuple[str, str], ...]
-    examples: tuple[Example, ...] = ()
+    examples: tuple[Example, ...] = ()  # signals for the figures
 
     def __post_init__(self) -> None:
         seen = set()
@@ -196,6 +168,18 @@ class Evaluation:
             and (mass is None or same(one.mass, mass))
             and (part is None or one.part == part)
         )
+
+    def ranked(self, part: str) -> dict[str, Average]:
+        """Return the means of each estimator over its conditions of a part, the smallest A first.
+
+        Estimators without a value of A are the last.
+        """
+        means = {name: average(self.select(estimator=name, part=part)) for name in self.estimators}
+
+        def place(name: str) -> float:
+            return math.inf if math.isnan(means[name].index) else means[name].index
+
+        return {name: means[name] for name in sorted(means, key=place)}
 
 
 def average(conditions: Iterable[ConditionResult]) -> Average:

@@ -31,31 +31,19 @@ _TRAIL = 1.0  # s after t3, at most: until the item has left
 class Example:
     """One pass as it was recorded and as it was denoised, for figures.
 
-    Attributes
-    ----------
-    speed, mass, sample_rate : float
-        Nominal speed in m/s, true mass in kg, Hz.
-    t1, t2, t3, t4 : float
-        s from the first sample: begins to enter, is fully on, begins to leave, is gone.
-    signal : ndarray, (n,) float64
-        kg, zero removed.
-    ideal : ndarray, (n,) float64
-        kg, the response of the platform without any noise; empty if it is not known.
-    denoised : tuple of (str, ndarray)
-        The window t2..t3 by name of the thresholding: hard, soft, shrinkage; kg.
-    bands : tuple of (str, ndarray)
-        Bands of the stationary wavelet transform of `signal` by name: a7, d7 .. d1; (n,), kg.
+    Arrays are in kg. `denoised` has the window t2..t3 by name of the thresholding: hard, soft,
+    shrinkage; `bands` those of the stationary wavelet transform of `signal`, (n,): a7, d7 .. d1.
     """
 
-    speed: float
-    mass: float
-    sample_rate: float
-    t1: float
-    t2: float
-    t3: float
-    t4: float
-    signal: NDArray[np.float64]
-    ideal: NDArray[np.float64]
+    speed: float  # m/s, nominal
+    mass: float  # kg, true
+    sample_rate: float  # Hz
+    t1: float  # s from the first sample: begins to enter
+    t2: float  # is fully on
+    t3: float  # begins to leave
+    t4: float  # is gone
+    signal: NDArray[np.float64]  # (n,), zero removed
+    ideal: NDArray[np.float64]  # (n,), of the platform without any noise; empty if not known
     denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
     bands: tuple[tuple[str, NDArray[np.float64]], ...] = ()
 

@@ -60,14 +60,8 @@ class Bound:
 class PassModel:
     """Response and noise of a pass, both known before it is recorded.
 
-    Attributes
-    ----------
-    time : ndarray, (n,) float64
-        s from t1; the last sample is the last one before t3.
-    response : ndarray, (n,) float64
-        To the load of a product, per kg of it.
-    covariance : ndarray, (n, n) float64
-        Of the noise, kg^2.
+    `time`, (n,), in s from t1, ends with the last sample before t3. `response`, (n,), is that to
+    the load of a product, per kg of it; `covariance`, (n, n), is that of the noise, kg^2.
     """
 
     time: NDArray[np.float64]

@@ -87,33 +87,24 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
     """Draw one row for each estimator, the best one on top."""
     looks = looks_of(evaluation.estimators)
     comparable = has_paper_masses(evaluation) and has_paper_speeds(evaluation)
-    means = {
-        name: GRAMS * average(evaluation.select(estimator=name, part=part)).index for name in looks
-    }
-    order = sorted(looks, key=lambda name: (math.isnan(means[name]), means[name]))
-    numbers = {name: number for number, name in enumerate(looks)}
+    ranked = evaluation.ranked(part)
+    colors = {name: stand_in(number) for number, name in enumerate(looks)}
     paper_shown = False
-    for row, name in enumerate(order):
+    for row, (name, means) in enumerate(ranked.items()):
+        mean = GRAMS * means.index
         paper = GRAMS * paper_index(name) if comparable else math.nan
+        mark: dict[str, Any] = {'marker': looks[name].marker, 'ms': 8, 'ls': ''}
         if not math.isnan(paper):
-            axes.plot(
-                paper, row, marker=looks[name].marker, ms=8, mfc=SURFACE, ls='',
-                mec=stand_in(numbers[name]), mew=1.4, zorder=2,
-            )  # fmt: skip
+            axes.plot(paper, row, **mark, mfc=SURFACE, mec=colors[name], mew=1.4, zorder=2)
             paper_shown = True
-        axes.plot(
-            means[name], row, marker=looks[name].marker, ms=8, ls='', mec=SURFACE, mew=0.8,
-            color=stand_in(numbers[name]), zorder=3,
-        )  # fmt: skip
-        if not math.isnan(means[name]):
-            axes.annotate(
-                f'{means[name]:.3f}', (1.01, row), xycoords=('axes fraction', 'data'),
-                va='center', fontsize=8.5,
-            )  # fmt: skip
+        axes.plot(mean, row, **mark, mec=SURFACE, mew=0.8, color=colors[name], zorder=3)
+        if not math.isnan(mean):
+            place = ('axes fraction', 'data')
+            axes.annotate(f'{mean:.3f}', (1.01, row), xycoords=place, va='center', fontsize=8.5)
     bound = 3 * GRAMS * average(evaluation.select(part=part)).bound
     if not math.isnan(bound):
         axes.axvline(bound, color=INK, lw=1.2, ls=(0, (4, 2)))
-    axes.set_yticks(range(len(order)), [looks[name].label for name in order])
+    axes.set_yticks(range(len(ranked)), [looks[name].label for name in ranked])
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()
     axes.set_xlim(left=0)

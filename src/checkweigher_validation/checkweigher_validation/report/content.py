@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+import numpy as np
+
 from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
 from checkweigher_validation.accuracy.errors import (
@@ -82,8 +84,7 @@ class Content:
         self._has_masses = has_paper_masses(evaluation)
         self._has_speeds = has_paper_speeds(evaluation)
         self.part = evaluation.parts[0]
-        self._means = {name: self._mean(estimator=name) for name in self._looks}
-        self._ranking = sorted(self._looks, key=lambda name: _rank(self._means[name].index))
+        self._means = evaluation.ranked(self.part)
 
     @property
     def has_paper(self) -> bool:
@@ -100,7 +101,7 @@ class Content:
 
     def findings(self) -> list[str]:
         """Return the sentences that the report begins with."""
-        best = self._ranking[0]
+        best, means = next(iter(self._means.items()))
         meeting = [
             look.label
             for name, look in self._looks.items()
@@ -108,7 +109,7 @@ class Content:
         ]
         who = _enumerate(meeting) if meeting else 'no estimator'
         sentences = [
-            _finding_of(self._looks[best].label, self._means[best]),
+            _finding_of(self._looks[best].label, means),
             f'Within the limits of {self._class} in all conditions: {who}.',
         ]
         faulty = [
@@ -122,10 +123,10 @@ class Content:
 
     def summary(self) -> list[Row]:
         """Return one row for each estimator, the smallest A first."""
-        best = _best(one.index for one in self._means.values())
+        best = next(iter(self._means.values())).index
         rows = []
-        for name in self._ranking:
-            one, there = self._means[name], self._conditions(estimator=name)
+        for name, one in self._means.items():
+            there = self._conditions(estimator=name)
             passed = sum(judge(condition, self._class).passed for condition in there)
             state = 'passed' if passed == len(there) else 'failed'
             cells = [
@@ -146,16 +147,15 @@ class Content:
     def by_speed(self) -> list[Row]:
         """Return A, and sigma over its bound, of each estimator at each speed and on average."""
         speeds = (*self._evaluation.speeds, None)
-        means = {
-            name: [self._mean(estimator=name, speed=speed) for speed in speeds]
-            for name in self._looks
-        }
-        best = [_best(one.index for one in column) for column in zip(*means.values(), strict=True)]
+        means = [
+            [self._mean(estimator=name, speed=speed) for speed in speeds] for name in self._looks
+        ]
+        best = np.fmin.reduce([[one.index for one in row] for row in means])
         rows = []
-        for name in self._looks:
+        for name, row in zip(self._looks, means, strict=True):
             cells = (
                 Cell(grams(one.index), _times(one.ratio), one.index == least)
-                for one, least in zip(means[name], best, strict=True)
+                for one, least in zip(row, best, strict=True)
             )
             rows.append(self._row(name, cells))
         bounds = (Cell(grams(3 * self._mean(speed=speed).bound)) for speed in speeds)
@@ -235,14 +235,9 @@ class Content:
 
 
 def _verdict(judgement: Judgement) -> Cell:
-    kept = {
-        'μ': judgement.mean_error_passed,
-        'σ': judgement.std_dev_passed,
-        'n': judgement.enough_weighings,
-    }
-    if all(kept.values()):
-        return Cell('✓', state='passed')
-    return Cell(' '.join(name for name, passed in kept.items() if not passed), state='failed')
+    kept = (judgement.mean_error_passed, judgement.std_dev_passed, judgement.enough_weighings)
+    failed = ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
+    return Cell(failed, state='failed') if failed else Cell('✓', state='passed')
 
 
 def _finding_of(label: str, means: Average) -> str:
@@ -266,14 +261,6 @@ def _percent(share: float) -> str:
 
 def _or_empty(mass: float) -> str:
     return '' if math.isnan(mass) else grams(mass)
-
-
-def _rank(value: float) -> float:
-    return math.inf if math.isnan(value) else value
-
-
-def _best(values: Iterable[float]) -> float:
-    return min((value for value in values if not math.isnan(value)), default=math.nan)
 
 
 def _enumerate(names: Sequence[str]) -> str:

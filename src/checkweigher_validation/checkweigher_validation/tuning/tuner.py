@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.jobs import run_jobs
+from checkweigher_validation.tuning import tunables
 from checkweigher_validation.tuning.calibration import (
     Calibration,
     Uncertainty,
@@ -24,24 +25,13 @@ from checkweigher_validation.tuning.calibration import (
 )
 from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
 from checkweigher_validation.tuning.search import BUDGET
-from checkweigher_validation.tuning.tunables import (
-    Tunable,
-    TunedAeksi,
-    TunedAid,
-    TunedFirModel,
-    TunedHann,
-    TunedIswdEksi,
-    TunedMean,
-    TunedTvlpf,
-    TuningError,
-    estimates_of,
-)
+from checkweigher_validation.tuning.tunables import Tunable, TuningError, estimates_of
 
 TUNABLES: dict[str, type[Tunable]] = {
     tunable.name: tunable
     for tunable in (
-        TunedMean, TunedHann, TunedTvlpf, TunedAid, TunedAeksi, TunedIswdEksi, TunedFirModel,
-        TunedGaussMarkov,
+        tunables.TunedMean, tunables.TunedHann, tunables.TunedTvlpf, tunables.TunedAid,
+        tunables.TunedAeksi, tunables.TunedIswdEksi, tunables.TunedFirModel, TunedGaussMarkov,
     )
 }  # fmt: skip
 
@@ -52,31 +42,21 @@ _DIGITS = 7  # significant, of what is written into a parameter file
 
 @dataclass(frozen=True, slots=True)
 class TunedSpeed:
-    """Parameters, calibration and accuracy from the passes of one belt speed, in kg and m/s.
+    """Parameters, calibration and accuracy from the passes of one belt speed.
 
-    Attributes
-    ----------
-    lists : dict of str to tuple of float
-        Values of the lists of the parameters for this speed, by their name with that of the node.
-    uncertainty : Uncertainty
-        How the errors of passes spread that were held out of the calibration.
-    zero_std_dev : float
-        Typical of these passes.
-    index : float
-        A on the training passes.
-    held_out_index : float
-        A when each half of the passes, or with fewer than 20 each single one, is weighed by what
-        the others taught. Much more than `index` means overfitting.
+    `lists` has the values of the lists of parameters for this speed, by their name with that of the
+    node. `held_out_index` is A when each half of the passes, or with fewer than 20 each single one,
+    is weighed by what the others taught; much more than `index` means overfitting.
     """
 
-    speed: float
+    speed: float  # m/s
     passes: int
     lists: Mapping[str, tuple[float, ...]]
     calibration: Calibration
-    uncertainty: Uncertainty
-    zero_std_dev: float
-    index: float
-    held_out_index: float = math.nan
+    uncertainty: Uncertainty  # of passes that were held out of the calibration
+    zero_std_dev: float  # kg, typical of these passes
+    index: float  # A on the training passes, kg
+    held_out_index: float = math.nan  # kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,22 +187,17 @@ def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters
             f'{own}.relative_std_dev': (each.uncertainty.relative,),
             f'{own}.zero_std_dev': (each.zero_std_dev,),
             **each.lists,
+            **{f'{name.rpartition(".")[0]}.speeds': (each.speed,) for name in each.lists},
         }
-        values |= {f'{name.rpartition(".")[0]}.speeds': (each.speed,) for name in each.lists}
         for name, value in values.items():
-            lists[name] = lists.get(name, ()) + tuple(_rounded(number) for number in value)
+            lists[name] = lists.get(name, ()) + tuple(float(f'{x:.{_DIGITS}g}') for x in value)
+    training = (f'{each.passes} passes at {60 * each.speed:.1f} m/min' for each in speeds)
     changes: dict[str, object] = {
         **lists,
         f'{own}.calibrated': True,
-        f'{own}.training': ', '.join(
-            f'{each.passes} passes at {60 * each.speed:.1f} m/min' for each in speeds
-        ),
+        f'{own}.training': ', '.join(training),
         'identifier.estimator': estimator,
     }
     if f'{own}.reflection' in lists:
         changes[f'{own}.order'] = len(lists[f'{own}.reflection']) // len(speeds)
     return Tuned(estimator, tuple(speeds), base.with_values(changes))
-
-
-def _rounded(value: float) -> float:
-    return float(f'{value:.{_DIGITS}g}')
