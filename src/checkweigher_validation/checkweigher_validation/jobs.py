@@ -14,11 +14,11 @@ from typing import Any
 import warnings
 
 from joblib import Parallel, effective_n_jobs
-from tqdm import tqdm
+
+from checkweigher_recording.progress import with_progress
 
 ALL_CORES = -1  # as joblib takes it
 
-_DELAY = 1.0  # s before a bar appears
 # All cores have a worker: more threads of a matrix library only stand in each other's way. The
 # parameter of joblib for it, inner_max_num_threads, would tie the jobs to one backend.
 _ENVIRONMENT = {
@@ -37,7 +37,9 @@ class WorkerLostError(ValueError):
 def run_jobs(
     calls: Sequence[Any], n_jobs: int | None = None, doing: str = '', unit: str = 'steps'
 ) -> list[Any]:
-    """Make independent calls, with a bar on a terminal if they take more than a second.
+    """Make independent calls, and return their results in the same order.
+
+    There is a bar on a terminal if they take more than a second.
 
     Parameters
     ----------
@@ -48,11 +50,6 @@ def run_jobs(
         ``joblib.parallel_config`` says, without one this process alone.
     doing, unit : str
         Label of the bar, and the unit of its counts.
-
-    Returns
-    -------
-    list
-        The results, in the order of the calls.
 
     Raises
     ------
@@ -70,10 +67,7 @@ def run_jobs(
             results = parallel(calls)
             at_the_end.callback(_end, results)
         try:
-            bar = tqdm(
-                results, doing, len(calls), unit=f' {unit}', leave=False, disable=None, delay=_DELAY
-            )
-            return list(bar)
+            return list(with_progress(results, doing, len(calls), unit=unit))
         except BrokenExecutor:
             raise WorkerLostError(
                 'a worker process was killed, perhaps for lack of memory; try with --jobs 1'

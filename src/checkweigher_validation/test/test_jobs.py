@@ -13,7 +13,7 @@ import time
 from joblib import delayed, parallel_config
 import pytest
 
-from checkweigher_validation import jobs
+from checkweigher_recording import progress
 from checkweigher_validation.jobs import WorkerLostError, run_jobs
 
 PATIENCE = 60.0  # s, for processes to come up on a busy machine
@@ -38,7 +38,7 @@ class Terminal(io.StringIO):
 def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, n_jobs):
     terminal = Terminal()
     monkeypatch.setattr(sys, 'stderr', terminal)
-    monkeypatch.setattr(jobs, '_DELAY', 0.0)
+    monkeypatch.setattr(progress, '_DELAY', 0.0)
     run_jobs([delayed(time.sleep)(0.15)] * 5, n_jobs, 'tuning')
     assert 'tuning:   0%' in terminal.getvalue()
     assert 'tuning: 100%' in terminal.getvalue()

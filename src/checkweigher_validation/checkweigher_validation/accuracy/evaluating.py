@@ -49,18 +49,14 @@ def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionRe
         chosen = np.flatnonzero(keys == key)
         weighed = [number for number in chosen if estimates[number].weighed]
         mass = float(masses[chosen[0]])
+        errors = np.array([estimates[n].mass - masses[n] for n in weighed])
+        std_devs = np.array([estimates[n].std_dev for n in weighed])
         results.append(
             ConditionResult(
-                estimator=parameters.identifier.estimator,
-                speed=batch.speed,
-                mass=mass,
-                part=batch.part,
-                errors=np.array([estimates[n].mass - masses[n] for n in weighed]),
-                std_devs=np.array([estimates[n].std_dev for n in weighed]),
-                faults=len(chosen) - len(weighed),
-                bound=batch.bounds.get(mass, math.nan),
+                parameters.identifier.estimator, batch.speed, mass, batch.part, errors, std_devs,
+                faults=len(chosen) - len(weighed), bound=batch.bounds.get(mass, math.nan),
             )
-        )
+        )  # fmt: skip
     return results
 
 

@@ -74,15 +74,11 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
     if not evaluation.conditions:
         return f'{evaluation.title}: nothing was evaluated'
     part = evaluation.parts[0]
-    with_paper = has_paper_masses(evaluation)
-    header = (
-        f'{"m/min":>6}  {"estimator":<14}{"sigma g":>9}{"|mu| g":>9}{"A g":>9}{"/bound":>8}'
-        f'{"in 68%":>8}{"in 95%":>8}{"faults":>8}{"class":>8}'
-        + (f'{"paper A g":>11}' if with_paper else '')
-    )
     lines = [
         f'{evaluation.title}: means over the masses, {part} passes; class {accuracy_class}',
-        header,
+        f'{"m/min":>6}  {"estimator":<14}{"sigma g":>9}{"|mu| g":>9}{"A g":>9}{"/bound":>8}'
+        f'{"in 68%":>8}{"in 95%":>8}{"faults":>8}{"class":>8}'
+        + (f'{"paper A g":>11}' if has_paper_masses(evaluation) else ''),
     ]
     overall = (None,) if len(evaluation.speeds) > 1 else ()
     for speed in (*evaluation.speeds, *overall):

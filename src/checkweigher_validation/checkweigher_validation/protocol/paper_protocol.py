@@ -75,23 +75,11 @@ def evaluate_protocol(
 ) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
     """Simulate the protocol, tune on the first half of the passes, weigh both halves.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        Machine, passes and speeds.
-    estimators, base, budget, n_jobs
-        As in `checkweigher_validation.tuning.tuner.tune`.
-
-    Returns
-    -------
-    conditions : tuple of ConditionResult
-        By estimator.
-    tuned : dict of str to Tuned
-        By estimator.
+    The arguments are those of `checkweigher_validation.tuning.tuner.tune`. Returned are the
+    conditions, estimator by estimator, and what was tuned by estimator.
     """
-    simulations = [delayed(run_protocol)(protocol, speed, base.segmenter)
-                   for speed in protocol.speeds]  # fmt: skip
-    runs = run_jobs(simulations, n_jobs, 'simulating')
+    calls = [delayed(run_protocol)(protocol, speed, base.segmenter) for speed in protocol.speeds]
+    runs = run_jobs(calls, n_jobs, 'simulating')
     calls = [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES]
     bounds = iter(run_jobs(calls, n_jobs, 'computing the bound'))
     groups = [
@@ -101,7 +89,7 @@ def evaluate_protocol(
     batches = []
     for run in runs:
         bound_of = {mass: next(bounds).std_dev for mass in MASSES}
-        batches += [Batch(run.speed, 'train', run.train, bound_of),
-                    Batch(run.speed, 'test', run.test, bound_of)]  # fmt: skip
+        for part, passes in (('train', run.train), ('test', run.test)):
+            batches.append(Batch(run.speed, part, passes, bound_of))
     lines = [tuned[name].parameters for name in estimators]
     return evaluate_batches(batches, lines, n_jobs), tuned

@@ -55,8 +55,10 @@ class TunedGaussMarkov(Tunable):
         """Return `base` with the platform that the passes of all speeds fit, if it is of use."""
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
-        untrained = replace(known, sample_rate=0.0)
-        lines = [_with_model(base, model) for model in (fit_platform(groups, known), untrained)]
+        lines = [
+            replace(base, identifier=replace(base.identifier, gauss_markov=model))
+            for model in (fit_platform(groups, known), replace(known, sample_rate=0.0))
+        ]
         return min(lines, key=lambda line: _held_out_index(groups, line))
 
     def search(
@@ -89,16 +91,13 @@ class TunedGaussMarkov(Tunable):
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Return the noise model of all passes, filled up with zeros to the largest order."""
+        model = GaussMarkovParameters()
+        reflection = model.reflection
         if self._trained:
             model = self._model(self.group, round(values['order']))
-            rest = (0.0,) * (ORDERS[-1] - model.order)
-        else:
-            model, rest = GaussMarkovParameters(), ()
-        return {
-            'identifier.gauss_markov.reflection': model.reflection + rest,
-            'identifier.gauss_markov.noise': model.noise,
-            'identifier.gauss_markov.impact': model.impact,
-        }
+            reflection = model.reflection + (0.0,) * (ORDERS[-1] - model.order)
+        lists = {'reflection': reflection, 'noise': model.noise, 'impact': model.impact}
+        return {f'identifier.gauss_markov.{name}': numbers for name, numbers in lists.items()}
 
     @property
     def _trained(self) -> bool:
@@ -114,10 +113,6 @@ class TunedGaussMarkov(Tunable):
             reflection=tuple(np.clip(reflections, -_STABLE, _STABLE).tolist()),
             noise=(std_dev,), impact=(impact,),
         )  # fmt: skip
-
-
-def _with_model(base: LineParameters, model: GaussMarkovParameters) -> LineParameters:
-    return replace(base, identifier=replace(base.identifier, gauss_markov=model))
 
 
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
