@@ -1,3 +1,6 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # Everything makes the set-up that it needs; when there is nothing to do, that takes a few hundredths of a second.
 
 SHELL := bash

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Settings and fixtures of all tests of the workspace."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How fast offline work is: `weigh` of a long bag, and windows at once on all cores.
 
 The figures are those of ``python bench/graph.py --only batch``.

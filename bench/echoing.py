@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A process that sends back what it hears: two hops over DDS and nothing else."""
 
 import sys

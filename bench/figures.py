@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What was measured, beside what it is compared with, and as a table."""
 
 from dataclasses import dataclass

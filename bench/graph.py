@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How fast the graph is: latency, cost, replay and start-up, each beside a reference.
 
     source setup/environment && python bench/graph.py [--quick] [--only latency] [--json FILE]

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The kernels of ISWD-EKSI against PyWavelets and filterpy, on the windows of the bags."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Measuring cases against a reference in the same run, so that the machine does not matter much.
 
 Reference and case take turns, and each turn gives one ratio: what else runs on the machine slows

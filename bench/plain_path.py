@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """ISWD-EKSI as plainly as it can be written: PyWavelets, filterpy, one sample after the other.
 
 The reference that the tests hold the kernels to and that `make bench` measures them against. It

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Processes of a line to be measured: started, watched and ended."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

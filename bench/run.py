@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """All measurements, one after the other: the kernels, then the graph."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Where the processor time of a line of one process goes: what each node does, by its thread.
 
     source setup/environment && python bench/stage_times.py [--items 200]

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The driver, or the line with it, with a note of when each outfeed edge was there to be sent."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Run a node and print when it waits for its first message, s of the monotonic clock."""
 
 from importlib import import_module

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tables of README.md and interfaces.md, and the parameter file line.yaml: `make docs`.
 
 A table stands between `<!-- make docs: NAME -->` and `<!-- end -->`. In line.yaml the lines with

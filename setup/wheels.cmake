@@ -1,3 +1,6 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 # For ROS 2 as PyPI wheels, passed as CMAKE_PROJECT_INCLUDE by setup/bootstrap.
 #
 # The wheels' exported targets name the Python headers of the container that built them, below /opt/python. CMake refuses

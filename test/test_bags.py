@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The committed bags: small, remade to the byte, and of the message types that are here."""
 
 from collections import Counter

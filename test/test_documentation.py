@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """docs/interfaces.md, README.md and config/line.yaml against the code."""
 
 import math

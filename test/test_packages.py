@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Each package says what it is and what it needs, as the ROS tools read it."""
 
 import ast
@@ -160,3 +162,11 @@ def test_setup_says_the_same_as_package_xml(folder: Path):
     assert told['description'] == package.description
     assert told['license'] in package.licenses
     assert (told['maintainer'], told['maintainer_email']) == (maintainer.name, maintainer.email)
+
+
+def test_each_source_names_its_copyright_and_licence():
+    header = '# Copyright 2026 Checkweigher maintainers\n# SPDX-License-Identifier: Apache-2.0\n'
+    folders = ('src', 'test', 'bench', 'docs')
+    sources = [path for folder in folders for path in (ROOT / folder).rglob('*.py')]
+    assert len(sources) > 200
+    assert [str(path) for path in sources if not path.read_text().startswith(header)] == []

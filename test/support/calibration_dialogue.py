@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command `calibrate` with a technician at its keyboard."""
 
 import subprocess

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Talk to the nodes of a graph, and play a bag through its stages."""
 
 from collections.abc import Callable

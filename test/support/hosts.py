@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Two hosts with a cable between them: network namespaces of this machine, UDP and nothing else."""
 
 from collections.abc import Iterator

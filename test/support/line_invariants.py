@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Properties that hold on every spoilt line, and counts of what came of it."""
 
 from collections import Counter

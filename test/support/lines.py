@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recorded lines for the tests, with faults put in where a test wants them."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A bag as a machine: its samples and edges come at true time, with the stamps of now."""
 
 from collections.abc import Iterator

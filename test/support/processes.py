@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters and processes of a line."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A line with a product node over real DDS, and an operator beside it."""
 
 from array import array

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A reject node alone, with a test in the place of the other nodes of its line."""
 
 from checkweigher_msgs.msg import StopRequest, Verdict

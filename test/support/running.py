@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Running the command line as a user does, in a ROS domain of the tests' own."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Lines on which everything goes wrong that can: the truth, and what the stages hear of it.
 
 A line is drawn in two steps: what happens to the products (too close, belt stopped or slower, taken

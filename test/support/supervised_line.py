@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A line under the command `run`, each node in a process of its own."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The verdicts that a line should give: one for each item, and those of the offline path."""
 
 from dataclasses import asdict

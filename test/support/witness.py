@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tell the verdicts and edges of lanes on stdout, one JSON line each.
 
 python3 test/witness.py lane1 lane2

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command line: runs a command, and prints each error as one line."""
 
 import argparse

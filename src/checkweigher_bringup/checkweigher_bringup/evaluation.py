@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The evaluation that the command line asks for: of bags, or of the simulated protocol."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The whole line in one process: six nodes on one executor."""
 
 from functools import partial

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The diagnostics of running lines as one table: the worst first, silent nodes among them."""
 
 from collections.abc import Iterable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Output of the commands: a table on the screen, and files that are written whole or not at all."""
 
 from collections import Counter

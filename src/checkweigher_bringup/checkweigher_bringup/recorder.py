@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The recorder: the messages of a lane, byte for byte as they come, into a bag."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Options that several commands check, and the parameters of the line that they name."""
 
 from argparse import Namespace

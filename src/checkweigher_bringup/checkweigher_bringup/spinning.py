@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes beside the command that uses them: in its process, or in processes of their own."""
 
 from collections.abc import Iterator, Mapping, Sequence

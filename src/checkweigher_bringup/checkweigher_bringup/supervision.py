@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The rules by which a process of the line is started again, or killed because it hangs."""
 
 from enum import Enum, auto

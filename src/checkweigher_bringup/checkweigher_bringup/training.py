@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Training on passes of known mass in bags."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Start the checkweigher line: driver, segmenter, denoise, identifier, reject and product.
 
 The arguments set what differs from run to run; everything else is in the parameter file, and so

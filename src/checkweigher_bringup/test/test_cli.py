@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The command line: its help, its examples, and what it takes from the parameters."""
 
 from dataclasses import fields

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bad input: one line that says what and where, exit status 2, nothing half-written."""
 
 from pathlib import Path

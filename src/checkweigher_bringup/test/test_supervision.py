@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """When a process is started again, and when it is hung, without any process."""
 
 from checkweigher_bringup.supervision import Action, Supervision

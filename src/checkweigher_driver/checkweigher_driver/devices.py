@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The devices of a machine: one registry, and the parameters that choose among them."""
 
 from collections.abc import Callable

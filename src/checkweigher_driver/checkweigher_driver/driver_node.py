@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The driver node: sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence

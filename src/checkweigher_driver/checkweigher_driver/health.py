@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Health of a source: its state, samples, clock and photo-eyes."""
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The stream of a source: announced, sent in step with the line behind it, and ended."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Waits of one thread, for a time or for a condition, until the thread is told to stop."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the driver tells of a source that runs, is held back, ends or fails."""
 
 import pytest

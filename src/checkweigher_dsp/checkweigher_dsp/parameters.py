@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the stages: declared once, with unit, range and meaning, for nodes, files and docs.
 
 The parameters of a stage are a frozen dataclass whose fields are made by `parameter`. The node

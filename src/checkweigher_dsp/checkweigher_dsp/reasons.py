@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Why an item cannot be weighed and why a line should stop, each with what to look at."""
 
 from enum import StrEnum

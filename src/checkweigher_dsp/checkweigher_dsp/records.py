@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Records that pass between the stages: what the machine sends, and what each stage makes of it.
 
 Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them; a

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Synthetic lines and windows whose truth is known by construction."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters: types, ranges, and the YAML files that they come from."""
 
 from dataclasses import dataclass, fields

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Reasons: each has its hint, and is a constant of the messages."""
 
 from enum import StrEnum

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The values that pass between the stages."""
 
 from dataclasses import fields, replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Joining and cutting the blocks of a recording or a simulation to lengths that suit its pace.
 
 How a stream is cut into blocks, and where between them its edges come, does not change what is

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Due times of the events of a recording or a simulation, and flow control between nodes."""
 
 from collections import deque

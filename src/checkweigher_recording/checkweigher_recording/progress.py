@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Progress bars of what may take longer than a moment."""
 
 from collections.abc import Iterable

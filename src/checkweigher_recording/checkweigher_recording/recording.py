@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A recording: the samples, edges and known masses of a line, ordered by their stamps."""
 
 from collections.abc import Iterable, Iterator, Sequence

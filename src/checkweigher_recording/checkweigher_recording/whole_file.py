@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Files that appear under their name whole or not at all, and why one cannot be written."""
 
 import os

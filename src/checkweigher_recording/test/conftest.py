@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A small recording, and a writer of bags that differ from those that the project writes."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Due times and the lead of the driver, against numbers by hand."""
 
 import sys

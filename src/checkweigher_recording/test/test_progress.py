@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The bar of what takes long, on a terminal and elsewhere."""
 
 from io import StringIO

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Independent jobs side by side, by joblib.
 
 In a ``joblib.parallel_config`` block the same jobs run on the backend that it names.

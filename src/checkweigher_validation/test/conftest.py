@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Conditions and evaluations whose statistics are known by construction."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Jobs on several processes: their order, their errors, their bar, and what Ctrl-C does to them."""
 
 import io

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A PLC in a process of its own, and eyes and outputs that are connected to it."""
 
 from contextlib import contextmanager

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A PLC of the tests: a Modbus TCP server that plays the photo-eyes of a bag at true time.
 
     python modbus_plc.py --port 5020 --log coils.jsonl [--watchdog 0.5]

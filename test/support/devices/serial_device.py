@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load cell on a pseudo-terminal: answers, streams at the pace of its wire, and fails on demand.
 
     python test/serial_device.py LINK --rate 1200 --baud 115200

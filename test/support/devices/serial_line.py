@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Starting a serial device in a process of its own, and reading a source in a thread."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Calibrate the load cell with known masses at rest, or the line with passes of a known mass."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Show masses and verdicts of a running graph as they come."""
 
 import argparse

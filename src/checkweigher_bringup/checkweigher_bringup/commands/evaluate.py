@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy of the estimators on passes of known mass."""
 
 import argparse

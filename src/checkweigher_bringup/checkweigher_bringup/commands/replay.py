@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Play a bag through the ROS graph and show each verdict."""
 
 import argparse

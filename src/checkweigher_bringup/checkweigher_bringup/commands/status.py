@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Show what is wrong with a running line, worst first, and what to check."""
 
 import argparse

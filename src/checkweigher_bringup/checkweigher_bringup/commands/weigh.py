@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Weigh a bag offline: the stages in one loop, no ROS graph."""
 
 import argparse

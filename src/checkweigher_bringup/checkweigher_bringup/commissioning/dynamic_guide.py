@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The dynamic setting with a technician: passes of a known mass at one belt speed after another."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The dynamic setting by services: passes of known mass at each belt speed, then training.
 
 The commands `record` and `tune` run in processes of their own: training takes minutes of all

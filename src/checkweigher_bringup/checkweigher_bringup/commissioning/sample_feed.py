@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Samples of a load at rest, from a running line or from a source that is opened for it."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The static calibration with a technician: known masses at rest, one after another."""
 
 import argparse

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Static calibration in the terminal, on a line that runs and on a source that is opened."""
 
 from collections.abc import Iterator

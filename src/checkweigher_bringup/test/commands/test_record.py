@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recording and listening to a running graph, each in a process of its own."""
 
 from collections.abc import Callable, Iterator, Sequence

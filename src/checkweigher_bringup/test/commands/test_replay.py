@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The graph over real DDS against the offline path: the same rows to the last bit."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """`run` with real processes: what is killed or hangs comes back, and no item goes unjudged."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """`tune` and `evaluate` as a user runs them."""
 
 from collections.abc import Callable

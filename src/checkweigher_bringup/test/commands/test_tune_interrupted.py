@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """`tune` and `evaluate` whose processes are interrupted or killed: one line at most, no hang."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The dynamic setting of a simulated line: passes of a known mass at two speeds, then training."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load cell on a port is calibrated by the services of the driver, on a line that runs."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What /diagnostics tells over real DDS, of a line that is well and of all that can go wrong."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A replay at full speed over a network that holds the edges up: it waits for them."""
 
 from collections import deque

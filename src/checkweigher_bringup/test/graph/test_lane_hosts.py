@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Two lanes on two hosts with a cable between them, and what happens when it is pulled."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Lanes in one ROS domain: each is a process and a namespace, and none hears of another."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Edges that are held up on their way to the reject node: the products go on."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Driver and reject as managed nodes over real DDS: safe when inactive, in order, and recalled."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The whole graph on a machine: load cell on a port, photo-eyes, rejector and stop over Modbus TCP.
 
 The load cell and the PLC are programs of their own; both play the same bag from the same moment.

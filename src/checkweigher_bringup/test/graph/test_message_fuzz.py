@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random messages, bytes, calls and parameters: no node dies, and the line weighs after it."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The nodes over real DDS, given any content that a message may have."""
 
 from collections.abc import Iterator

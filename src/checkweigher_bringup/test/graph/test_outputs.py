@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The whole graph with its rejector over Modbus TCP."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The product node over real DDS: recipes of a running line."""
 
 from collections.abc import Iterator

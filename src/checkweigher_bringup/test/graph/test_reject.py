@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The reject node over real DDS when masses do not come, and what it asks of the line."""
 
 from collections.abc import Iterator

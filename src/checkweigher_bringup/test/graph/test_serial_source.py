@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The graph on a serial load cell: the masses of the recording that the device sends."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the line reaches on lines that it has not been tuned on."""
 
 from collections import defaultdict

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Damaged bags: one line that says so, or the right masses; never other ones."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What must not change a mass: how samples were grouped, the gain of the cell, its clock."""
 
 from collections.abc import Callable

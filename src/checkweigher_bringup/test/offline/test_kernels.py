@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Whole windows against the plain path, and windows at once against windows one by one."""
 
 from dataclasses import astuple, replace

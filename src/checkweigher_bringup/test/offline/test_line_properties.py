@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Random lines, spoilt in every way: one verdict for each product, no unsound one accepted."""
 
 import os

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How much of the uncertainty of polled photo-eyes goes into the mass, for each estimator."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A shift of products through the real graph: nothing lost, nothing doubled, nothing leaked."""
 
 from collections import Counter

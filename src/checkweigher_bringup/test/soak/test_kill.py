@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Each of the six nodes killed and stopped in turn while products pass: a campaign of minutes."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Calibration files, which are parameter files: the older versions are kept beside the newest."""
 
 from collections.abc import Sequence

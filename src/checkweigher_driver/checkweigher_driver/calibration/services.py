@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The services by which a load cell is calibrated on a line that runs."""
 
 from collections.abc import Callable

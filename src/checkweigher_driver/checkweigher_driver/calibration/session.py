@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A calibration on a line: known masses, read one after the other while no product passes."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Static calibration: zero and sensitivity from readings of known masses at rest.
 
     counts = zero_counts + counts_per_kg * mass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The offset from stamps, on a clock that can be set, to a clock that never steps."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Edges of photo-eyes whose state is polled.
 
 A poll reads both eyes at one unknown moment between its begin and its end. So an edge lies between

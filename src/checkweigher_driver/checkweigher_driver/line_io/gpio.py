@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
 
 from collections.abc import Iterable, Iterator

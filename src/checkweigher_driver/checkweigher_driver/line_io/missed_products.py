@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Products that the rejector can have missed, until a person has looked for them."""
 
 from enum import Enum, auto

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on a PLC or a bus coupler by Modbus TCP."""
 
 from collections.abc import Iterator

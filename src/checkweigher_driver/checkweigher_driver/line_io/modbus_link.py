@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Requests to a Modbus TCP device, each with one answer or an error in words."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Rejector and stop output of the line, switched by a thread at the time they are due."""
 
 from abc import ABC, abstractmethod

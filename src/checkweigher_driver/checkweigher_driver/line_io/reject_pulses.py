@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The pulse schedule of the rejector: one pulse for each rejected item, on the time of the belt.
 
 The time of the belt stands still while the belt does: a product that has not reached the rejector

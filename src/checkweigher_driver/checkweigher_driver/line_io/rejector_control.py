@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Decisions of the outputs: what rejector and stop output have to be, without thread and port."""
 
 from dataclasses import dataclass

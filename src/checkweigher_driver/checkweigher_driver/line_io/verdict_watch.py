@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The time by which each product that leaves the weigh belt must have its verdict."""
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict

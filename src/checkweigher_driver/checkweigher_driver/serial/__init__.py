@@ -1,1 +1,3 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Load cells on serial ports."""

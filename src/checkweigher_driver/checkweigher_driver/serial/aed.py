@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Digital load cells of the AED family on RS-485 or RS-232: HBM/HBK AED, FIT and AD."""
 
 from dataclasses import dataclass

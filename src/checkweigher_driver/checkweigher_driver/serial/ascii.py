@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Load-cell amplifiers that send a line of text for each value, unasked."""
 
 from dataclasses import dataclass

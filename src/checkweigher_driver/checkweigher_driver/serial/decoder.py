@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The interface of decoders, which turn the bytes of a serial stream into readings."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Readings from the binary frames of a digital load cell: three bytes, a check, perhaps CR LF.
 
 A frame is a 24-bit two's complement number, most significant byte first, then the XOR of the three

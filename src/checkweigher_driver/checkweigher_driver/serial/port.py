@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Opening a serial port, and saying in words why that cannot be done."""
 
 import errno

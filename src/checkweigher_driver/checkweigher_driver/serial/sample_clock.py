@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The time of each sample, from its index and from the times of the reads.
 
 A read comes late by what bus, operating system and scheduler add, never early. So the true line of

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load cell on a serial port: opened, read by blocking reads, found again after a break."""
 
 from abc import abstractmethod

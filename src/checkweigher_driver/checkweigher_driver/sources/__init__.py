@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Sources of samples and photo-eye edges: the interface that all devices keep.
 
 A load cell that knows nothing of the photo-eyes is joined with an `EdgeSource`.

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A recorded line as a source, and its photo-eyes beside a load cell on a port."""
 
 from collections.abc import Iterator

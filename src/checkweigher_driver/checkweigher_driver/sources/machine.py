@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load cell and photo-eyes on different wires, as one source."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a calibration on a line takes for a load at rest, and what it refuses."""
 
 from collections.abc import Iterable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Static calibration against numbers worked by hand, scipy and repeated simulation."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A step of the real-time clock takes the meaning from stamps for a while."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Edges from polls: always within the stated uncertainty, never invented."""
 
 from hypothesis import given

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on GPIO lines: events of the kernel, and gpio-sim where there is one."""
 
 from contextlib import suppress

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A missed product keeps the line stopped until a person can have read of it."""
 
 import pytest

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eyes over Modbus TCP, against a server process on a real port."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Rejector and stop over Modbus TCP, against a server process on a real port."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Pulses of the rejector, also while the belt stands."""
 
 from hypothesis import given

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Decisions of the outputs at given times, without a thread and without a port."""
 
 import time

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Verdicts that do not come are noticed; holes in a product and flicker are no products."""
 
 from checkweigher_driver.line_io.verdict_watch import VerdictWatch

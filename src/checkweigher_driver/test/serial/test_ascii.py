@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Values out of lines that come in pieces."""
 
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Frames out of streams that lose, gain and change bytes."""
 
 from hypothesis import assume, given, settings

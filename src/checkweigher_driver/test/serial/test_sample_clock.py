@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Stamps from a fitted clock against the simulated truth: drift, jitter, stalls, steps, losses."""
 
 from dataclasses import replace

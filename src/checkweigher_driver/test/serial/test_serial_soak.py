@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A minute on every serial line, and lines that are unplugged again and again."""
 
 from concurrent.futures import ThreadPoolExecutor

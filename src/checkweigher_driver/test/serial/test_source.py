@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Every serial source against a device on a pseudo-terminal, at the pace of its wire."""
 
 from concurrent.futures import ThreadPoolExecutor

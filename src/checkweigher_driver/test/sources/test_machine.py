@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load cell and photo-eyes that are read beside each other."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Denoising of weigh windows: shrinkage on a signal that goes far beyond them to both sides."""
 
 from collections.abc import Callable, Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""The times at which products enter, corrected from the signal itself.
 
 Photo-eyes that are polled know t1 and t2 to a millisecond or so. A load that is taken out of the

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Extrapolation of a disturbance beyond the ends of the signal, by linear prediction.
 
 Most of the disturbance of a belt is lines: the rollers, the motor, the platform's own oscillation.

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""The load on the belt while a product enters: its share, and the response of the platform.
 
 Between t1 and t2 a product moves onto the belt at constant speed, so the share of it that rests

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Gains and thresholds of the wavelet shrinkage for each belt speed, Table 1 of the paper first."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic stretch each band of the stationary wavelet transform (SWT) is a circular

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Batches of windows: those of equal shape as arrays, so that all are denoised at once.
 
 One window is a batch of one. All operations are along the last axis or element by element, so a

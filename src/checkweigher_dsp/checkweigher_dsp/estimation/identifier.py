@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Identification of the mass in denoised weigh windows, by the estimator that was chosen."""
 
 from collections.abc import Sequence

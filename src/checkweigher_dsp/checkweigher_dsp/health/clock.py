@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Clocks: the stamps of samples and edges against their arrival."""
 
 from collections import deque

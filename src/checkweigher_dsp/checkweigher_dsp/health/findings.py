@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Findings on the health of a line, each with a level and a hint, and values seen lately.
 
 Times are seconds on a clock that never steps back, which the caller reads.

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Items at each stage: faults, convergence, time taken, verdicts in time."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Fitness of the scale to weigh: its zero, and the noise of the empty belt."""
 
 import math

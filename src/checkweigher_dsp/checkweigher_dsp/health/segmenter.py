@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Health of the line as the segmenter sees it: samples, clock, eyes, zero, noise, items."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Samples and edges as they come: rate, gaps, saturation, photo-eyes."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The items on the belt and those that left it, and which of them an edge can be of."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eye edges on their way to the stage, in the order of their stamps."""
 
 from bisect import insort

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Photo-eyes: edges that are new, late, chatter or only a state at start-up."""
 
 from collections import OrderedDict

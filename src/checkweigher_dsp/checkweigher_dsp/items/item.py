@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """One item on the line: what the eyes have seen of it, and where it is by that."""
 
 from dataclasses import dataclass, field, replace

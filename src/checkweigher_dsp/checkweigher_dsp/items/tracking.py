@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Item tracking: photo-eye edges become items, and some items become faults by them.
 
 The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on

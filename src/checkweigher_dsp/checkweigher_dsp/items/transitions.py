@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The transition table of item tracking: what each edge means and where it moves which item.
 
 For each kind of edge `TRANSITIONS` lists the cases in the order in which they are tried; the first

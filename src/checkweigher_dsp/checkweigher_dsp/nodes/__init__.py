@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """ROS nodes around the stages: parameters in, message to record, stage, record to message."""
 
 import os

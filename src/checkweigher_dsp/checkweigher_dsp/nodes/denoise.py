@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The denoise node: weigh_window to denoised_window."""
 
 from functools import partial

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The identifier node: denoised_window to mass_estimate."""
 
 from functools import partial

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The recipe of the selected product in the parameters of the nodes of the line."""
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes of the line in the audit log."""
 
 from collections.abc import Callable

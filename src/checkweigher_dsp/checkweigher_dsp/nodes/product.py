@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
 from dataclasses import asdict, dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the reject node keeps back while it asks the driver what it has missed."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The reject node: photo_eyes and mass_estimate to verdict; with reject_eye to stop_request."""
 
 from functools import partial

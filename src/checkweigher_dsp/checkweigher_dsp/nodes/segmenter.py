@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The segmenter node: load_cell/samples and photo_eyes to weigh_window; the service zero."""
 
 from collections import deque

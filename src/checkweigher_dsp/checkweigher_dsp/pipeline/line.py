@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """All stages in one loop: the weighing of the graph without the graph."""
 
 from collections.abc import Iterable, Mapping, Sequence

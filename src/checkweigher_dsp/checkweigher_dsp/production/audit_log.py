@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The audit log: changes with their times, in a file whose lines are chained by hashes.
 
 One entry a line, JSON in one fixed form. An entry holds the SHA-256 of the entry before it and its

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Entries of the audit log: each change with the value before it, across restarts.
 
 The values that were last seen are found in the log itself. So a parameter file that was edited

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Prepackages of one nominal quantity: EU Directive 76/211/EEC, Annex I.
 
 The tolerable negative error (TNE) depends on the nominal quantity. A batch is right if its mean is

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recipes: masses, limits and parameters of each product, in one YAML file.
 
     products:

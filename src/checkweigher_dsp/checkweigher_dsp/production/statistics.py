@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Statistics of production for each product and batch, in the time of the samples.
 
 Items that were not accepted are counted by decision and reason. Mean, standard deviation,

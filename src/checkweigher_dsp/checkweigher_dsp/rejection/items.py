@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The items that wait for their verdict and those that have it, with their numbers."""
 
 from collections import OrderedDict

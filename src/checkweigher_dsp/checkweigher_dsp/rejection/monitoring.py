@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Monitoring of the rejector against the verdicts, and requests to stop the line."""
 
 from dataclasses import dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the reject stage: limits of the product, where the rejector stands."""
 
 from dataclasses import Field, dataclass

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The verdict on each item, and when the rejector has to have it.
 
 The stage counts the items itself, from the photo-eyes: one whose mass never comes, because a stage

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Clocks of the reject stage: the time of the stamps, and when an edge should have come."""
 
 from checkweigher_dsp.records import NANOSECONDS

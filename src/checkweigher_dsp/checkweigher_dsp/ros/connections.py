@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Connections of a node: who publishes and takes its topics, and whose QoS does not fit."""
 
 from collections.abc import Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Records to messages and back: field by field, under the same names, but for what `_FORMS` says.
 
 Reading takes any object with the fields of the message, so that the same functions serve rclpy and

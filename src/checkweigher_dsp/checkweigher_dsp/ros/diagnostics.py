@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Diagnostics of a node: once a second, a status for each of its aspects."""
 
 from collections.abc import Callable, Iterable

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of other nodes of the lane: read, and set together or not at all."""
 
 from collections.abc import Mapping

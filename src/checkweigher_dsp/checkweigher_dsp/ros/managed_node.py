@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes with a life cycle: what touches the machine is safe until it is told to work."""
 
 from collections.abc import Callable

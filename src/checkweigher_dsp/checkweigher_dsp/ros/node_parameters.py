@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameter sets of the stages as parameters of a node."""
 
 from collections.abc import Mapping

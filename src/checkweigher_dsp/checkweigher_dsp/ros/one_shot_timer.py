@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A timer that rings once, and may be set from any thread."""
 
 from collections.abc import Callable

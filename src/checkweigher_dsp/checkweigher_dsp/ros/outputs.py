@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Outputs and inputs of nodes: plain calls within a process, DDS to all others."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A node with inputs and outputs, whose callbacks take turns with those of its process."""
 
 from collections.abc import Callable, Generator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The ports of a lane: a row for each topic, with what passes there, from where and to where.
 
 Nodes, QoS checks, recordings and docs read this table. All names are relative, so that a namespace

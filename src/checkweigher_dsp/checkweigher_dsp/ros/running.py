@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Processes of nodes: from the command line to SIGINT or SIGTERM."""
 
 from collections.abc import Callable, Sequence

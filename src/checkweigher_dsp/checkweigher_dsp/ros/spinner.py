@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """An executor in a thread of its own."""
 
 from collections.abc import Callable

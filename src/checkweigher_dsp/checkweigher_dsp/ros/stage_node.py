@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
 
 from collections.abc import Iterable, Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The items of the line, in the order in which the eyes are done with them."""
 
 from collections.abc import Iterable

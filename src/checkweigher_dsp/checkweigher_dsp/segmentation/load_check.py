@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Load check: the load of a product that was alone changes no more than the belt shakes.
 
 The eyes do not show a product whose edge was lost. The scale does: while one comes or goes within

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Belt speed and product length from the eyes, and whether this line can have them."""
 
 import math

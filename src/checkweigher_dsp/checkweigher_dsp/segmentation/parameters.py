@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Parameters of the segmenter: how items are told apart and what counts as the empty belt."""
 
 from dataclasses import dataclass

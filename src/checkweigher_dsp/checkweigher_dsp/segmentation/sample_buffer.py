@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The recent past of the sample stream, addressed by sample index and by time."""
 
 from bisect import bisect_right

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Cutting the stream of samples into one weigh window for each item."""
 
 import numpy as np

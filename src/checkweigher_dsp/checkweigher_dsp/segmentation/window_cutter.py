@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Cutting the samples of each item out of the stream, once they have come and if they are sound."""
 
 from collections.abc import Iterable

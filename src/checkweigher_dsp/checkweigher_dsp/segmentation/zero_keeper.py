@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The zero of the belt: tracked from product to product, and set on demand."""
 
 from dataclasses import dataclass

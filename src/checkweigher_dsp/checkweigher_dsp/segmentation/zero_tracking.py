@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The reading of the empty belt, followed from product to product."""
 
 from dataclasses import dataclass

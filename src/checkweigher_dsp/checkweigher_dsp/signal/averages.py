@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Weighted means of windows in which the signal vibrates."""
 
 from functools import lru_cache

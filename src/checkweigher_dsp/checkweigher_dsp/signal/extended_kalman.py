@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""Identification of the weighing platform by an extended Kalman filter (EKF).
 
 The platform with a load on it obeys :math:`x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1)`, so

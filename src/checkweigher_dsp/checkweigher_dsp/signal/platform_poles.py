@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Natural frequency, damping ratio and stability of a platform from its identified coefficients."""
 
 import math

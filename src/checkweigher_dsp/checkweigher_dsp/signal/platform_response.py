@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""The response of the weighing platform to a product that rides on, in closed form.
 
 The platform is a second-order system whose mass changes with the load on it. In kilograms of

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""Prewhitening of coloured noise, so that least squares on it has the smallest variance.
 
 The noise is an autoregression, held by its reflection coefficients: any that lie in -1..1 are a

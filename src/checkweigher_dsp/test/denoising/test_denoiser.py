@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The padding of a window, its denoising, and the windows that are refused."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Times of entry against an independent least-squares solution, and on passes that know theirs."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Extrapolation of lines, which are known, and of noise, which is not."""
 
 from fractions import Fraction

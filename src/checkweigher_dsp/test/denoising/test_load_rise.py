@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The load's rise against its definition, and the platform's answer against an integrated one."""
 
 import math

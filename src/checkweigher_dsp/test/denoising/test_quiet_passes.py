@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What each estimator makes of a pass that nothing but its own entry disturbs."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Table 1 as it is printed, and the interpolation between its columns."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Shrinkage by FFT against PyWavelets, which does the same with the full transform."""
 
 from hypothesis import given

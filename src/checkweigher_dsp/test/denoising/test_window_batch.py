@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Batches of windows against counts and times worked by hand."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """From a denoised window to a mass, or to the reason why there is none."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Windows over what was seen lately, on numbers worked by hand."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What is told of items that fail, of masses that are uncertain, and of verdicts that are late."""
 
 import pytest

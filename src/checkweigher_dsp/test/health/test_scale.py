@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A zero that wanders off, and a belt that begins to shake."""
 
 import math

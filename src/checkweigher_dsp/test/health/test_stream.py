@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Samples, clocks and photo-eyes that are not as they should be."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """How long items take, and which of those on the belt an edge can be of."""
 
 from checkweigher_dsp.items.belt import Belt, UsualTransit

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Edges in any order of arrival wait for the samples in the order of their stamps."""
 
 from checkweigher_dsp.items.edge_queue import EdgeQueue

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the eyes have shown: chatter, edges that come twice, states at start-up."""
 
 import pytest

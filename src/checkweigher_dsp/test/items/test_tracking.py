@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Pairing edges to items where eyes miss some: the tests know which product each edge is of."""
 
 from dataclasses import replace

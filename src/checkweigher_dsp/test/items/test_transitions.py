@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The transition table of item tracking against what really happens to items."""
 
 from collections import Counter

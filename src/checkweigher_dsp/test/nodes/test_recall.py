@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A reject stage that takes the place of another: each item has one verdict from the two."""
 
 from dataclasses import replace

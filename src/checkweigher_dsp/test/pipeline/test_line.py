@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The stages in one loop on a line whose masses are known."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The audit log: each tampering is found, and a power loss is told apart from it."""
 
 from functools import partial

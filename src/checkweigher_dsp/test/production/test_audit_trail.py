@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The audit trail: each change once, with the value before it, across restarts."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limits of Directive 76/211/EEC against numbers worked by hand."""
 
 import math

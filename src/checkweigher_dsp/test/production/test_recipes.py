@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recipes: limits worked by hand, and every bad recipe refused with the key that is wrong."""
 
 import math

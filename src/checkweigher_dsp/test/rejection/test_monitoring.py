@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """When the line should stop: too many rejects, or a rejector that does not do what it is told."""
 
 from hypothesis import given

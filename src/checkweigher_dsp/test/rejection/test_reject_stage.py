@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Verdicts: limits, faults and the time at the rejector."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Every item that the eyes show has one verdict, with or without a mass, in any order."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Nodes that are connected and served, as those of one process are."""
 
 from collections.abc import Callable, Iterator

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Records to messages and back, through the wire."""
 
 from dataclasses import fields, replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Records within a process come by plain calls, and all others over DDS; none comes twice."""
 
 import threading

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Items come when the samples have reached their edges, as the eyes had shown them by then."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A load that changes within the window is not that of one product alone."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The buffer against a naive dictionary of index and count."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Weigh windows: where they begin and end, and why there is none."""
 
 from dataclasses import replace

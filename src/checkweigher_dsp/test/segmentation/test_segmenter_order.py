@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Blocks of any size, in any interleaving with the edges, give the same windows."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Disturbed lines of any kind: each item one window, a named reason, no wrong window as sound."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What a window holds of the signal after t3."""
 
 from dataclasses import replace

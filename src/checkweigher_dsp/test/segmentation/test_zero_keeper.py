@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The zero on a running line: limits, zeroing on demand, dense products on a drifting cell."""
 
 from dataclasses import replace

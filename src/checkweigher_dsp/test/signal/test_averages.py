@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The Hann-weighted mean against numbers worked by hand."""
 
 from hypothesis import given

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The filter in scalars against filterpy's in matrices, and against platforms of known theory."""
 
 from dataclasses import astuple

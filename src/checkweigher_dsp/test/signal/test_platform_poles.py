@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Poles and stability of the platform against its closed forms and numpy's roots."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The closed forms of the platform against integrations that know nothing of them."""
 
 from itertools import pairwise

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Prewhitening against the covariance of the noise that it is made for."""
 
 import math

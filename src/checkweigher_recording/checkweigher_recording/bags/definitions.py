@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The definitions of the messages in bags, as they are installed."""
 
 from collections.abc import Iterable, Iterator

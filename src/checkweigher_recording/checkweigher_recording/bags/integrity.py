@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Whether an MCAP file is whole: its magic bytes and the check sums of its data and summary."""
 
 from pathlib import Path

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The lanes of a bag: a lane's topics are those below its namespace."""
 
 from collections.abc import Iterable, Sequence

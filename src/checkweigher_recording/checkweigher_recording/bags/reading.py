@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter

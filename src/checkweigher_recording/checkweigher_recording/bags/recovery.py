@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recovery of a recording that broke off: a whole bag of the messages that are there."""
 
 from pathlib import Path

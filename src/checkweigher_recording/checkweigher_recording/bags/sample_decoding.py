@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Decoding of sample blocks, nearly all messages of a bag: many at once by numpy."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A recording without an end, because its recorder was killed: the messages that are there."""
 
 from collections import Counter

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Writing a ROS 2 bag: MCAP with check sums, and metadata.yaml."""
 
 from collections import Counter

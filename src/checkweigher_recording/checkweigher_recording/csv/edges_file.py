@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Edges of the photo-eyes of a CSV log, from a JSON file beside it."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Import of a laboratory's CSV log: bridge signal, photo-eyes and calibration become records."""
 
 from collections.abc import Iterator

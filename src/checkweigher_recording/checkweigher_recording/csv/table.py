@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Columns of numbers from a CSV file, and the lines of errors in it."""
 
 from collections.abc import Mapping

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Positions of the products of a simulated line: entries and exits of the weigh belt."""
 
 from collections import deque

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The platform of a weigh belt: a mass on a spring and a damper, integrated exactly."""
 
 from dataclasses import dataclass, field

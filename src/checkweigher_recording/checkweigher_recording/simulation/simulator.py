@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """A simulated weigh belt: platform, products, disturbances, converter and photo-eyes.
 
 The platform is a mass on a spring and a damper. In kilograms of static reading, y = beta x / g,

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Definitions of messages: those of a bag against those that are installed."""
 
 import json

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The frame of an MCAP file: cut or damaged anywhere, it is refused."""
 
 from mcap.writer import IndexType

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bags of any kind: the same events or one clear line."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Blocks that are decoded many at once against the same blocks as rosbags decodes each."""
 
 from hypothesis import example, given

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Recordings without an end: what is there up to the cut, and nothing where there is a hole."""
 
 from contextlib import suppress

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Bags that the project writes: the same bytes, all or nothing, and what ROS tools expect."""
 
 import errno

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy classes of checkweighers: OIML R 51-1:2006, category X, and GB/T 27739-2011.
 
 A class XI, XII, XIII or XIV bounds the mean error in verification scale intervals e, its class

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Accuracy of estimators: errors of passes whose mass is known, and their statistics.
 
 The figures of merit are those of Long et al.: the mean error mu against the true mass, the standard

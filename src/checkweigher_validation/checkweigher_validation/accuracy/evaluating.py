@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Weighing passes of known mass by several estimators, for the accuracy tables."""
 
 from collections.abc import Iterable, Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Signals for the figures of a report: a pass as it came, as it should be, and denoised."""
 
 from collections.abc import Sequence

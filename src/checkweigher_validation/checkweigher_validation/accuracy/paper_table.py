@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Results of Long et al. on their own machine: Table 3 of the paper, to compare ours with.
 
 Their passes are not public. A simulated machine is not theirs, so agreement of single figures is

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Passes of products of known mass, by belt speed."""
 
 from bisect import bisect_left

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Results of items, joined with their references: the table, the CSV and the summary."""
 
 from bisect import bisect_right

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """An evaluation as a table for a terminal, as CSV and as JSON."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""The smallest standard deviation that any unbiased linear estimate of a simulated mass can have.
 
 Of a pass with signal r = M s + n, with s the response of the platform to a load of 1 kg and C the

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The protocol of the paper on a simulated machine: 5 speeds, 5 masses, 120 passes of each."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures of accuracy: A by algorithm, mass and speed, and its averages."""
 
 import math

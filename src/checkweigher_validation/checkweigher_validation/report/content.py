@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tables of the report: numbers as they are shown, and which of them are the best."""
 
 from collections.abc import Iterable, Iterator, Sequence

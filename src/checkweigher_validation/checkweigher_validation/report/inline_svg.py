@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures as SVG that stands inside an HTML page and takes its colours.
 
 A figure is drawn in stand-in colours. In the finished SVG these become CSS variables, so one figure

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
 
 from collections.abc import Iterator

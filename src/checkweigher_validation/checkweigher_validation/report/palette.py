@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Names and colours of estimators: the same ones in every table and figure.
 
 Colours are told apart with any kind of colour vision (after Okabe and Ito), each in a light and a

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Figures of signals: a pass, its spectrum, its wavelet bands, the denoised window."""
 
 from typing import cast

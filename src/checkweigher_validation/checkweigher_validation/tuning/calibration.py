@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Gain, offset and uncertainty of an estimator from training passes.
 
 The index by which everything is tuned is that of the paper, A = |mean error| + 3 sigma, averaged

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tuning of the Gauss-Markov estimator: its model is learned, only the order is searched.
 
 First the platform, by nonlinear least squares on passes of known mass, in noise that an

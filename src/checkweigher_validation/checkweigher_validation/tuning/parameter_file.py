@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tuned parameters as a ROS parameter file that names its training passes."""
 
 from collections.abc import Mapping, Sequence

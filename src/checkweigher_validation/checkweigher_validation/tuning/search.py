@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The search for parameters, the same for every estimator."""
 
 from collections.abc import Callable, Mapping, Sequence

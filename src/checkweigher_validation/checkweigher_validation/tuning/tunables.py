@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tunable parameters of each estimator, and the masses that follow for all passes at once."""
 
 from collections.abc import Callable, Mapping, Sequence

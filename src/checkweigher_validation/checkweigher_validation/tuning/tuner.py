@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tuning: from passes of known mass to parameters, for each estimator by the same procedure."""
 
 from collections.abc import Mapping, Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Limits of OIML R 51-1 and GB/T 27739 against numbers worked by hand."""
 
 import math

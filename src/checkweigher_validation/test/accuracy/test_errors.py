@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Statistics of errors against numbers worked by hand and against the statistics module."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Results of passes whose masses, errors and uncertainties are made by hand."""
 
 import numpy as np

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Known masses and the passes that they belong to, sorted by belt speed."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Evaluations as text, CSV and JSON: the numbers in them are those that went in."""
 
 import csv

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The bound against hand-worked cases and against passes of the simulator itself."""
 
 from dataclasses import replace

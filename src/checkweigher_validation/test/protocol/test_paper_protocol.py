@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The protocol of the paper: its simulated passes, and that no estimator beats the bound in it."""
 
 from collections import Counter

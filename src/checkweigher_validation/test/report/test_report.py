@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The report: a sound page without anything from elsewhere, and the numbers of the data in it."""
 
 from html.parser import HTMLParser

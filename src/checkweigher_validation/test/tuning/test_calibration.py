@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Gain, offset, A and uncertainty against numbers worked by hand and errors that were drawn."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The model that was learned of a machine, against the machine of the simulation."""
 
 from dataclasses import replace

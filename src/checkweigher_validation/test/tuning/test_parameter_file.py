@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The parameter file that tuning writes, read back."""
 
 from datetime import UTC, datetime

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """What the tuner computes for all passes at once, against the stages of the line."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Tuning: what it refuses, what it learns, in one process and in several."""
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The estimators: from a weigh window to the load, selectable by name.
 
 In the examples of the classes ``window`` is a denoised WeighWindow with a load of 0.2 kg.

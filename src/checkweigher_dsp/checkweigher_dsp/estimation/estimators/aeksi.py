@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """AEKSI: extended Kalman identification behind the adaptive prefilter of AID.
 
 The paper's comparison, whose algorithm it does not print: a reconstruction from AID and ISWD-EKSI.

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""AID: least-squares identification behind a prefilter that is made from the window itself.
 
 Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The means of the window, which every other estimator has to beat."""
 
 from dataclasses import dataclass

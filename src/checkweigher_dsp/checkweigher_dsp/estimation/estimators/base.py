@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The interface of the estimators, and the parameters that training passes give all of them."""
 
 from abc import ABC, abstractmethod

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""FIR model: the mass is a weighted sum of the samples, the weights learned from known masses.
 
 Reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification based

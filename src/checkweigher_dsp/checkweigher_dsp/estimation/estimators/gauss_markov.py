@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""The minimum-variance unbiased estimate of a mass (Gauss-Markov), from a model of the machine.
 
 A pass is a known shape times the mass, plus all other motion of the belt:

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """ISWD-EKSI: extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 r"""TVLPF: a low-pass cascade whose cut-off falls during the window.
 
 Reconstruction from abstracts of Pietrzak, Meller, Niedzwiecki, Dynamic mass measurement in

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The EKF behind the adaptive prefilter, alone and in batches."""
 
 import math

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Adaptive identification against platforms of known theory, numpy's least squares and scipy."""
 
 from dataclasses import astuple

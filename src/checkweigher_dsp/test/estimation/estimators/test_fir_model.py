@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The FIR model against the Gauss-Markov theorem and numbers worked by hand."""
 
 from hypothesis import given

@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The Gauss-Markov estimate against passes of known make-up and the textbook formula."""
 
 from dataclasses import replace

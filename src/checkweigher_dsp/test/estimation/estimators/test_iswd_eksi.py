@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """Identification of denoised passes against least squares and filterpy, alone and in batches."""
 
 import math

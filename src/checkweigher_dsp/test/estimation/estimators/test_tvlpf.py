@@ -1,3 +1,5 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
 """The time-varying low-pass against numbers worked by hand and a recursion of its own."""
 
 import math
