@@ -247,7 +247,7 @@ def test_a_reject_node_that_was_inactive_makes_up_for_it(spinner: Spinner):
     judge_until(verdicts, found, Verdict.ACCEPT)
     assert manager.change(DEACTIVATE)
     begin = driver.stream.sent.edges_sent
-    wait_for(lambda: driver.stream.sent.edges_sent >= begin + 12)  # three items that nobody judges
+    wait_for(lambda: driver.stream.sent.edges_sent >= begin + 12)  # three items without a judge
     assert manager.change(ACTIVATE)
     judge_until(verdicts, found, Verdict.FAULT)
     judge_until(verdicts, found, Verdict.ACCEPT)

@@ -202,8 +202,8 @@ def prefilter_adaptively(
 def prefilter(samples: NDArray[np.float64], taps: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the outputs of a FIR filter all of whose taps lie within the window.
 
-    Of samples (windows, n) and t taps, the first of which goes with the newest sample, they are
-    (windows, n - t + 1). The taps (t,) are for all windows, or (windows, t) for each.
+    Samples are (windows, n), outputs (windows, n - t + 1). The t taps are (t,) for all windows or
+    (windows, t) for each; the first tap goes with the newest sample.
     """
     count = samples.shape[-1] - taps.shape[-1] + 1
     result = np.zeros((len(samples), count))
