@@ -79,13 +79,23 @@ def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
     [
         'README.md',
         'CONTRIBUTING.md',
-        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware', 'hardware_io')),
+        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware', 'hardware_io', 'safety')),
     ],
 )
 def test_files_that_the_docs_name_are_there(path: str):
     base = (ROOT / path).parent
     for target in re.findall(r'\]\(([^)#:]+)\)', (ROOT / path).read_text()):
         assert (base / target).exists(), f'{path} links to {target}'
+
+
+def test_each_promise_of_safety_names_a_test():
+    for line in (ROOT / 'docs/safety.md').read_text(encoding='utf-8').splitlines():
+        if not line.startswith('|') or line.startswith(('| promise ', '|---')):
+            continue
+        named = re.findall(r'`([\w/]+\.py)::(\w+)`', line)
+        assert named, line
+        for path, test in named:
+            assert f'def {test}(' in (ROOT / path).read_text(encoding='utf-8'), f'{path}::{test}'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
