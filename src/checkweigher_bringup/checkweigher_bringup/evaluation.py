@@ -17,7 +17,7 @@ from checkweigher_dsp.production.prepackages import limits
 from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.simulation.simulator import PROFILES
 from checkweigher_recording.whole_file import write_whole
-from checkweigher_validation.accuracy.classes import AccuracyClass
+from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
@@ -35,12 +35,7 @@ Result = tuple[Evaluation, Mapping[str, Tuned]]
 def evaluate(arguments: argparse.Namespace) -> None:
     """Weigh, show the table and write the files that are asked for."""
     _check(arguments)
-    try:
-        accuracy_class = AccuracyClass(
-            arguments.accuracy_class, arguments.factor, arguments.interval / GRAMS,
-            arguments.in_service)  # fmt: skip
-    except ValueError as error:
-        raise UserError(f'--class: {error}') from None
+    accuracy_class = _accuracy_class(arguments)
     nominal = None if arguments.nominal is None else arguments.nominal / GRAMS
     try:
         if nominal is not None:
@@ -61,6 +56,20 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
         write_whole(arguments.tuned, parameter_file(tuned, source))
+
+
+def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
+    name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.maximum
+    if interval is not None and maximum is not None:
+        raise UserError('--interval and --max: name one of them, --max gives the interval')
+    try:
+        if maximum is not None:
+            e = smallest_interval(name, maximum / GRAMS)
+        else:
+            e = AccuracyClass().interval if interval is None else interval / GRAMS
+        return AccuracyClass(name, arguments.factor, e, arguments.in_service)
+    except ValueError as error:
+        raise UserError(f'--class: {error}') from None
 
 
 def _check(arguments: argparse.Namespace) -> None:

@@ -27,10 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_tuning(how)
     add = parser.add_argument_group('how it is judged').add_argument
     add('--class', dest='accuracy_class', default='XIII', metavar='CLASS',
-        help='of GB/T 27739 and OIML R 51: XI, XII, XIII (default) or XIV')  # fmt: skip
-    add('--factor', type=float, default=1.0, metavar='X', help='class factor x')
-    add('--interval', type=float, default=0.1, metavar='G',
-        help='verification scale interval e, g; default 0.1')  # fmt: skip
+        help='of OIML R 51: XI, XII, XIII (default), XIIII, Y(I), Y(II), Y(a) or Y(b)')  # fmt: skip
+    add('--factor', type=float, default=1.0, metavar='X', help='class factor x: 1, 2 or 5 x 10^k')
+    add('--interval', type=float, metavar='G',
+        help='verification scale interval e, g; default 0.1, or by --max')  # fmt: skip
+    add('--max', dest='maximum', type=float, metavar='G',
+        help='Max of the scale, g: e is the smallest that the class allows for it')  # fmt: skip
     add('--in-service', action='store_true', help='limits in service, not of initial verification')
     add('--nominal', type=float, metavar='G',
         help='nominal quantity, g: also show the limits of EU directive 76/211/EEC')  # fmt: skip

@@ -198,7 +198,7 @@ class TestEvaluation:
         files = {kind: tmp_path / f'result.{kind}' for kind in ('html', 'csv', 'json', 'tuned')}
         done = checkweigher(
             'evaluate', *bags['test'], '--train', *bags['train'], '--estimator', 'hann', 'tvlpf',
-            *FAST, '--class', 'XIV',
+            *FAST, '--class', 'XIIII',
             *(part for kind, path in files.items() for part in (f'--{kind}', path)),
         )  # fmt: skip
         assert done.stderr == ''
@@ -261,7 +261,7 @@ class TestEvaluation:
             assert float(row['std_dev_g']) == pytest.approx(1000 * one.std_dev, rel=0.02)
             assert float(row['bound_g']) == pytest.approx(1000 * one.bound, abs=1e-6)
 
-    @pytest.mark.parametrize('name', ['XI', 'XII', 'XIII', 'XIV'])
+    @pytest.mark.parametrize('name', ['XI', 'XII', 'XIII', 'XIIII', 'Y(a)'])
     def test_all_classes_are_known(
         self, bags: dict[str, list[Path]], capsys: pytest.CaptureFixture[str], name: str
     ):
@@ -269,7 +269,8 @@ class TestEvaluation:
         with pytest.raises(SystemExit) as end:
             main(['evaluate', bag, '--class', name, '--estimator', 'mean', '--jobs', '1'])
         assert end.value.code == 0
-        assert f'{name}(1)' in capsys.readouterr().out
+        plate = f'class {name}(1)' if name[0] == 'X' else f'class {name}'
+        assert f'{plate}, e = 0.1 g' in capsys.readouterr().out
 
     @pytest.mark.parametrize(
         ('options', 'message'),
@@ -281,7 +282,10 @@ class TestEvaluation:
             (('--protocol', 'paper', '--seed', '-1'), '--seed -1: must not be negative'),
             (('--protocol', 'paper', '--profile', 'moon'), '--profile moon: is none of paper'),
             (('--protocol', 'paper', '--train', 'BAG'), '--train'),
-            (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIV"),
+            (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIIII"),
+            (('BAG', '--factor', '0.3'), 'class factor x: 0.3 is not 1, 2 or 5 x 10^k up to 2'),
+            (('BAG', '--max', '1', '--interval', '1'), 'name one of them'),
+            (('BAG', '--class', 'XIIII', '--max', '1'), 'no verification scale interval for Max'),
             (('BAG', '--factor', '0'), 'class factor'),
             (('BAG', '--interval', 'nan'), 'verification scale interval'),
             (('BAG', '--nominal', '20000'), '--nominal'),

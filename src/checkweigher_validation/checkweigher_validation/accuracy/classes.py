@@ -1,14 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy classes of checkweighers: OIML R 51-1:2006, category X, and GB/T 27739-2011.
+"""Accuracy classes of checkweighers: OIML R 51-1:2006 and GB/T 27739-2011.
 
-A class XI, XII, XIII or XIV bounds the mean error in verification scale intervals e, its class
-factor x scales the bound of the standard deviation. The limits of Long et al. (their Table 2) are
-those of XIII(1) with e = 0.1 g at initial verification.
+Category X is that of checkweighers for prepackages: a class XI, XII, XIII or XIIII bounds the mean
+error in verification scale intervals e, its class factor x scales the bound of the standard
+deviation. Category Y is that of all other catchweighers: Y(I), Y(II), Y(a) or Y(b) bounds the error
+of each weighing. The limits of Long et al. (their Table 2) are those of XIII(1) with e = 0.1 g at
+initial verification; GB/T 27739 writes XIV for XIIII.
+
+Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II for classes, factors, the errors of both
+categories at initial verification, and e; UK SI 2016/1153, Schedule 1G, repeats them. Quoted from
+memory and not checked against the text of R 51 are the errors of category Y in service and the rows
+of the standard deviation above 300 g.
 
 Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
-and does not say that a machine conforms. The rows of the standard deviation above 300 g are
-quoted from memory and not checked against the standard's text.
+and does not say that a machine conforms.
 """
 
 from dataclasses import dataclass
@@ -19,14 +25,31 @@ from checkweigher_validation.accuracy.errors import ConditionResult
 # A mass that lies on a bound must not exceed it by a rounding error.
 _ON_BOUND = 1 + 1e-9
 
-# Loads in e up to which the mean error may be 0.5 e, 1 e and 1.5 e at initial verification.
-_MEAN_ERROR_STEPS = {
+# Loads in e up to which each step of the error holds.
+_STEPS = {
     'XI': (50_000.0, 200_000.0, math.inf),
     'XII': (5_000.0, 20_000.0, 100_000.0),
     'XIII': (500.0, 2_000.0, 10_000.0),
-    'XIV': (50.0, 200.0, 1_000.0),
+    'XIIII': (50.0, 200.0, 1_000.0),
 }
-CLASSES = tuple(_MEAN_ERROR_STEPS)
+_LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
+CLASSES = (*_STEPS, *_LIKE)
+
+# Steps of the error in e: of the mean in category X, of each weighing in category Y.
+_ERRORS = {
+    ('X', False): (0.5, 1.0, 1.5),
+    ('X', True): (1.0, 2.0, 3.0),
+    ('Y', False): (1.0, 1.5, 2.0),
+    ('Y', True): (1.5, 2.5, 3.5),
+}
+
+# Smallest and largest e in kg, fewest and most e up to Max.
+_INTERVALS = {
+    'XI': ((1e-6, math.inf, 50_000, math.inf),),
+    'XII': ((1e-6, 0.05e-3, 100, 100_000), (0.1e-3, math.inf, 5_000, 100_000)),
+    'XIII': ((0.1e-3, 2e-3, 100, 10_000), (5e-3, math.inf, 500, 10_000)),
+    'XIIII': ((5e-3, math.inf, 100, 1_000),),
+}
 
 # Load in kg up to which a row holds; limit at initial verification and in service, for x = 1:
 # a share of the load, or kg.
@@ -55,45 +78,94 @@ class AccuracyClass:
     Raises
     ------
     ValueError
-        If there is no such class, or a number is not positive.
+        If there is no such class or no such class factor, or e is not positive.
     """
 
-    name: str = 'XIII'  # XI, XII, XIII or XIV
-    factor: float = 1.0  # class factor x
+    name: str = 'XIII'  # one of CLASSES, or XIV for XIIII
+    factor: float = 1.0  # class factor x of category X: 1, 2 or 5 times 10^k, at most 2
     interval: float = 0.1e-3  # verification scale interval e, kg
     in_service: bool = False  # whether these limits hold instead of those at initial verification
 
     def __post_init__(self) -> None:
-        if self.name not in _MEAN_ERROR_STEPS:
+        if self.name == 'XIV':
+            object.__setattr__(self, 'name', 'XIIII')
+        if self.name not in CLASSES:
             raise ValueError(f'class {self.name!r} is none of {", ".join(CLASSES)}')
         _check_positive(self.factor, 'class factor x')
+        if not (_is_round(self.factor) and self.factor <= 2):
+            raise ValueError(f'class factor x: {self.factor:g} is not 1, 2 or 5 x 10^k up to 2')
+        if self.category == 'Y' and self.factor != 1:
+            raise ValueError(f'class factor x: {self.name} has none, only category X has')
         _check_positive(self.interval, 'verification scale interval e')
 
+    @property
+    def category(self) -> str:
+        """Category X (prepackages) or Y (all other catchweighers)."""
+        return self.name[0]
+
     def __str__(self) -> str:
+        name = f'{self.name}({self.factor:g})' if self.category == 'X' else self.name
         occasion = 'in service' if self.in_service else 'initial verification'
-        return f'{self.name}({self.factor:g}), e = {1000 * self.interval:g} g, {occasion}'
+        return f'{name}, e = {1000 * self.interval:g} g, {occasion}'
 
-    def max_mean_error(self, mass: float) -> float:
-        """Return the largest magnitude of the mean error at a load, kg.
+    def max_error(self, mass: float) -> float:
+        """Return the largest magnitude of the error at a load, kg.
 
-        NaN for a load above the range of the class; ValueError for one that is not positive.
+        It is that of the mean in category X and that of each weighing in category Y. NaN for a
+        load above the range of the class; ValueError for one that is not positive.
         """
         _check_positive(mass, 'mass')
-        for bound, steps in zip(_MEAN_ERROR_STEPS[self.name], (0.5, 1.0, 1.5), strict=True):
+        loads = _STEPS[_LIKE.get(self.name, self.name)]
+        for bound, error in zip(loads, _ERRORS[self.category, self.in_service], strict=True):
             if mass <= bound * self.interval * _ON_BOUND:
-                return steps * self.interval * (2 if self.in_service else 1)
+                return error * self.interval
         return math.nan
 
     def max_std_dev(self, mass: float) -> float:
         """Return the largest standard deviation of the error at a load, kg.
 
-        That of a load above 0.3 kg is quoted from memory and not checked against the standard's
-        text. ValueError for a load that is not positive.
+        Infinity in category Y, which has no such limit. That of a load above 0.3 kg is quoted from
+        memory and not checked against the standard's text. ValueError for a load that is not
+        positive.
         """
         _check_positive(mass, 'mass')
+        if self.category == 'Y':
+            return math.inf
         _, kind, initial, service = next(row for row in _STD_DEV_ROWS if mass <= row[0] * _ON_BOUND)
         limit = service if self.in_service else initial
         return self.factor * limit * (mass if kind is _SHARE else 1.0)
+
+
+def smallest_interval(name: str, maximum: float) -> float:
+    """Return the smallest verification scale interval e that a class allows for a Max, both in kg.
+
+    e is 1, 2 or 5 times 10^k kg.
+
+    Raises
+    ------
+    ValueError
+        If there is no such class, or it has no e for this Max.
+
+    References
+    ----------
+    Directive 2014/32/EU, Annex VIII, Chapter II, 5, Table 3.
+
+    Examples
+    --------
+    >>> smallest_interval('XIII', 6.0)  # 6000 e; with 0.5 g it would be 12,000
+    0.001
+    """
+    own = AccuracyClass(name)
+    _check_positive(maximum, 'Max')
+    for exponent in range(-6, math.ceil(math.log10(maximum)) + 1):
+        for digit in (1, 2, 5):
+            interval = float(f'{digit}e{exponent}')
+            count = maximum / interval
+            for low, high, fewest, most in _INTERVALS[_LIKE.get(own.name, own.name)]:
+                fits = low <= interval * _ON_BOUND and interval <= high * _ON_BOUND
+                if fits and fewest <= count * _ON_BOUND and count <= most * _ON_BOUND:
+                    return interval
+    raise ValueError(f'class {own.name} has no verification scale interval for Max {maximum:g} kg')
 
 
 def weighings_required(mass: float) -> int:
@@ -106,13 +178,13 @@ def weighings_required(mass: float) -> int:
 class Judgement:
     """A condition against its limits in kg, and the weighings that the rule asks for.
 
-    `max_mean_error` is NaN for a load above the range of the class. A limit is not kept if there is
-    no limit or no value.
+    `max_error` is that of the mean in category X and of each weighing in category Y, NaN for a load
+    above the range of the class. A limit is not kept if it is NaN or there is no value.
     """
 
-    max_mean_error: float
+    max_error: float
     max_std_dev: float
-    mean_error_passed: bool
+    error_passed: bool
     std_dev_passed: bool
     weighings: int
     weighings_required: int
@@ -125,7 +197,7 @@ class Judgement:
     @property
     def within_limits(self) -> bool:
         """Whether both limits are kept, by however many weighings."""
-        return self.mean_error_passed and self.std_dev_passed
+        return self.error_passed and self.std_dev_passed
 
     @property
     def passed(self) -> bool:
@@ -135,17 +207,25 @@ class Judgement:
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
     """Hold a condition to the limits of a class; a pass that got no mass is no weighing."""
-    mean_limit = accuracy_class.max_mean_error(condition.mass)
+    limit = accuracy_class.max_error(condition.mass)
     std_dev_limit = accuracy_class.max_std_dev(condition.mass)
+    error = abs(condition.mean_error)
+    if accuracy_class.category == 'Y':
+        error = max(abs(condition.errors), default=math.nan)
     return Judgement(
-        max_mean_error=mean_limit,
+        max_error=limit,
         max_std_dev=std_dev_limit,
         # A comparison with NaN is false, as it should be.
-        mean_error_passed=abs(condition.mean_error) <= mean_limit,
-        std_dev_passed=condition.std_dev <= std_dev_limit,
+        error_passed=bool(error <= limit),
+        std_dev_passed=math.isinf(std_dev_limit) or condition.std_dev <= std_dev_limit,
         weighings=condition.count,
         weighings_required=weighings_required(condition.mass),
     )
+
+
+def _is_round(value: float) -> bool:
+    """Tell whether a positive number is 1, 2 or 5 times a power of ten."""
+    return f'{value:.9e}'.split('e')[0].rstrip('0').rstrip('.') in ('1', '2', '5')
 
 
 def _check_positive(value: float, name: str) -> None:

@@ -34,8 +34,8 @@ LEVELS = (0.68, 0.95)
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
     """Return one row for each condition as CSV, empty where a value is not known.
 
-    Beside it stand the limits of the class; ``within_class`` is 1 if both are kept by enough
-    weighings.
+    Beside it stand the limits of the class, that of the error of each weighing in category Y;
+    ``within_class`` is 1 if both are kept by enough weighings.
     """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator='\n')
@@ -44,7 +44,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
         grams = (one.mean_error, one.std_dev, one.index, one.bound)
         shares = (one.ratio, *(one.coverage(level) for level in LEVELS))
         judged = judge(one, accuracy_class)
-        limits = (judged.max_mean_error, judged.max_std_dev)
+        limits = (judged.max_error, judged.max_std_dev)
         writer.writerow(
             [
                 one.part, one.estimator, f'{one.speed:.6g}', f'{GRAMS * one.mass:.6g}', one.count,

@@ -237,7 +237,7 @@ class Content:
 
 
 def _verdict(judgement: Judgement) -> Cell:
-    kept = (judgement.mean_error_passed, judgement.std_dev_passed, judgement.enough_weighings)
+    kept = (judgement.error_passed, judgement.std_dev_passed, judgement.enough_weighings)
     failed = ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
     return Cell(failed, state='failed') if failed else Cell('✓', state='passed')
 

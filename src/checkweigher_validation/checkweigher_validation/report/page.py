@@ -3,7 +3,7 @@
 """The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -67,7 +67,7 @@ def render(
         prepackage=None if nominal is None else prepackages.limits(nominal),
         accuracy_pictures=accuracy_pictures, signal_pictures=signal_pictures,
         speed_label=content.speed_label, mass_label=content.mass_label, grams=content.grams,
-        weighings_required=weighings_required,
+        weighings_required=weighings_required, in_service=replace(accuracy_class, in_service=True),
     )  # fmt: skip
 
 

@@ -230,11 +230,11 @@ def test_a_condition_that_fails_says_by_what(make_condition, errors_with):
 def test_the_class_is_the_one_that_is_asked_for(make_evaluation):
     text = render(
         make_evaluation(speeds=(1.0,)),
-        AccuracyClass('XIV', factor=2, interval=1e-3, in_service=True),
+        AccuracyClass('XIIII', factor=2, interval=1e-3, in_service=True),
     )
     table = table_with(Page(text), 'largest σ, g')
 
-    assert 'Accuracy class XIV(2), e = 1 g, in service' in text
+    assert 'Accuracy class XIIII(2), e = 1 g, in service' in text
     # 74.5 e: 1 e, twice in service; 0.3 g in service, twice for x = 2. 254.5 e: 1.5 e.
     assert table[1][1:3] == ['2.000', '0.6000']
     assert table[5][1:3] == ['3.000', '1.2000']
