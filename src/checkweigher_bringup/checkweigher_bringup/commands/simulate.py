@@ -24,7 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='mass of the products, g; several take turns')  # fmt: skip
     add('--count', type=int, default=25, metavar='N', help='number of products')
     add('--profile', metavar='NAME', default='paper',
-        help='machine and what shakes it: paper (default), roller, soft, floor or quiet',
+        help='machine and what shakes it: paper (default), roller, soft, floor, quiet, or '
+        'machine:SEED, one of a family, with its own sample rate, sensitivity and lengths',
     )  # fmt: skip
     add('--seed', type=int, default=1, metavar='S', help='of all that is random')
     add_new_bag(parser)
@@ -43,9 +44,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate the line and write the bag."""
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.progress import with_progress
-    from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+    from checkweigher_recording.simulation.simulator import (
+        Simulation,
+        SimulationParameters,
+        check_profile,
+        own_values,
+    )
 
     names = SimulationParameters.entries()
+    check_profile(arguments.profile)
     given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}
     if arguments.count == 0:
         raise UserError('--count 0 is an endless line, which fits in no bag')
@@ -53,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     given['masses'] = tuple(_to_si('mass', mass) for mass in arguments.mass)
     if arguments.zero_drift is not None:
         given['zero_drift'] = _to_si('zero-drift', arguments.zero_drift)
-    parameters = SimulationParameters.from_mapping(given)
+    parameters = SimulationParameters.from_mapping(own_values(arguments.profile) | given)
     simulation = Simulation(parameters)
     write_bag(arguments.output, simulation.load_cell, with_progress(simulation, 'simulating'))
     print(

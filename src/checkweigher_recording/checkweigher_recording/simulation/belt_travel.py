@@ -3,6 +3,7 @@
 """Positions of the products of a simulated line: entries and exits of the weigh belt."""
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ class Line:
     masses: tuple[float, ...]  # kg, taken in turn
     count: int  # 0 for no end
     first_entry: float  # s, t1 of the first product
+    spacing_jitter: float = 0.0  # m, standard deviations from product to product
+    length_jitter: float = 0.0  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +41,8 @@ class Pass:
     t4: float  # s, is gone
     travel: float  # m, of the belt at t1
     impact: float  # standard normal number: sign and size of its impact at entry
+    length: float  # m, of the product
+    number: int  # from 0
 
 
 class BeltTravel:
@@ -48,12 +53,17 @@ class BeltTravel:
     t4 of the last product, s, once it is planned.
     """
 
-    def __init__(self, line: Line, random: np.random.Generator) -> None:
+    def __init__(
+        self, line: Line, random: np.random.Generator, products: np.random.Generator | None = None
+    ) -> None:
+        """Begin a line whose speeds follow from `random`, lengths and gaps from `products`."""
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
         self._line = line
         self._random = random
+        self._products = random if products is None else products
         self._planned = 0
+        self._next = 0.0  # m, travel at which the next product enters
         self._knots = 0
         self._impacts: deque[float] = deque()
         # Time and travel where the belt changes its speed: at each entry, and one knot before
@@ -69,7 +79,7 @@ class BeltTravel:
         while self._times[-1] <= end:
             self._extend()
         added: list[Pass] = []
-        while not self._complete() and self._time_of(self._planned * self._line.spacing) <= end:
+        while not self._complete() and self._time_of(self._next) <= end:
             added.append(self._next_pass())
         self.passes += added
         return added
@@ -81,10 +91,14 @@ class BeltTravel:
     def load(self, time: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mass in kg that rests on the belt at times (n,) and their travels."""
         load = np.zeros(len(time))
-        for entry in self.passes:
-            touched = slice(*np.searchsorted(time, (entry.t1, entry.t4)))
-            load[touched] += entry.mass * self._share(travel[touched] - entry.travel)
+        for entry, touched in self.touched(time):
+            load[touched] += entry.mass * self.share(entry, travel[touched])
         return load
+
+    def touched(self, time: NDArray[np.float64]) -> Iterator[tuple[Pass, slice]]:
+        """Yield each pass with the times, of (n,) within the plan, at which it is on the belt."""
+        for entry in self.passes:
+            yield entry, slice(*np.searchsorted(time, (entry.t1, entry.t4)))
 
     def load_steps(
         self, time: NDArray[np.float64], travel: NDArray[np.float64]
@@ -102,33 +116,39 @@ class BeltTravel:
         middle = travel[(bounds[:-1] + bounds[1:]) // 2]
         mass = np.zeros(len(middle))
         for entry in self.passes:
-            share = self._share(middle - entry.travel)
+            share = self.share(entry, middle)
             stair = (np.floor(share * _STAIRS) + 0.5) / _STAIRS
             mass += entry.mass * np.where((share > 0) & (share < 1), stair, share)
         return bounds, mass
 
-    def _share(self, travel: NDArray[np.float64]) -> NDArray[np.float64]:
-        length = self._line.product_length
-        leaving = travel - self._line.weigh_length
-        return np.clip(travel / length, 0, 1) - np.clip(leaving / length, 0, 1)
+    def share(self, entry: Pass, travel: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return which part of a product rests on the belt at travels (n,) in m, in 0..1."""
+        way = travel - entry.travel
+        leaving = way - self._line.weigh_length
+        return np.clip(way / entry.length, 0, 1) - np.clip(leaving / entry.length, 0, 1)
 
     def _complete(self) -> bool:
         return self._line.count > 0 and self._planned >= self._line.count
 
     def _next_pass(self) -> Pass:
         line = self._line
-        entry = self._planned * line.spacing
-        exit_travel = entry + line.weigh_length + line.product_length
+        entry, length, weigh_length = self._next, line.product_length, line.weigh_length
+        number = self._planned
+        self._next = (number + 1) * line.spacing
+        if line.spacing_jitter or line.length_jitter:
+            gap, longer = np.clip(self._products.standard_normal(2), -2.0, 2.0).tolist()
+            length += line.length_jitter * longer
+            self._next += line.spacing_jitter * gap
+        exit_travel = entry + weigh_length + length
         while self._travels[-1] < exit_travel:
             self._extend()
-        length, weigh_length = line.product_length, line.weigh_length
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
         mass = line.masses[self._planned % len(line.masses)]
         self._planned += 1
         if self._complete():
             self.last_exit = t4
-        return Pass(mass, t1, t2, t3, t4, entry, self._impacts.popleft())
+        return Pass(mass, t1, t2, t3, t4, entry, self._impacts.popleft(), length, number)
 
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)

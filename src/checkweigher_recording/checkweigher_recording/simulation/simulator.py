@@ -21,8 +21,8 @@ The converter adds white noise, drift, quantisation and its limits. At the first
 platform is at rest; its noise is fully there after a fraction of a second.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 import math
 from typing import ClassVar
 
@@ -33,6 +33,9 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.recording import Event, Recording, canonical_order
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
+from checkweigher_recording.simulation.machine import PREFIX, machine_of
+from checkweigher_recording.simulation.machine_signal import MachineSignal
+from checkweigher_recording.simulation.noise import FloorNoise
 from checkweigher_recording.simulation.platform_dynamics import Platform
 
 OVERSAMPLING = 8  # steps of the integration in one sample
@@ -42,7 +45,6 @@ CAPACITY = 7.2  # kg
 MOVING_MASS = 2.5  # kg, the platform without a product
 DAMPING_RATIO = 0.06  # of the empty platform
 IMPACT_DURATION = 0.0035  # s
-FLOOR_BAND = (4.0, 12.0)  # Hz
 
 # Signal that is computed at once; long enough to make the overhead small, short enough to let an
 # endless line start at once.
@@ -86,6 +88,16 @@ PROFILES = {
 }
 
 
+def check_profile(profile: str) -> None:
+    """Raise a ParameterError that names the profiles if there is none of that name."""
+    try:
+        if machine_of(profile) is None and profile not in PROFILES:
+            names = f'{", ".join(PROFILES)} or {PREFIX}SEED'
+            raise ParameterError(f'simulator.profile: {profile!r} is not one of {names}')
+    except ValueError as error:
+        raise ParameterError(f'simulator.profile: {profile!r}: {error}') from None
+
+
 @dataclass(frozen=True)
 class SimulationParameters(Parameters):
     """Machine, belt and products of a simulated line.
@@ -98,7 +110,10 @@ class SimulationParameters(Parameters):
 
     node: ClassVar[str] = 'simulator'
 
-    profile: str = parameter('paper', 'machine and its disturbances', choices=tuple(PROFILES))
+    profile: str = parameter(
+        'paper', f'machine and its disturbances: {", ".join(PROFILES)}, or machine:SEED, '
+        'which draws one of a family; machine:SEED-CAUSE-CAUSE is the same without causes',
+    )  # fmt: skip
     speed: float = parameter(1.0, 'belt speed', unit='m/s', minimum=0.01, maximum=5.0)
     masses: tuple[float, ...] = parameter(
         (0.0745, 0.1345, 0.1645, 0.1945, 0.2545), 'masses of the products, taken in turn',
@@ -142,6 +157,7 @@ class SimulationParameters(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_profile(self.profile)
         if not self.masses:
             raise ParameterError('simulator.masses: empty, must name at least one mass')
         if self.counts_per_kg == 0:
@@ -151,6 +167,16 @@ class SimulationParameters(Parameters):
                 f'simulator.spacing: {self.spacing:g} m is not above product_length '
                 f'{self.product_length:g} m'
             )
+
+
+def own_values(profile: str) -> dict[str, float]:
+    """Return the parameters that a drawn machine has of its own, none of another profile.
+
+    They are its sample rate, sensitivity and lengths; `SimulationParameters` by themselves keep
+    their defaults, so what makes one from a profile gives it these.
+    """
+    machine = machine_of(profile)
+    return asdict(machine.setup) if machine else {}
 
 
 class Simulation:
@@ -222,38 +248,38 @@ def simulate(parameters: SimulationParameters) -> Recording:
 
 
 class _Machine:
-    """The state of one run: belt, platform and noise sources."""
+    """The state of one run: belt, signal and converter."""
 
     def __init__(self, parameters: SimulationParameters) -> None:
-        from scipy.signal import butter  # half a second, that no node should take to start
-
         self.total: int | None = None
         self._parameters = parameters
-        self._profile = PROFILES[parameters.profile]
-        self._speed = parameters.speed
         self._rate = OVERSAMPLING * parameters.sample_rate
         # A stream of its own for each source, so that none depends on how much another has used.
-        passes, phases, self._broadband, self._floor, self._electronic = (
-            np.random.Generator(np.random.PCG64(child))
-            for child in np.random.SeedSequence(parameters.seed).spawn(5)
-        )
+        passes, *sources, products, drawn = np.random.SeedSequence(parameters.seed).spawn(7)
+        profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
         line = Line(
-            parameters.speed, self._profile.speed_jitter, parameters.spacing,
+            parameters.speed, profile.speed_jitter if profile else 0.0, parameters.spacing,
             parameters.product_length, parameters.weigh_length, parameters.masses,
             parameters.count, first_entry=parameters.lead_in,
         )  # fmt: skip
-        self._belt = BeltTravel(line, passes)
-        self._phases = 2 * math.pi * phases.random(len(self._profile.roller) + 1)
-        self._platform = Platform(
-            self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, 1 / self._rate
-        )
-        self._floor_band = butter(2, FLOOR_BAND, 'bandpass', fs=self._rate, output='sos')
-        self._floor_state = np.zeros((len(self._floor_band), 2))
+        if machine and (variation := machine.variation):
+            line = replace(
+                line, speed_jitter=variation.speed,
+                length_jitter=variation.length * line.product_length,
+                # Products stay apart.
+                spacing_jitter=min(variation.spacing, (line.spacing - line.product_length) / 5),
+            )  # fmt: skip
+        self._belt = BeltTravel(line, _generator(passes), _generator(products))
+        self._signal: _ProfileSignal | MachineSignal
+        if profile:
+            self._signal = _ProfileSignal(profile, self._belt, line, 1 / self._rate, sources)
+        elif machine:
+            self._signal = MachineSignal(machine, self._belt, line, 1 / self._rate, drawn)
 
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the readings from `first` up to `end` or the end of the line, and new passes.
 
-        `first` must be the end of the call before.
+        The passes are as the photo-eyes see them. `first` must be the end of the call before.
         """
         new = self._belt.plan(self._middle(first), end / self._parameters.sample_rate)
         if self._belt.last_exit is not None:
@@ -262,14 +288,9 @@ class _Machine:
             end = min(end, self.total)
         steps = (end - first) * OVERSAMPLING
         time = self._middle(first) + np.arange(steps) / self._rate
-        travel = self._belt.travel(time)
-        force = self._belt.load(time, travel)
-        self._add_lines(force, travel)
-        self._add_noise(force)
-        for entry in self._belt.passes:
-            self._add_impact(force, time, entry)
-        reading = self._platform.run(force, *self._belt.load_steps(time, travel))
-        return self._convert(reading.reshape(-1, OVERSAMPLING).mean(axis=1), first), new
+        reading = self._signal.reading(time, self._belt.travel(time))
+        samples = reading.reshape(-1, OVERSAMPLING).mean(axis=1)
+        return self._convert(samples, first), [self._signal.seen(entry) for entry in new]
 
     def _middle(self, index: int) -> float:
         """Return the middle of the first step of a sample, in s.
@@ -278,6 +299,50 @@ class _Machine:
         evenly about the sample's own time.
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
+
+    def _convert(self, reading: NDArray[np.float64], first: int) -> NDArray[np.int32]:
+        """Return kg as counts: noise and drift of the electronics, steps, limits."""
+        parameters = self._parameters
+        time = (first + np.arange(len(reading))) / parameters.sample_rate
+        samples = self._signal.electronics(reading, time)
+        drift = parameters.zero_drift * time
+        counts = parameters.zero_counts + parameters.counts_per_kg * (samples + drift)
+        return np.clip(np.rint(counts), MIN_COUNTS, MAX_COUNTS).astype(np.int32)
+
+
+class _ProfileSignal:
+    """The reading of the machine of a profile, computed in stretches that follow each other."""
+
+    def __init__(
+        self, profile: Profile, belt: BeltTravel, line: Line, step: float,
+        seeds: Sequence[np.random.SeedSequence],
+    ) -> None:  # fmt: skip
+        self._profile, self._belt, self._speed, self._step = profile, belt, line.speed, step
+        phases, self._broadband, floor, self._electronic = map(_generator, seeds)
+        self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
+        self._platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, step)
+        self._floor = FloorNoise(1 / step, floor)
+
+    def seen(self, entry: Pass) -> Pass:
+        """Return a pass as the photo-eyes tell of it, which are exact."""
+        return entry
+
+    def reading(
+        self, time: NDArray[np.float64], travel: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the reading in the next steps, (n,) kg, of which time and travel are given."""
+        force = self._belt.load(time, travel)
+        self._add_lines(force, travel)
+        self._add_noise(force)
+        for entry in self._belt.passes:
+            self._add_impact(force, time, entry)
+        return self._platform.run(force, *self._belt.load_steps(time, travel))
+
+    def electronics(
+        self, reading: NDArray[np.float64], time: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return samples, (n,) kg, with the noise of the electronics."""
+        return reading + self._profile.electronic * self._electronic.standard_normal(len(reading))
 
     def _add_lines(self, force: NDArray[np.float64], travel: NDArray[np.float64]) -> None:
         """Add the vibration of the parts that turn with the belt: rollers and motor."""
@@ -295,16 +360,10 @@ class _Machine:
         """Add broadband noise and the floor's vibration."""
         if self._profile.broadband:
             # The power density times the bandwidth, which is half the step rate.
-            deviation = self._profile.broadband * self._speed * math.sqrt(self._rate / 2)
+            deviation = self._profile.broadband * self._speed * math.sqrt(1 / self._step / 2)
             force += deviation * self._broadband.standard_normal(len(force))
         if self._profile.floor:
-            from scipy.signal import sosfilt
-
-            # Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
-            width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
-            white = self._floor.standard_normal(len(force)) / math.sqrt(width / (self._rate / 2))
-            shaking, self._floor_state = sosfilt(self._floor_band, white, zi=self._floor_state)
-            force += self._profile.floor * shaking
+            force += self._profile.floor * self._floor(len(force))
 
     def _add_impact(
         self, force: NDArray[np.float64], time: NDArray[np.float64], entry: Pass
@@ -315,11 +374,6 @@ class _Machine:
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
         force[begin:end] += size * np.sin(math.pi * phase)
 
-    def _convert(self, reading: NDArray[np.float64], first: int) -> NDArray[np.int32]:
-        """Return kg as counts: noise and drift of the electronics, steps, limits."""
-        parameters = self._parameters
-        noise = self._profile.electronic * self._electronic.standard_normal(len(reading))
-        time = (first + np.arange(len(reading))) / parameters.sample_rate
-        drift = parameters.zero_drift * time
-        counts = parameters.zero_counts + parameters.counts_per_kg * (reading + noise + drift)
-        return np.clip(np.rint(counts), MIN_COUNTS, MAX_COUNTS).astype(np.int32)
+
+def _generator(seed: np.random.SeedSequence) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))

@@ -29,10 +29,10 @@ from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangul
 from scipy.signal import StateSpace, butter, tf2ss
 
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line
+from checkweigher_recording.simulation.noise import FLOOR_BAND
 from checkweigher_recording.simulation.platform_dynamics import Platform
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
-    FLOOR_BAND,
     IMPACT_DURATION,
     MOVING_MASS,
     OVERSAMPLING,

@@ -12,9 +12,9 @@ from scipy.linalg import toeplitz
 from scipy.signal import butter, lfilter, sosfilt
 
 from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_recording.simulation.noise import FLOOR_BAND
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
-    FLOOR_BAND,
     OVERSAMPLING,
     PROFILES,
     Profile,

@@ -1,0 +1,235 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the load cell of a drawn machine reads: its causes, each a force or a filter."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
+from checkweigher_recording.simulation.machine import (
+    Bounce,
+    Joint,
+    Machine,
+    Mode,
+    Roller,
+    Transfer,
+)
+from checkweigher_recording.simulation.noise import FloorNoise, Wander
+from checkweigher_recording.simulation.platform_dynamics import Platform
+
+Array = NDArray[np.float64]
+
+_TYPICAL_MASS = 0.165  # kg, at which disturbances are what their numbers say at any power
+
+
+def positions(entry: Pass, travel: Array, weigh_length: float) -> Array:
+    """Return the middle of what rests on the belt, (n,) from -1 at its begin to 1 at its end.
+
+    `travel`, (n,) in m, is that of the belt while the product is on it.
+    """
+    way = travel - entry.travel
+    return (np.minimum(way, weigh_length) + np.maximum(way - entry.length, 0.0)) / weigh_length - 1
+
+
+def transfer_force(
+    transfer: Transfer, entry: Pass, share: Array, numbers: Array, time: Array
+) -> Array:
+    """Return the force of a product that crosses the ends of the belt, (n,) kg.
+
+    Which part of it is on the belt is `share`, (n,), at `time`, (n,) in s; `numbers`, (5,), are
+    standard normal ones of this pass.
+    """
+    entering = time < (entry.t2 + entry.t3) / 2
+    tipping = transfer.tipping + transfer.tipping_spread * np.where(
+        entering, numbers[0], numbers[1]
+    )
+    force = tipping * np.sin(math.pi * share)
+    for begin, number in zip((entry.t1, entry.t2, entry.t3), numbers[2:], strict=True):
+        size = (transfer.strike + transfer.strike_spread * number) * _speed(entry)
+        force += size * _half_sine((time - begin) / transfer.duration)
+    return _weight(entry, transfer.power) * force
+
+
+def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Array:
+    """Return the force of a product that bounces from the middle of its entry on, (n,).
+
+    `numbers` are (3,) standard normal ones of this pass.
+    """
+    since = time - (entry.t1 + entry.t2) / 2
+    angle = 2 * math.pi * bounce.frequency * (1 + 0.1 * float(np.clip(numbers[2], -2, 2)))
+    swing = numbers[0] * np.sin(angle * since) + numbers[1] * np.cos(angle * since)
+    fading = np.exp(-np.maximum(since, 0.0) / bounce.decay)
+    size = bounce.size * _speed(entry) * _weight(entry, bounce.power)
+    return np.where(since > 0, size * swing * fading, 0.0)
+
+
+def roller_force(
+    roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
+) -> Array:
+    """Return the force of a roller, (n,); `phases`, (orders,), are those of its lines."""
+    angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
+    force = np.zeros(len(travel))
+    for order, (amplitude, phase) in enumerate(
+        zip(roller.amplitudes, phases, strict=True), start=1
+    ):
+        force += speed * amplitude * np.sin(order * angle + phase)
+    return force * (1 + roller.growth * load)
+
+
+def joint_force(joint: Joint, travel: Array, speed: float, first: float) -> Array:
+    """Return the force of the joint over one roller, (n,), which is at it at travel `first`, m."""
+    return joint.size * speed * _half_sine(((travel - first) % joint.belt_length) / joint.width)
+
+
+def _weight(entry: Pass, power: float) -> float:
+    return float(_TYPICAL_MASS * (entry.mass / _TYPICAL_MASS) ** power)
+
+
+def _speed(entry: Pass) -> float:
+    return entry.length / (entry.t2 - entry.t1)
+
+
+def _half_sine(phase: Array) -> Array:
+    """Return the positive half of a sine between the phases 0 and 1, and 0 beside it."""
+    return np.where((phase >= 0) & (phase < 1), np.sin(math.pi * phase), 0.0)
+
+
+class MachineSignal:
+    """The reading of a drawn machine, computed in stretches that follow each other."""
+
+    def __init__(
+        self, machine: Machine, belt: BeltTravel, line: Line, step: float,
+        seed: np.random.SeedSequence,
+    ) -> None:  # fmt: skip
+        """Begin with the empty platform at rest; a step of the integration in s."""
+        self._machine, self._belt, self._line, self._step = machine, belt, line, step
+        drawn, broadband, floor, electronic, passes = seed.spawn(5)
+        self._broadband, self._electronic = _generator(broadband), _generator(electronic)
+        self._passes = int(passes.generate_state(1)[0])
+        random = _generator(drawn)
+        self._rollers = [
+            (roller, 2 * math.pi * random.random(len(roller.amplitudes)), Wander(random, 0.05, 5.0))
+            for roller in machine.rollers or ()
+        ]
+        self._joint = float(random.random())
+        self._lines = [
+            (*line, Wander(random, 0.003, 0.1), Wander(random, 0.003, 0.1))
+            for line in (machine.floor.lines if machine.floor else ())
+        ]
+        self._zero = Wander(random, 1 / 600, 1 / 30)
+        self._floor = FloorNoise(1 / step, _generator(floor))
+        self._platform = _platform(machine.platform, step)
+        self._rocking = _platform(machine.rocking.mode, step) if machine.rocking else None
+        self._low_pass, self._low_pass_state = _low_pass(machine, step)
+        self._crept = np.zeros(1)
+
+    def seen(self, entry: Pass) -> Pass:
+        """Return a pass with the times that the photo-eyes tell of it."""
+        eyes = self._machine.eyes
+        if eyes is None:
+            return entry
+        jitter = eyes.jitter * np.clip(self._numbers(entry)[:4], -3, 3)
+        places = np.array((eyes.infeed, eyes.infeed, eyes.outfeed, eyes.outfeed))
+        late = places / _speed(entry) + jitter
+        t1, t2, t3, t4 = (np.array((entry.t1, entry.t2, entry.t3, entry.t4)) + late).tolist()
+        return replace(entry, t1=t1, t2=t2, t3=t3, t4=t4)
+
+    def reading(self, time: Array, travel: Array) -> Array:
+        """Return the reading in the next steps, (n,) kg, of which time and travel are given."""
+        from scipy.signal import lfilter, sosfilt  # half a second, that no node should take
+
+        force, moment = self._products(time, travel)
+        self._add_belt(force, moment, time, travel)
+        self._add_floor(force, time)
+        steps = self._belt.load_steps(time, travel)
+        reading = self._platform.run(force, *steps)
+        if self._rocking is not None and self._machine.rocking:
+            reading += self._machine.rocking.coupling * self._rocking.run(moment, *steps)
+        if creep := self._machine.creep:
+            rest = math.exp(-self._step / creep.time)
+            crept, self._crept = lfilter((1 - rest,), (1.0, -rest), reading, zi=self._crept)
+            reading += creep.share * crept
+        if len(self._low_pass):
+            reading, self._low_pass_state = sosfilt(
+                self._low_pass, reading, zi=self._low_pass_state
+            )
+        return reading
+
+    def electronics(self, reading: Array, time: Array) -> Array:
+        """Return samples, (n,) kg, with what the electronics add to them."""
+        samples = reading.copy()
+        if drift := self._machine.drift:
+            samples += drift.rate * time + drift.wander * self._zero(time)
+        if noise := self._machine.noise:
+            samples += noise.electronic * self._electronic.standard_normal(len(samples))
+        return samples
+
+    def _products(self, time: Array, travel: Array) -> tuple[Array, Array]:
+        """Return force and moment, (n,), of the products; a moment in kg at the end of the belt."""
+        force, moment = np.zeros(len(time)), np.zeros(len(time))
+        machine = self._machine
+        for entry, touched in self._belt.touched(time):
+            share = self._belt.share(entry, travel[touched])
+            place = positions(entry, travel[touched], self._line.weigh_length)
+            own = entry.mass * share
+            numbers = self._numbers(entry)[4:]
+            if machine.transfer:
+                own += transfer_force(machine.transfer, entry, share, numbers[:5], time[touched])
+            if machine.bounce:
+                own += bounce_force(machine.bounce, entry, numbers[5:], time[touched])
+            moment[touched] += own * place
+            if machine.corner:
+                own *= 1 + machine.corner.linear * place + machine.corner.square * place**2
+            force[touched] += own
+        return force, moment
+
+    def _add_belt(self, force: Array, moment: Array, time: Array, travel: Array) -> None:
+        """Add what turns with the belt."""
+        load, speed = self._belt.load(time, travel), self._line.speed
+        for roller, phases, wander in self._rollers:
+            shaking = roller_force(roller, phases, wander, travel, load, speed)
+            force += shaking
+            moment += roller.place * shaking
+        if joint := self._machine.joint:
+            first = self._joint * joint.belt_length
+            for end, place in ((first, -1), (first + self._line.weigh_length, 1)):
+                struck = joint_force(joint, travel, speed, end)
+                force += struck
+                moment += place * struck
+        if noise := self._machine.noise:
+            # The power density times the bandwidth, which is half the step rate.
+            deviation = noise.broadband * speed * math.sqrt(1 / self._step / 2)
+            force += deviation * self._broadband.standard_normal(len(force))
+
+    def _add_floor(self, force: Array, time: Array) -> None:
+        """Add the vibration of the floor."""
+        if floor := self._machine.floor:
+            force += floor.noise * self._floor(len(force))
+            for frequency, amplitude, phase, breath in self._lines:
+                angle = 2 * math.pi * frequency * time + floor.wander * phase(time)
+                force += amplitude * (1 + breath(time) / 3) * np.sin(angle)
+
+    def _numbers(self, entry: Pass) -> Array:
+        """Return the standard normal numbers of a pass, (12,)."""
+        return np.random.default_rng((self._passes, entry.number)).standard_normal(12)
+
+
+def _generator(seed: np.random.SeedSequence) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(seed))
+
+
+def _platform(mode: Mode, step: float) -> Platform:
+    return Platform(mode.natural_frequency, mode.damping_ratio, mode.moving_mass, step)
+
+
+def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:
+    """Return the sections of the amplifier's filter, none without one, and their states at rest."""
+    from scipy.signal import butter
+
+    sections = np.zeros((0, 6))
+    if amplifier := machine.amplifier:
+        sections = butter(amplifier.order, amplifier.cutoff, fs=1 / step, output='sos')
+    return sections, np.zeros((len(sections), 2))

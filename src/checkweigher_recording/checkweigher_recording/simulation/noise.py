@@ -1,0 +1,58 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Random courses: the floor's vibration, and the slow wander of a phase or a zero."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FLOOR_BAND = (4.0, 12.0)  # Hz
+
+_WAVES = 12
+
+
+class FloorNoise:
+    """Vibration of a floor: noise of standard deviation 1 within `FLOOR_BAND`."""
+
+    def __init__(self, rate: float, random: np.random.Generator) -> None:
+        """Begin at rest, at `rate` steps a second."""
+        from scipy.signal import butter  # half a second, that no node should take to start
+
+        self._random = random
+        self._band = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
+        self._state = np.zeros((len(self._band), 2))
+        # Noise bandwidth of a Butterworth filter of order 2: pi/4 / sin(pi/4) times its width.
+        width = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
+        self._share = math.sqrt(width / (rate / 2))
+
+    def __call__(self, steps: int) -> NDArray[np.float64]:
+        """Return the next steps, (steps,)."""
+        from scipy.signal import sosfilt
+
+        white = self._random.standard_normal(steps) / self._share
+        shaking, self._state = sosfilt(self._band, white, zi=self._state)
+        return np.asarray(shaking)
+
+
+class Wander:
+    """A random function of time or travel with mean 0 and standard deviation 1, about normal.
+
+    It is a sum of sines with random phases, their rates spread over a band, each octave with the
+    same power: flicker noise. A function needs no state, so any stretch of it can be computed.
+    """
+
+    def __init__(self, random: np.random.Generator, slowest: float, fastest: float) -> None:
+        """Draw a course with rates between two, in cycles per unit of its argument."""
+        steps = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
+        self._rates = 2 * math.pi * slowest * (fastest / slowest) ** steps
+        self._phases = 2 * math.pi * random.random(_WAVES)
+        self._fastest = fastest
+
+    def __call__(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the course at (n,) ascending arguments."""
+        # Between knots that are close for the fastest sine the straight line is near enough.
+        knots = np.arange(math.floor(at[0] * 20 * self._fastest), at[-1] * 20 * self._fastest + 2)
+        knots /= 20 * self._fastest
+        waves = np.sin(np.multiply.outer(knots, self._rates) + self._phases)
+        return np.interp(at, knots, math.sqrt(2 / _WAVES) * waves.sum(axis=1))
