@@ -203,14 +203,15 @@ def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> s
 
 
 def _load_yaml(path: Path) -> dict[object, object]:
-    import yaml  # takes as long as a tenth of all other imports, and is for a file alone
+    # Its import takes as long as a tenth of all others, and is for a file alone.
+    from checkweigher_dsp.yaml_files import read_yaml
 
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        content = read_yaml(path)
     except OSError as error:
         raise ParameterError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, ValueError) as error:  # the latter for a text or a date that is none
-        raise ParameterError(f'{path}: not a YAML file: {" ".join(str(error).split())}') from None
+    except ValueError as error:
+        raise ParameterError(f'{path}: not a YAML file: {error}') from None
     if not isinstance(content, dict):
         raise ParameterError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
     return content

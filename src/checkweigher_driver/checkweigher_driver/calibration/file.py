@@ -20,8 +20,10 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
 )
 from checkweigher_driver.devices import source_class
+from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.parameters import flatten
 from checkweigher_dsp.records import GRAMS
+from checkweigher_dsp.yaml_files import read_yaml
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
@@ -60,9 +62,10 @@ def _installed() -> list[Path]:
 def read_version(path: Path) -> int:
     """Return the version of a calibration file; `CalibrationError` if it is no calibration."""
     try:
-        with path.open(encoding='utf-8') as file:
-            first = file.readline()
-    except (OSError, UnicodeDecodeError) as error:
+        first = read_input(path).decode('utf-8')
+    except OSError as error:
+        raise CalibrationError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except UnicodeDecodeError as error:
         raise CalibrationError(f'{path}: cannot be read: {error}') from None
     found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
     if found is None:
@@ -158,9 +161,11 @@ def _sections(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise CalibrationError(f'{path}: cannot be read: {" ".join(str(error).split())}') from None
+        content = read_yaml(path)
+    except OSError as error:
+        raise CalibrationError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except ValueError as error:
+        raise CalibrationError(f'{path}: cannot be read: {error}') from None
     if not isinstance(content, dict) or not all(
         isinstance(section, dict) and isinstance(section.get('ros__parameters'), dict)
         for section in content.values()

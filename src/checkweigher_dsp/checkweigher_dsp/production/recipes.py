@@ -22,15 +22,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
-from typing import Any, cast
-
-import yaml
+from typing import cast
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
 from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST, limits
 from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.yaml_files import read_yaml
 
 # Nodes whose parameters may change while the line runs.
 NODES: dict[str, type[Parameters]] = {
@@ -90,11 +89,11 @@ class Product:
 def read_recipes(path: Path) -> dict[str, Product]:
     """Read all products of a recipe file; `RecipeError` if a part of it cannot be used."""
     try:
-        content = yaml.load(path.read_text(encoding='utf-8'), _Loader)
+        content = read_yaml(path)
     except OSError as error:
         raise RecipeError(f'{path}: {error.strerror or error}') from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise RecipeError(f'{path}: not a recipe file: {" ".join(str(error).split())}') from None
+    except ValueError as error:
+        raise RecipeError(f'{path}: not a recipe file: {error}') from None
     if not isinstance(content, dict) or list(content) != ['products']:
         raise RecipeError(f'{path}: not a recipe file: it must have the one section "products:"')
     products = content['products']
@@ -104,8 +103,6 @@ def read_recipes(path: Path) -> dict[str, Product]:
         return {name: make_product(name, values) for name, values in products.items()}
     except RecipeError as error:
         raise RecipeError(f'{path}: {error}') from None
-    except RecursionError:
-        raise RecipeError(f'{path}: products: an alias stands within its own anchor') from None
 
 
 def make_product(name: object, values: object) -> Product:
@@ -202,18 +199,3 @@ def _parameters(key: str, value: object) -> Changes:
             except ParameterError as error:
                 raise RecipeError(str(error)) from None
     return made
-
-
-class _Loader(yaml.SafeLoader):
-    """Loader that refuses a key that stands twice; YAML would silently take the last one."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Return a mapping, its keys all different."""
-        seen = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if isinstance(key, str) and key in seen:
-                text, mark = f'{key} stands twice', key_node.start_mark
-                raise yaml.constructor.ConstructorError(None, None, text, mark)
-            seen.add(key if isinstance(key, str) else id(key_node))
-        return super().construct_mapping(node, deep)
