@@ -12,7 +12,7 @@ import sys
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.records import GRAMS, Decision
 from checkweigher_recording.recording import Recording
-from checkweigher_recording.whole_file import check_folder_of, write_whole
+from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
     ItemResult,
@@ -24,7 +24,7 @@ from checkweigher_validation.accuracy.results import (
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
     """Raise UserError or OutputError if a file cannot be written, before the work for it."""
-    if path is None:
+    if path is None or is_stream(path):
         return
     if path.is_dir():
         raise UserError(f'{path}: is a folder, not a file to write to')

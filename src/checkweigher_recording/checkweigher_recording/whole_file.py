@@ -2,9 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that appear under their name whole or not at all, and why one cannot be written."""
 
+import errno
 import os
 from pathlib import Path
+import stat
+import sys
 import tempfile
+
+_UNENCODABLE = 'backslashreplace'  # the name of a file may be no Unicode
 
 
 class OutputError(ValueError):
@@ -14,23 +19,57 @@ class OutputError(ValueError):
 def write_whole(path: Path, text: str) -> None:
     """Write a text file in UTF-8, in place of one that is there; its line ends stay as they are.
 
+    A link stays one: what it names is replaced. A stream is written to as it is, see `is_stream`.
+
     Raises
     ------
     OutputError
-        If it cannot be written; what was there before then stays.
+        If it cannot be written; a file that was there before then stays.
     """
     try:
-        number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
+        if is_stream(path):
+            _write_stream(path, text)
+            return
+        target = Path(os.path.realpath(path))
+        if target.is_symlink():
+            raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
+        number, name = tempfile.mkstemp(prefix=f'.{target.name}-', dir=target.parent)
         try:
-            with open(number, 'w', encoding='utf-8', newline='') as file:
+            with open(number, 'w', encoding='utf-8', newline='', errors=_UNENCODABLE) as file:
                 file.write(text)
             os.chmod(name, 0o644)
-            os.replace(name, path)
+            os.replace(name, target)
         except BaseException:
             os.unlink(name)
             raise
     except OSError as error:
         raise output_error(path, error) from None
+
+
+def is_stream(path: Path) -> bool:
+    """Return whether a path names a device, a pipe or the standard output, also through links.
+
+    There is nothing to replace in them, and a device that a file took the place of is gone.
+    """
+    try:
+        there = os.stat(path)
+    except OSError:
+        return False
+    if stat.S_ISREG(there.st_mode):
+        return os.path.samestat(there, os.fstat(1))
+    return not stat.S_ISDIR(there.st_mode)
+
+
+def _write_stream(path: Path, text: str) -> None:
+    if os.path.samestat(os.stat(path), os.fstat(1)):
+        sys.stdout.flush()
+        number = os.dup(1)
+    else:
+        # A pipe that nobody reads is an error then; without the flag it would hang.
+        number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        os.set_blocking(number, True)
+    with open(number, 'w', encoding='utf-8', newline='', errors=_UNENCODABLE) as file:
+        file.write(text)
 
 
 def check_new(path: Path) -> None:
@@ -41,13 +80,16 @@ def check_new(path: Path) -> None:
 
 
 def check_folder_of(path: Path) -> None:
-    """Raise OutputError unless something can be made or replaced beside what `path` names."""
-    if not path.parent.is_dir():
-        raise OutputError(f'{path}: there is no folder {path.parent}; make it first')
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise OutputError(f'{path}: folder {path.parent} is read-only')
+    """Raise OutputError unless something can be made or replaced where `path` leads."""
+    folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
+    if not folder.is_dir():
+        raise OutputError(f'{path}: there is no folder {folder}; make it first')
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f'{path}: folder {folder} is read-only')
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
     """Return the one line for an error of the file system."""
+    if error.errno == errno.ENXIO:
+        return OutputError(f'{path}: cannot be written: nobody reads this pipe')
     return OutputError(f'{path}: cannot be written: {error.strerror or error}')
