@@ -27,6 +27,7 @@ from typing import cast
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST, limits
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.yaml_files import read_yaml
@@ -107,8 +108,8 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 def make_product(name: object, values: object) -> Product:
     """Return the product of a recipe; `RecipeError` names the first bad key."""
-    if not isinstance(name, str) or not name.strip():
-        raise RecipeError(f'{name!r} is no name of a product; put it in quotes')
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise RecipeError(f'{one_line(ascii(name))} is no name of a product; put it in quotes')
     if not isinstance(values, dict):
         raise RecipeError(f'{name}: has no recipe')
     for key in values:

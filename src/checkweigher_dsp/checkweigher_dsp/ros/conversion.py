@@ -185,8 +185,11 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
         kind = get_args(hint)[0]
         if kind in _PORTS:
             return lambda parts: [to_message(_PORTS[kind], each) for each in parts]
-        return lambda values: list(map(kind, values))
-    for plain in (bool, int, float, str):
+        convert = _writer(kind)
+        return lambda values: list(map(convert, values))
+    if issubclass(hint, str):
+        return _text
+    for plain in (bool, int, float):
         if issubclass(hint, plain):
             return plain
     raise TypeError(f'{hint}: no message has such a field')
@@ -210,6 +213,12 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
         return lambda value: members.get(value, unknown)
     reader: Callable[[Any], Any] = hint
     return reader
+
+
+def _text(value: str) -> str:
+    """Return a plain string that UTF-8 can hold; a file name or YAML may have others."""
+    text = str(value)
+    return text if text.isascii() else text.encode(errors='backslashreplace').decode()
 
 
 def _time(stamp: int | None) -> dict[str, int]:

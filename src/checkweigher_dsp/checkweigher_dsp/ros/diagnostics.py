@@ -8,6 +8,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.ros.connections import Connections
 from checkweigher_dsp.ros.port_node import PortNode
@@ -50,6 +51,7 @@ class Diagnostics:
 
     def warn(self, text: str) -> None:
         """Log a warning, the same one at most once a second, and show it."""
+        text = one_line(text)
         self._warning = self._last_warning = text
         now = time.monotonic()
         if text != self._last_logged[0] or now - self._last_logged[1] > _LOG_PERIOD:
@@ -95,10 +97,10 @@ class Diagnostics:
         return DiagnosticStatus(
             level=bytes([finding.level]),
             name=name,
-            message=finding.message,
+            message=one_line(finding.message),
             hardware_id=self._hardware_id,
             values=[
-                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else str(v))
+                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
                 for key, v in finding.values.items()
             ],
         )

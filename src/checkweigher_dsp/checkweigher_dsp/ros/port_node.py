@@ -9,8 +9,10 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
 from rclpy.timer import Timer
 
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.ros.outputs import LOCK, Callback, HeldOutput, Input, Output, disconnect
 from checkweigher_dsp.ros.ports import Port
 
@@ -63,26 +65,45 @@ class PortNode(Node):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Offer a service; a call that cannot be answered is refused, not fatal.
+        """Offer a service; a call that cannot be answered is answered with an empty response.
 
         The services of the parameters are created here too: in rclpy 7.1 an unknown type of a
         value raises.
         """
         guarded = locked(callback)
 
+        def checked(response: Any) -> Any:
+            serialize_message(response)  # raises for a text that no message can hold
+            return response
+
+        def refused(error: Exception) -> Any:
+            self.fail(error, f'refused a call of {srv_name}')
+            return srv_type.Response()
+
         def answer(request: Any, response: Any) -> Any:
             try:
-                return guarded(request, response)
+                return checked(guarded(request, response))
             except Exception as error:
-                self.warn(f'refused a call of {srv_name}: {type(error).__name__}: {error}')
-                return srv_type.Response()
+                return refused(error)
+
+        async def answer_later(request: Any, response: Any) -> Any:
+            try:
+                return checked(await guarded(request, response))
+            except Exception as error:
+                return refused(error)
 
         waits = inspect.iscoroutinefunction(callback)
-        return super().create_service(srv_type, srv_name, guarded if waits else answer, **options)
+        return super().create_service(
+            srv_type, srv_name, answer_later if waits else answer, **options
+        )
+
+    def fail(self, error: Exception, what: str = 'a callback failed') -> None:
+        """Tell of an exception that ends a callback, and not the node."""
+        self.warn(f'{what}: {type(error).__name__}: {error}')
 
     def warn(self, text: str) -> None:
         """Log a warning."""
-        self.get_logger().warning(text)
+        self.get_logger().warning(one_line(text))
 
     def destroy_node(self) -> None:
         """Destroy the node; the others of its process hand it nothing more."""

@@ -6,28 +6,65 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 import threading
+from typing import Any
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.ros.outputs import LOCK, connect
 from checkweigher_dsp.ros.port_node import PortNode
 
 _PATIENCE = 10.0  # s
 
 
+class GuardedExecutor(SingleThreadedExecutor):
+    """Executor whose nodes outlive an exception in what it takes or calls for them.
+
+    That of rclpy raises it out of spin, for all nodes of the process. All work for the entities of
+    nodes comes by here: timers, subscriptions, services, clients, coroutines, and the bytes of a
+    message that are none.
+    """
+
+    def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Any:
+        def take(entity: Any) -> Any:
+            try:
+                work = take_from_wait_list(entity)
+            except Exception as error:
+                return _report(node, error)
+            if work is None:
+                return None
+
+            async def guarded() -> None:
+                try:
+                    await work()
+                except Exception as error:
+                    _report(node, error)
+
+            return guarded
+
+        return super()._make_handler(entity, node, take)
+
+
+def _report(node: Node, error: Exception) -> None:
+    if isinstance(node, PortNode):
+        node.fail(error)
+    else:
+        node.get_logger().error(one_line(f'{type(error).__name__}: {error}'))
+
+
 class Spinner:
     """Serves nodes in a thread, by an executor of rclpy.
 
     Each wake of that executor collects all entities of all nodes, 1 ms and more for a line: what
-    happens often must not wake it. The thread calls `on_end` when it ends, for example by the
-    `error` that a callback raised.
+    happens often must not wake it. What a callback raises is told by its node, which lives on. The
+    thread calls `on_end` when it ends; `error` is then what rclpy itself has raised.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
         self.error: Exception | None = None
         self._on_end = on_end
-        self._executor = SingleThreadedExecutor()
+        self._executor = GuardedExecutor()
         self._nodes: list[Node] = []
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
@@ -35,7 +72,7 @@ class Spinner:
 
     @property
     def alive(self) -> bool:
-        """Whether the nodes are still served: an exception in a callback ends that."""
+        """Whether the nodes are still served: they are not if the context was shut down."""
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:

@@ -71,6 +71,11 @@ class StageNode(PortNode, Generic[P]):
         self.count(f'{port.name} refused')
         self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
 
+    def fail(self, error: Exception, what: str = 'a callback failed') -> None:
+        """Log and count an exception that ends a callback, and not the node."""
+        self.count('exceptions')
+        super().fail(error, what)
+
     def count(self, name: str) -> None:
         """Count something for the diagnostics."""
         self.diagnostics.count(name)

@@ -148,6 +148,7 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
         ('products: {a: {nominal: 0.1, nominal: 0.2}}', 'nominal stands twice'),
         ('products: {7: {nominal: 0.1}}', '7 is no name of a product'),
         ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'within its own anchor'),
+        (r'products: {"\e[2J": {nominal: 0.1}}', r"x1b\[2J' is no name of a product"),
         ('products: {a: 3}', 'a: has no recipe'),
         ('products: {a: {nominal: 0.1', 'not a recipe file'),
         ('products: {? [1, 2] : {nominal: 0.1}}', 'not a recipe file'),
