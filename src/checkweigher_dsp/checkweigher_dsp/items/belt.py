@@ -3,6 +3,7 @@
 """The items on the belt and those that left it, and which of them an edge can be of."""
 
 from collections import deque
+from collections.abc import Callable
 
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, Item, State
@@ -30,6 +31,11 @@ class UsualTransit:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
+    def be_told(self, transit: int) -> None:
+        """Take the transit, ns, of an item that was weighed, while no whole item is known here."""
+        if self.value is None and 0 < transit <= self.max_transit:
+            self.value = transit
+
     def learn(self, item: Item, transit: int) -> None:
         """Learn from a whole item; from one that is far off only if the next one agrees."""
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
@@ -47,11 +53,19 @@ class UsualTransit:
 
 
 class Belt:
-    """The state of item tracking; `checkweigher_dsp.items.transitions` says how edges change it."""
+    """The state of item tracking; `checkweigher_dsp.items.transitions` says how edges change it.
 
-    def __init__(self, eyes: Eyes, transit: UsualTransit, count: int) -> None:
+    `unloaded` tells whether the scale shows that nothing is left, at a time, ns, of the items that
+    entered since another one.
+    """
+
+    def __init__(
+        self, eyes: Eyes, transit: UsualTransit, count: int,
+        unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
+    ) -> None:  # fmt: skip
         self.eyes = eyes
         self.transit = transit
+        self.unloaded = unloaded
         self.count = count
         # Items by their state: ENTERING or ON_BELT, in the order of their entry, and the two that
         # the outfeed eye may see yet.
@@ -136,6 +150,21 @@ class Belt:
             if transit is None or stamp - item.entered < _OVERDUE * transit + item.length:
                 return
             self.miss(self.items.pop(0), stamp)
+
+    def give_up_unloaded(self, stamp: int) -> None:
+        """Give up items that the scale does not show any more, and that no eye will see.
+
+        Where no transit is known, or a wrong one, the t3 of each item would else be taken for that
+        of the one before it, for as long as products come.
+        """
+        if not self.items or not self.unloaded(self.items[0].entered, stamp):
+            return
+        gone, self.items = self.items, []
+        for item in gone:
+            item.fault(Reason.MISSING_EDGE)
+            item.state = State.GONE
+            self.finish(item)
+        self.at_infeed, self.freed = None, stamp
 
     def expire(self, stamp: int) -> None:
         """Give up items that must have left by `stamp`, even on the slowest belt."""

@@ -6,6 +6,8 @@ The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infee
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
 """
 
+from collections.abc import Callable
+
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import Item
@@ -24,14 +26,16 @@ class ItemTracker:
     An eye that clears for less than `debounce`, ns, has not cleared, and has chattered. An item
     that has not reached the outfeed eye within `max_transit`, ns, never will. The belt is
     `belt_lengths` products long, 0 if that is not known; `count` items were there before.
+    `unloaded` is what the scale shows, see `Belt`.
     """
 
     def __init__(
-        self, debounce: int, max_transit: int, count: int = 0, belt_lengths: float = 0.0
-    ) -> None:
+        self, debounce: int, max_transit: int, count: int = 0, belt_lengths: float = 0.0,
+        unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
+    ) -> None:  # fmt: skip
         self._max_transit = max_transit
         self._eyes = Eyes(debounce, max_transit)
-        self._belt = Belt(self._eyes, UsualTransit(max_transit, belt_lengths), count)
+        self._belt = Belt(self._eyes, UsualTransit(max_transit, belt_lengths), count, unloaded)
 
     @property
     def count(self) -> int:
@@ -95,6 +99,10 @@ class ItemTracker:
         settle_first(self._belt)
         self._belt.abandon(reason)
         return self._belt.take_finished()
+
+    def be_told(self, transit: int) -> None:
+        """Take how long an item that was weighed was on its way, ns, while nothing else tells."""
+        self._belt.transit.be_told(transit)
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""

@@ -149,6 +149,7 @@ def _enter(belt: Belt, switch: Switch, _: bool) -> Item:
         belt.at_infeed.fault(Reason.MISSING_EDGE)
         belt.move(belt.at_infeed, State.ON_BELT)
     belt.give_up_overdue(switch.stamp)
+    belt.give_up_unloaded(switch.stamp)
     item = belt.begun = belt.new_item()
     item.t1 = switch.stamp
     item.others_there = belt.at_outfeed is not None or belt.covered

@@ -169,6 +169,7 @@ class RejectStage:
 
     def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
         """Take an estimate and return the verdict on its item, if there was none yet."""
+        self._learn_transit(estimate)
         item = self._items.find_pending(estimate)
         if item is None:
             if self._items.has_judged(estimate):
@@ -181,6 +182,13 @@ class RejectStage:
                     estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
                 )
         return [self._give(item, judge(estimate, self.parameters), now, estimate)]
+
+    def _learn_transit(self, estimate: MassEstimate) -> None:
+        """Take from the segmenter, which sees the load, how edges are to be paired."""
+        if self._tracker is None or estimate.t1 is None or estimate.t3 is None:
+            return
+        if estimate.weighed and {estimate.t1, estimate.t3} <= self._stamps.keys():
+            self._tracker.be_told(estimate.t3 - estimate.t1)
 
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""

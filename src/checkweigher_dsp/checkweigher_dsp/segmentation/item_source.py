@@ -9,8 +9,10 @@ from checkweigher_dsp.items.item import Item
 from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell
+from checkweigher_dsp.segmentation.load_check import is_unloaded
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
+from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 
 
 class ItemSource:
@@ -21,10 +23,12 @@ class ItemSource:
 
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters,
-        buffer: SampleBuffer, item_count: int,
+        buffer: SampleBuffer, zero: ZeroKeeper, item_count: int,
     ) -> None:  # fmt: skip
         known = parameters.product_length > 0
         self._buffer = buffer
+        self._zero = zero
+        self._moment = round(parameters.zero_moment * load_cell.sample_rate)
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
         self._queue = EdgeQueue(self._lateness)
         self.tracker = ItemTracker(
@@ -32,6 +36,7 @@ class ItemSource:
             parameters.max_transit(load_cell.weigh_length),
             item_count,
             load_cell.weigh_length / parameters.product_length if known else 0.0,
+            self._is_unloaded,
         )
 
     def add(self, edge: EyeEdge) -> list[Item]:
@@ -81,3 +86,11 @@ class ItemSource:
 
     def _track(self, edges: Iterable[EyeEdge]) -> list[Item]:
         return [item.snapshot() for edge in edges for item in self.tracker.add(edge)]
+
+    def _is_unloaded(self, since: int, stamp: int) -> bool:
+        """Tell whether what came onto the belt since a time has left it by another one, ns."""
+        buffer = self._buffer
+        begin, end = buffer.index_at(since), buffer.index_at(stamp)
+        if buffer.empty or not buffer.is_whole(begin, end):
+            return False
+        return is_unloaded(buffer.look_at(begin, end), self._moment, self._zero.zero.counts)

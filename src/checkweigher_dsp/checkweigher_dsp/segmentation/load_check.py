@@ -63,6 +63,19 @@ class LoadCheck:
         self._is_of_window = whole
 
 
+def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
+    """Tell whether nothing is left on the belt of what came onto it during `counts`, (n,).
+
+    The last `size` counts are compared with the `size` of the largest load; `zero` is the reading
+    of the empty belt.
+    """
+    number = len(counts) // size if size > 0 else 0
+    if number < 2:
+        return False
+    loads = np.abs(counts[len(counts) - number * size :].reshape(number, size).mean(axis=1) - zero)
+    return bool(loads[-1] <= _SHARE * loads.max())
+
+
 def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return last quarter less first half of each segment of `size` samples, (n - size + 1,)."""
     half, quarter = size // 2, size // 4

@@ -58,8 +58,8 @@ class Segmenter:
         self._zero_span = round(parameters.zero_time * rate)
         self._longest_piece = max(1, int(rate * seconds(_LONGEST_PIECE)))
         self._buffer = SampleBuffer(rate, _history(load_cell, parameters))
-        self._source = ItemSource(load_cell, parameters, self._buffer, item_count)
         self._zero = ZeroKeeper(load_cell, parameters, self._buffer)
+        self._source = ItemSource(load_cell, parameters, self._buffer, self._zero, item_count)
         self._cutter = WindowCutter(load_cell, parameters, self._buffer, self._zero)
         self.samples = 0
         self.edges = 0

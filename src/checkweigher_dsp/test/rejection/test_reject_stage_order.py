@@ -90,6 +90,20 @@ def test_what_is_not_weighed_is_a_fault_in_time_and_the_items_after_it_are_weigh
         assert not verdict.late
 
 
+def test_masses_show_how_edges_are_paired_where_the_first_product_was_taken_off():
+    timed = _as_they_happen(6, 20 * MILLISECOND, without=(1, 5))
+    taken_off = _item(1)[0][2:]
+    timed = [(when, what) for when, what in timed if what not in taken_off]
+
+    verdicts = _play(RejectStage(PARAMETERS, BELT), timed)
+
+    without_mass = _item(5)[1]
+    ((when, fault),) = [(t, v) for t, v in verdicts if v.t1 == without_mass.t1]
+    assert (fault.reasons, fault.t3) == (('NoEstimate',), without_mass.t3)
+    assert DUE <= when - without_mass.t3 <= DUE + 10 * MILLISECOND
+    assert len(verdicts) == len({verdict.t1 for _, verdict in verdicts}) == 6
+
+
 def test_a_late_mass_is_counted_and_changes_nothing():
     stage = RejectStage(PARAMETERS, BELT)
 

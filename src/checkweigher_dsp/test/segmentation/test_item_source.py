@@ -10,6 +10,7 @@ from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 from checkweigher_dsp.segmentation.item_source import ItemSource
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
+from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 
 MS = NANOSECONDS // 1000
 WHOLE = [(1000, 0, True), (1100, 0, False), (1200, 1, True), (1300, 1, False)]
@@ -22,7 +23,9 @@ def buffer(load_cell):
 
 @pytest.fixture
 def source(load_cell, buffer):
-    return ItemSource(load_cell, SegmenterParameters(), buffer, 0)
+    parameters = SegmenterParameters()
+    zero = ZeroKeeper(load_cell, parameters, buffer)
+    return ItemSource(load_cell, parameters, buffer, zero, 0)
 
 
 def _edges(*events):

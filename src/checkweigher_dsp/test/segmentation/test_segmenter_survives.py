@@ -326,3 +326,47 @@ def test_a_recording_played_in_a_loop_starts_again_each_time(make_line, run_segm
         assert np.array_equal(last.counts, first.counts)
         assert (last.t1, last.t3, last.first_index) == (first.t1, first.t3, first.first_index)
         assert last.zero == pytest.approx(first.zero, abs=1e-9)
+
+
+FIRST_EDGES = [(number, name) for number in range(3) for name in NAMES]
+
+
+@pytest.mark.parametrize(
+    'lost',
+    [
+        [(0, 't3'), (0, 't4')],  # taken off
+        [(0, 't2'), (0, 't3')],
+        [(0, 't3'), (1, 't2')],
+    ],
+)
+def test_after_a_start_with_lost_edges_the_second_whole_product_is_weighed(
+    make_line, run_segmenter, lost
+):
+    line = make_line((0.1,) * 8)
+
+    windows = _run(run_segmenter, line, line.events(lost))
+
+    weighed = {window.t3 for window in windows if not window.reasons}
+    whole = [p for n, p in enumerate(line.products) if n > lost[-1][0]]
+    assert {product.t3 for product in whole[1:]} <= weighed
+
+
+@given(st.sets(st.sampled_from(FIRST_EDGES)), st.sampled_from([0.35, 0.5, 0.8]))
+@settings(max_examples=max(EXAMPLES // 10, 20), deadline=None)
+def test_no_edges_that_were_lost_at_the_start_keep_a_steady_feed_from_being_weighed(
+    make_line, run_segmenter, lost, spacing
+):
+    line = make_line((0.1,) * 8, spacing=spacing)
+
+    windows = _run(run_segmenter, line, line.events(lost))
+
+    weighed = {window.t3 for window in windows if not window.reasons}
+    assert {product.t3 for product in line.products[-2:]} <= weighed
+
+
+def test_two_products_that_are_always_on_the_belt_at_once_stay_faults(make_line, run_segmenter):
+    line = make_line((0.1,) * 8, spacing=0.15)
+
+    windows = _run(run_segmenter, line, line.events([(0, 't3'), (0, 't4')]))
+
+    assert all(window.reasons for window in windows)
