@@ -41,6 +41,7 @@ class SupervisedLine:
     """A line under `run`, and what a listener has heard of it."""
 
     def __init__(self, folder: Path, listener: Node) -> None:
+        self.listener = listener
         self.verdicts = heard(listener, ports.VERDICT, latched=True)
         self.edges = heard(listener, ports.PHOTO_EYES)
         self.found: list[Any] = []

@@ -58,12 +58,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         )
         self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
         self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
+        self.subscribe(ports.VERDICT, self.stream.hear_number, qos=ports.VERDICT.qos, needed=False)
         self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
         self.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._on_line_history)
         if self._outputs.exist:
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         self._calibration = CalibrationServices(
-            self, calibration, self.parameters.source, lambda: self.stream.sent.history(),
+            self, calibration, self.parameters.source, lambda: self.stream.history(),
             self._restart_stream,
         )  # fmt: skip
         self._look_timer = self.create_timer(
@@ -172,7 +173,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_line_history(self, request: Any, response: Any) -> Any:
         """Return the latest edges that were sent, and the verdicts that came."""
-        return to_message(ports.LINE_HISTORY, self.stream.sent.history())
+        return to_message(ports.LINE_HISTORY, self.stream.history())
 
     def _restart_stream(self) -> str:
         """Begin a new stream with a load cell that has changed; return why that failed."""

@@ -63,14 +63,15 @@ class SentStream:
         self._verdicts.append(verdict)
         self.flow.judged(verdict.estimate_id or verdict.item_id)  # as the segmenter counts
 
-    def history(self) -> LineHistory:
-        """Return the latest edges and verdicts."""
+    def history(self, last_number: int) -> LineHistory:
+        """Return the latest edges and verdicts, and the largest number of a verdict."""
         return LineHistory(
             stream=self.number,
             stamp=self._stamp,
             first_edge=self.edges_sent - len(self._edges),
             edges=tuple(self._edges),
             verdicts=tuple(self._verdicts),
+            last_item_id=last_number,
         )
 
     def status(self, state: StreamState, text: str) -> StreamStatus:
@@ -110,6 +111,7 @@ class SourceStream:
         self._machine_ready = machine_ready
         self._waits = StoppableWaits(LOCK)
         self._running = False
+        self._last_number = 0  # of all verdicts, those of streams before included
         self._announce(0)
 
     def _announce(self, number: int) -> None:
@@ -172,6 +174,14 @@ class SourceStream:
         """Take a verdict."""
         with self._waits.change():
             self.sent.add_verdict(verdict)
+
+    def hear_number(self, verdict: Verdict) -> None:
+        """Take that a number has been given, also one from before this driver was started."""
+        self._last_number = max(self._last_number, verdict.item_id)
+
+    def history(self) -> LineHistory:
+        """Return the latest of the stream, and the largest number of a verdict."""
+        return self.sent.history(self._last_number)
 
     def hear_reject(self, *, ready: bool) -> None:
         """Take whether the reject node says that it is active."""

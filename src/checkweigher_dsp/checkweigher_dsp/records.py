@@ -331,7 +331,8 @@ class LineHistory:
     """Memory that the driver has of a stream.
 
     `stream` is its number, `stamp` the time of the last sample in ns; `edges` and `verdicts` are
-    the latest, after `first_edge` others.
+    the latest, after `first_edge` others. No verdict of any stream has had a number above
+    `last_item_id`.
     """
 
     stream: int
@@ -339,3 +340,4 @@ class LineHistory:
     first_edge: int = 0
     edges: tuple[EyeEdge, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
+    last_item_id: int = 0

@@ -7,9 +7,10 @@ import time
 
 from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 
-_PATIENCE = 1.0  # s in all: what is on the belt cannot wait longer
-_NO_SERVICE = 0.2  # s, after which nothing is kept back any more for a service that is not there
-_LATE_ANSWER = 30.0  # s, in which an answer is still taken: DDS may be long in finding the service
+# s, in which the driver is found by its status, then its service, then its answer comes. Without it
+# an item may have a verdict already, and a number another item: rather than that, what waits too
+# long for the rejector is a FAULT. Drivers of others have no such status and no such service.
+_NO_DRIVER, _NO_SERVICE, _NO_ANSWER = 1.0, 5.0, 30.0
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
 
 
@@ -24,7 +25,6 @@ class Recall:
     edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
     estimates: list[MassEstimate] = field(default_factory=list)
     history: LineHistory | None = None  # the answer
-    released: bool = False  # nothing more is kept back, though an answer may yet come
     _began: float | None = None
     _answered: float | None = None
 
@@ -46,14 +46,7 @@ class Recall:
         """Take the answer, None if there will be none."""
         self.history, self._answered = history, time.monotonic()
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the answer has come, or none is waited for any more."""
-        if self._began is None:
-            return False
-        return self._answered is not None or time.monotonic() - self._began > _LATE_ANSWER
-
-    def may_go_on(self, weigh_length: float | None) -> bool:
+    def is_over(self, weigh_length: float | None, *, driver_may_come: bool) -> bool:
         """Tell whether nothing has to be kept back any more, with the answer or without.
 
         Without a `weigh_length` edges are no items.
@@ -61,12 +54,11 @@ class Recall:
         if self._began is None:
             return False
         now = time.monotonic()
-        if now - self._began > _PATIENCE:
-            return True
         if self._answered is None:
-            return not self.asked and now - self._began > _NO_SERVICE
+            patience = _NO_SERVICE if driver_may_come else _NO_DRIVER
+            return now - self._began > (_NO_ANSWER if self.asked else patience)
         if self.history is None or not self.history.edges:
             return True
         # From the first edge on that has come, none is missing: before that, some may be due.
         complete = bool(self.edges) or now - self._answered > _ON_THE_WAY
-        return complete and weigh_length is not None
+        return (complete and weigh_length is not None) or now - self._began > _NO_ANSWER

@@ -30,6 +30,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.rejection.timing import StreamClock
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.connections import has_matched_all
 from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
@@ -37,8 +38,7 @@ from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import locked
 from checkweigher_dsp.ros.running import run
 
-# s, in which a recall is looked after: while records are kept back, and for a late answer.
-_RECALL_PERIOD, _LATE_PERIOD = 0.01, 0.2
+_RECALL_PERIOD = 0.01  # s, in which a recall is looked after
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
@@ -59,7 +59,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_ended = False
         self._active = False
         self._recall: Recall | None = None
+        # After the publisher of the verdicts: see `_driver_hears`.
         self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
+        self._status_topic = self.resolve_topic_name(ports.DRIVER_STATUS.name)
+        self._eyes_topic = self.resolve_topic_name(ports.PHOTO_EYES.name)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
         self._stop_requests = self.output(ports.STOP_REQUEST)
         self._shown: StopRequest | None = None
@@ -153,18 +156,17 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             return
         if recall := self._holding():
             recall.estimates.append(estimate)
-            self._wake()
         else:
-            self._judge(estimate)
+            self._take_estimate(estimate)
+            self._publish(self._stage.advance(self._now()))
+        self._wake()
 
-    def _judge(self, estimate: MassEstimate) -> None:
+    def _take_estimate(self, estimate: MassEstimate) -> None:
         late = self._stage.late_estimates
         self._publish(self._stage.take(estimate, self._now()))
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
-        self._publish(self._stage.advance(self._now()))
-        self._wake()
 
     def _on_reject_eye(self, edge: EyeEdge) -> None:
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
@@ -173,31 +175,42 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._wake()
 
     def _holding(self) -> Recall | None:
-        """Return what keeps records back, None if no driver says what stream this is."""
-        recall = self._recall
-        if recall is None or recall.released:
-            return None
-        if not recall.waiting:
-            if self.count_publishers(self.resolve_topic_name(ports.DRIVER_STATUS.name)) == 0:
-                return None
-            recall.begin()
-        return recall
+        """Return what keeps records back, None if nothing has to any more."""
+        if self._recall is not None:
+            self._recall.begin()
+        return self._recall
 
     def _ask_for_history(self) -> None:
         """Ask the driver once, as soon as that can be done; keep nothing back for too long."""
         recall = self._recall
         if recall is None:
             return
-        if recall.driver_heard and not recall.asked and self._history.service_is_ready():
+        if recall.driver_heard and not recall.asked and self._driver_hears():
             recall.asked = True
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
-        if not recall.released and recall.may_go_on(self._stage.weigh_length):
-            recall.released = True
-            if not recall.is_over:
-                self._go_on(recall)
-        if recall.released and recall.is_over:
+        # An edge of a driver that has a status is not heard of before that.
+        foreign = self.count_publishers(self._eyes_topic) > 0
+        may_come = self.count_publishers(self._status_topic) > 0 or not foreign
+        if recall.is_over(self._stage.weigh_length, driver_may_come=may_come):
             self._settle(recall.history)
+
+    def _driver_hears(self) -> bool:
+        """Tell whether the driver answers, and will hear each verdict from the first one on.
+
+        Its answer then shows that it knows the publisher of the verdicts, which was made before
+        the client: DDS tells of them in that order. A verdict that others heard and the driver did
+        not would be given once more by the next reject node.
+        """
+        if not self._history.service_is_ready():
+            return False
+        if self._verdicts.takers:
+            return True
+        drivers = self.get_publishers_info_by_topic(self._status_topic)
+        takers = self.get_subscriptions_info_by_topic(self._verdicts.topic_name)
+        names = {(each.node_namespace, each.node_name) for each in drivers}
+        hears = any((each.node_namespace, each.node_name) in names for each in takers)
+        return hears and has_matched_all(self, self._verdicts)
 
     def _on_history(self, recall: Recall, answer: Any) -> None:
         try:
@@ -216,8 +229,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if (due := self._monitor.due) is not None:
             times.append(self._stream_clock.reaches(due, now))
         if (recall := self._recall) is not None and recall.waiting:
-            period = _LATE_PERIOD if recall.released else _RECALL_PERIOD
-            times.append(now + round(period * NANOSECONDS))
+            times.append(now + round(_RECALL_PERIOD * NANOSECONDS))
         if known := [due for due in times if due is not None]:
             self._timer.set_by(min(known))
         else:
@@ -244,9 +256,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         for edge, came in recall.edges:
             self._publish(self._stage.take(edge, came))
         for estimate in recall.estimates:
-            self._judge(estimate)
-        recall.edges.clear()
-        recall.estimates.clear()
+            self._take_estimate(estimate)
+        self._publish(self._stage.advance(self._now()))
+        self._wake()
 
     def _tick(self) -> None:
         """Do what time alone brings, as long as there is something to wait for."""

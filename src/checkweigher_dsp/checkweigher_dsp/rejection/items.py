@@ -168,10 +168,11 @@ class RejectItems:
         self._remember(item)
         return number
 
-    def recall(self, verdicts: Iterable[Verdict]) -> None:
+    def recall(self, verdicts: Iterable[Verdict], last_number: int = 0) -> None:
         """Note what others have judged, and begin to count by the eyes again.
 
-        What was judged before the first of them has lower numbers, which are not given again.
+        What was judged before the first of them has lower numbers; neither these nor any up to
+        `last_number` are given again.
         """
         known = [verdict for verdict in verdicts if 0 < verdict.item_id < _MAX_NUMBER]
         for verdict in known:
@@ -185,7 +186,8 @@ class RejectItems:
             item.state, item.count = ItemState.UNSEEN, None  # the eyes may show it once more
         self._unseen = dict(self._judged)
         first = min((verdict.item_id for verdict in known), default=1)
-        self._forgotten = max(self._forgotten, first - 1)
+        last_number = last_number if last_number < _MAX_NUMBER else 0
+        self._forgotten = max(self._forgotten, first - 1, last_number)
         self._ahead = 0
 
     def _remember(self, item: RejectItem) -> None:

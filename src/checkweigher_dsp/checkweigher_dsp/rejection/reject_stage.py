@@ -222,7 +222,7 @@ class RejectStage:
         known = {edge for edge, _ in live}
         begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
         missed = history.edges[:begin]
-        self._items.recall(history.verdicts)
+        self._items.recall(history.verdicts, history.last_item_id)
         verdicts: list[Verdict] = []
         if missed and self.weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges

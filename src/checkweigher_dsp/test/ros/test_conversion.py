@@ -91,7 +91,7 @@ RECORDS = [
     ),
     (
         ports.LINE_HISTORY,
-        LineHistory(7, T1, 5, (EDGE, EyeEdge(T1 + 1, Eye.INFEED, False)), (VERDICT,)),
+        LineHistory(7, T1, 5, (EDGE, EyeEdge(T1 + 1, Eye.INFEED, False)), (VERDICT,), 9),
         LineHistory(0, 0),
     ),
 ]

@@ -1,0 +1,132 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""One verdict and one number an item while nodes of the line are killed, each in its process."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+import os
+from pathlib import Path
+import queue
+import random
+import signal
+import time
+from typing import Any
+
+from checkweigher_msgs.msg import Verdict
+from checkweigher_msgs.srv import LineHistory as LineHistoryService
+from graph import call, wait_for
+import pytest
+from supervised_line import SupervisedLine, supervised_line
+
+from checkweigher_dsp.records import Eye, LineHistory
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import to_record
+
+
+class Campaign:
+    """Kills of nodes of a line, and what the driver and a listener have heard of its items."""
+
+    def __init__(self, line: SupervisedLine) -> None:
+        self.line = line
+        self.killed: Counter[str] = Counter()
+        self.verdicts: dict[tuple[int, int], set[int]] = {}  # by stream and t1
+        self.entered: dict[tuple[int, int], None] = {}
+        self.numbers: dict[int, set[tuple[int, int]]] = {}
+        self.heard: Counter[int] = Counter()
+
+    def kill(self, name: str) -> None:
+        """Kill a node that has been started."""
+        self.look()  # the history of the driver is short, and goes with it
+        wait_for(lambda: self._killed(name))
+        self.killed[name] += 1
+
+    def _killed(self, name: str) -> bool:
+        with suppress(AssertionError, OSError):  # it is yet to be started again
+            os.kill(self.line.pid(name), signal.SIGKILL)
+            return True
+        return False
+
+    def judge_for(self, seconds: float) -> None:
+        """Let the line run."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            with suppress(queue.Empty):
+                self._hear(self.line.verdicts.get(timeout=left)[1])
+
+    def judge_until(self, decision: int) -> None:
+        """Let the line run until a verdict of a decision has come."""
+        before = len(self.line.found)
+        self.line.judge_until(decision)
+        for verdict in self.line.found[before:]:
+            self._hear(verdict)
+
+    def _hear(self, verdict: Any) -> None:
+        self.heard[verdict.item_id] += 1
+
+    def look(self) -> None:
+        """Take what the driver knows of its stream."""
+        answer = call(self.line.listener, LineHistoryService, ports.LINE_HISTORY.name)
+        history: LineHistory = to_record(ports.LINE_HISTORY, answer)
+        for edge in history.edges:
+            if edge.eye is Eye.INFEED and edge.blocked:
+                self.entered[history.stream, edge.stamp] = None
+        for verdict in history.verdicts:
+            if verdict.t1 is not None:
+                item = history.stream, verdict.t1
+                self.verdicts.setdefault(item, set()).add(verdict.item_id)
+                self.numbers.setdefault(verdict.item_id, set()).add(item)
+
+    def check(self) -> None:
+        """Print the counts, and check that each item has one verdict under a number of its own."""
+        last = dict(sorted(self.verdicts))  # what came later is on its way
+        due = [item for item in self.entered if item[0] in last and item[1] <= last[item[0]]]
+        doubled = [item for item, numbers in self.verdicts.items() if len(numbers) > 1]
+        twice = [number for number, items in self.numbers.items() if len(items) > 1]
+        twice += [number for number, count in self.heard.items() if count > 1]
+        lost = [item for item in due if item not in self.verdicts]
+        killed = ', '.join(f'{name} {count}' for name, count in self.killed.items())
+        print(
+            f'killed {killed}; {len(due)} items, doubled {len(doubled)}, lost {len(lost)}, '
+            f'numbers used twice {len(twice)}'
+        )
+        assert (doubled, lost, twice) == ([], [], [])
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Iterator[Campaign]:
+    with supervised_line(tmp_path) as line:
+        yield Campaign(line)
+
+
+@pytest.mark.parametrize('kills', [2, pytest.param(40, marks=pytest.mark.soak)])
+def test_each_item_has_one_verdict_and_one_number_over_kills_of_segmenter_and_reject(
+    campaign: Campaign, kills: int
+):
+    chance = random.Random(kills)
+    campaign.judge_until(Verdict.ACCEPT)
+    for number in range(kills):
+        if number % 5 == 0:  # from now on it counts from 1 again
+            campaign.kill('segmenter')
+            campaign.judge_until(Verdict.FAULT)
+        if number % 5 == 3:
+            campaign.judge_for(chance.uniform(0, 3))
+        else:  # hardly has it begun to judge, and the numbers are those of the segmenter
+            campaign.judge_until(Verdict.ACCEPT)
+        campaign.kill('reject')
+    campaign.judge_until(Verdict.ACCEPT)
+    campaign.look()
+    campaign.check()
+
+
+@pytest.mark.soak
+def test_numbers_go_on_over_kills_of_any_node(campaign: Campaign):
+    chance = random.Random(7)
+    campaign.judge_until(Verdict.ACCEPT)
+    nodes = 'segmenter', 'driver', 'reject', 'identifier', 'reject', 'driver', 'segmenter'
+    for name in nodes * 4:
+        campaign.kill(name)
+        campaign.judge_until(Verdict.ACCEPT)
+        campaign.judge_for(chance.uniform(0, 2))
+    campaign.look()
+    campaign.check()
