@@ -22,6 +22,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
+from checkweigher_dsp.estimation.estimators.learned import LearnedParameters
 from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.reasons import Reason
@@ -57,6 +58,7 @@ class IdentifierParameters(Parameters):
     iswd_eksi: IswdEksiParameters = IswdEksiParameters()
     fir_model: FirModelParameters = FirModelParameters()
     gauss_markov: GaussMarkovParameters = GaussMarkovParameters()
+    learned: LearnedParameters = LearnedParameters()
 
     @property
     def chosen(self) -> EstimatorParameters:

@@ -20,9 +20,13 @@ LEARNED = {
 }  # fmt: skip
 # Share of the ring-down in the window, 6 % of the mass at t2, that is taken for mass: before
 # training, and what a gain and an offset for all masses leave, as the platform slows with the mass.
-BIAS = {'mean': 3e-3, 'hann': 3e-4, 'tvlpf': 1e-3, 'iswd_eksi': 5e-6, 'fir_model': 1e-4}
+BIAS = {
+    'mean': 3e-3, 'hann': 3e-4, 'tvlpf': 1e-3, 'iswd_eksi': 5e-6, 'fir_model': 1e-4,
+    'learned': 3e-4,
+}  # fmt: skip
 BIAS_AFTER_TRAINING = {
     'mean': 3e-4, 'hann': 3e-5, 'tvlpf': 5e-5, 'iswd_eksi': 2e-6, 'fir_model': 2e-5,
+    'learned': 3e-5,
 }  # fmt: skip
 
 

@@ -49,10 +49,15 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
 
     There is no offset if there are few passes or their masses hardly differ.
     """
-    if len(masses) >= _FEWEST_FOR_OFFSET and masses.max() > _DISTINCT_MASSES * masses.min():
+    if len(masses) >= _FEWEST_FOR_OFFSET and are_distinct(masses):
         slope, intercept = np.polyfit(estimates, masses, 1)
         return Calibration(float(slope), float(intercept))
     return Calibration(float(estimates @ masses / (estimates @ estimates)), 0.0)
+
+
+def are_distinct(masses: NDArray[np.float64]) -> bool:
+    """Tell whether masses (n,) are far enough apart to show what depends on the mass."""
+    return bool(masses.max() > _DISTINCT_MASSES * masses.min())
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:

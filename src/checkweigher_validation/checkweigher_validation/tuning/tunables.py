@@ -45,15 +45,19 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
 class Tunable:
     """An estimator on the passes of one belt speed; `axes` are its parameters that are searched.
 
-    `base` has everything that is not tuned at one speed alone.
+    `base` has everything that is not tuned at one speed alone; `others` are the passes of the other
+    speeds.
     """
 
     name: ClassVar[str]
     axes: ClassVar[tuple[Axis, ...]] = ()
 
-    def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
+    def __init__(
+        self, group: SpeedGroup, base: LineParameters, others: Sequence[SpeedGroup] = ()
+    ) -> None:
         self.group = group
         self.base = base
+        self.others = others
         self.sample_rate = group.passes[0].window.sample_rate
         samples = [raw_samples(each.window) for each in group.passes]
         lengths = np.array([len(window) for window in samples])
@@ -242,8 +246,10 @@ class TunedIswdEksi(Tunable):
         Axis('rise_noise', 1.0, 100.0, 3.0, logarithmic=True),
     )
 
-    def __init__(self, group: SpeedGroup, base: LineParameters) -> None:
-        super().__init__(group, base)
+    def __init__(
+        self, group: SpeedGroup, base: LineParameters, others: Sequence[SpeedGroup] = ()
+    ) -> None:
+        super().__init__(group, base, others)
         windows = [each.window for each in group.passes]
         self._batches = batches_of(windows, base.denoise.stretch)
 

@@ -26,6 +26,7 @@ from checkweigher_validation.tuning.calibration import (
     uncertainty,
 )
 from checkweigher_validation.tuning.gauss_markov import TunedGaussMarkov
+from checkweigher_validation.tuning.learned import TunedLearned
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tunables import Tunable, TuningError, estimates_of
 
@@ -34,6 +35,7 @@ TUNABLES: dict[str, type[Tunable]] = {
     for tunable in (
         tunables.TunedMean, tunables.TunedHann, tunables.TunedTvlpf, tunables.TunedAid,
         tunables.TunedAeksi, tunables.TunedIswdEksi, tunables.TunedFirModel, TunedGaussMarkov,
+        TunedLearned,
     )
 }  # fmt: skip
 
@@ -112,7 +114,12 @@ def tune(
     if not groups:
         raise TuningError('no whole pass of known mass')
     prepared = {name: TUNABLES[name].prepare(groups, base) for name in estimators}
-    tasks = [(name, group, prepared[name], budget) for name in estimators for group in groups]
+    others = [tuple(other for other in groups if other is not group) for group in groups]
+    tasks = [
+        (name, group, prepared[name], budget, rest)
+        for name in estimators
+        for group, rest in zip(groups, others, strict=True)
+    ]
     calls = [delayed(_tune_speed)(*task) for task in tasks]
     calls += [delayed(_check_fold)(*task, fold) for task in tasks for fold in _folds(task[1])]
     found = run_jobs(calls, n_jobs, 'tuning')
@@ -134,8 +141,9 @@ def _folds(group: SpeedGroup) -> range:
 
 
 def _check_fold(
-    estimator: str, group: SpeedGroup, base: LineParameters, budget: int, fold: int
-) -> NDArray[np.float64]:
+    estimator: str, group: SpeedGroup, base: LineParameters, budget: int,
+    others: Sequence[SpeedGroup], fold: int,
+) -> NDArray[np.float64]:  # fmt: skip
     """Tune on all passes of a speed but a fold, and return its errors and masses, (2, n), kg."""
     count = len(_folds(group))
     # In turn, so that a drift and every mass are in both halves.
@@ -146,14 +154,17 @@ def _check_fold(
     )
     # Half the passes, half the evaluations: the check costs as much as what it checks.
     budget = max(budget // 2, 1) if count == 2 else budget
-    learned = _tune_speed(estimator, learn, base, budget)
+    learned = _tune_speed(estimator, learn, base, budget, others)
     parameters = _assemble(estimator, [learned], base).parameters
     estimates = estimates_of(check, parameters)
     return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
 
 
-def _tune_speed(estimator: str, group: SpeedGroup, base: LineParameters, budget: int) -> TunedSpeed:
-    tunable = TUNABLES[estimator](group, base)
+def _tune_speed(
+    estimator: str, group: SpeedGroup, base: LineParameters, budget: int,
+    others: Sequence[SpeedGroup],
+) -> TunedSpeed:  # fmt: skip
+    tunable = TUNABLES[estimator](group, base, others)
     masses = group.masses
     values, badness = tunable.search(
         lambda values: calibrated_index(tunable.estimates(values), masses), budget

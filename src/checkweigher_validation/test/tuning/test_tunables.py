@@ -22,7 +22,7 @@ from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 SAME = 1e-9  # relative
 # What they give for a training pass, others have taught.
-HELD_OUT = ('fir_model', 'gauss_markov')
+HELD_OUT = ('fir_model', 'gauss_markov', 'learned')
 LINES = {
     'paper, slow': {'profile': 'paper', 'speed': 0.5},
     'soft, fast': {'profile': 'soft', 'speed': 1.5, 'sample_rate': 1612.9},

@@ -12,6 +12,7 @@ from checkweigher_dsp.estimation.estimators.base import Estimator
 from checkweigher_dsp.estimation.estimators.fir_model import FirModel
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkov
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksi
+from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
 # A further estimator is one class, one line here and one field of IdentifierParameters.
@@ -24,4 +25,5 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     'iswd_eksi': IswdEksi,
     'fir_model': FirModel,
     'gauss_markov': GaussMarkov,
+    'learned': Learned,
 }

@@ -1,0 +1,174 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+r"""A weighted sum of the pass, its weights learned with no model of the machine.
+
+.. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
+
+The features y_j are the means of the signal in parts of the pass: equal parts from t1 to t2, from
+t2 to t3, and before t1. So the same place of a product on the belt is the same feature at any
+speed and length. s is the mean curve of a load of 1, as training passes show it, and C the
+covariance of all that a pass has beside it, which `tune` draws together from these passes, those of
+the other speeds and the empty belt. The weights are those of Gauss and Markov for that covariance.
+[own derivation, docs/method.md]
+"""
+
+from dataclasses import dataclass
+import math
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry
+from checkweigher_dsp.estimation.estimators.base import (
+    Estimator,
+    EstimatorParameters,
+    LoadEstimate,
+    raw_samples,
+    rough_variance,
+)
+from checkweigher_dsp.parameters import parameter
+from checkweigher_dsp.records import WeighWindow, seconds
+from checkweigher_dsp.signal.averages import hann_mean
+
+# A t2 that is off by more than this share of t3 - t1 is that of a longer or shorter product. One
+# that is off by less is the jitter of an eye: t1 and t3 alone say where the parts lie.
+_SAME_RISE = 0.02
+
+
+@dataclass(frozen=True)
+class LearnedParameters(EstimatorParameters):
+    """The weights that `tune` learns."""
+
+    node: ClassVar[str] = 'identifier.learned'
+
+    parts: int = parameter(
+        0, 'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean',
+        minimum=0, maximum=1024,
+    )  # fmt: skip
+    rise_parts: int = parameter(0, 'number of equal parts from t1 to t2', minimum=0, maximum=1024)
+    lead_parts: int = parameter(
+        0, 'number of parts before t1, as long as the others on average', minimum=0, maximum=1024
+    )
+    gap: float = parameter(
+        0.0, 'shortest time since the item before had left with which the signal before t2 is '
+        'used, as a multiple of t3 - t1',
+        minimum=0, maximum=1e3,
+    )  # fmt: skip
+    weights: tuple[float, ...] = parameter(
+        (0.0,), 'weights of the parts before t1, up to t2 and up to t3, for each speed',
+        minimum=-1e6, maximum=1e6,
+    )  # fmt: skip
+    weights_alone: tuple[float, ...] = parameter(
+        (0.0,), 'weights of the parts from t2 to t3 alone, for items close behind another: `parts` '
+        'values for each speed',
+        minimum=-1e6, maximum=1e6,
+    )  # fmt: skip
+
+    def fits(self, name: str, count: int) -> bool:
+        """Tell whether the list `name` may have `count` values."""
+        own = {'weights': self.layout.count, 'weights_alone': self.parts}
+        return count == len(self.speeds) * (own.get(name, 1) if self.parts else 1)
+
+    @property
+    def layout(self) -> 'Layout':
+        """The parts of a pass."""
+        return Layout(self.lead_parts, self.rise_parts, self.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Numbers of parts before t1, from t1 to t2 and from t2 to t3."""
+
+    lead: int
+    rise: int
+    window: int
+
+    @property
+    def count(self) -> int:
+        """Number of all parts."""
+        return self.lead + self.rise + self.window
+
+    @property
+    def lead_span(self) -> float:
+        """Duration of the parts before t1 as a multiple of t3 - t1."""
+        return self.lead / (self.rise + self.window)
+
+
+class Learned(Estimator):
+    """Estimate by a weighted sum of the pass, its weights learned with no model of the machine.
+
+    Examples
+    --------
+    >>> print(round(Learned(LearnedParameters()).estimate(window).mass, 9))
+    0.2
+    """
+
+    parameters: LearnedParameters
+
+    def estimate(self, window: WeighWindow) -> LoadEstimate:
+        """Return the weighted sum, the weights between those of the training speeds."""
+        known, samples = self.parameters, raw_samples(window)
+        if not known.parts:
+            return LoadEstimate(float(hann_mean(samples)), rough_variance(samples))
+        layout, table = known.layout, known.weights
+        if not seconds_alone(window) >= max(known.gap, layout.lead_span) * transit(window):
+            layout, table = Layout(0, 0, known.parts), known.weights_alone
+        weights = _between(window.belt_speed, known.speeds, np.reshape(table, (-1, layout.count)))
+        load = np.add.reduce(weights * pass_features(window, layout))
+        return LoadEstimate(float(load), rough_variance(samples))
+
+
+def _between(
+    speed: float, speeds: tuple[float, ...], table: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the row of a table (speeds, n) at a speed, (n,)."""
+    position = float(np.interp(speed, speeds, np.arange(len(speeds))))
+    before = min(int(position), max(len(speeds) - 2, 0))
+    after = min(before + 1, len(speeds) - 1)
+    row: NDArray[np.float64] = table[before] + (position - before) * (table[after] - table[before])
+    return row
+
+
+def transit(window: WeighWindow) -> float:
+    """Return t3 - t1 in s, NaN if it is not known."""
+    if window.t1 is None or window.t3 is None:
+        return math.nan
+    return seconds(window.t3 - window.t1)
+
+
+def seconds_alone(window: WeighWindow) -> float:
+    """Return for how long before t1 the signal of a window has no other item on the belt, in s."""
+    return -float(time_since_entry(window, window.empty_begin, window.empty_begin + 1)[0])
+
+
+def pass_features(window: WeighWindow, layout: Layout) -> NDArray[np.float64]:
+    """Return the means of the signal in the parts of a pass, (layout.count,), kg.
+
+    A sample counts for the interval around it. All is NaN where the signal does not reach back to
+    the first part, or a part has no duration.
+    """
+    whole, rise = transit(window), rise_time(window)
+    half = 0.5 / window.sample_rate
+    time = time_since_entry(window, 0, window.window_end)
+    ends = np.append(time - half, time[-1] + half)
+    area = np.zeros(len(ends))
+    np.cumsum(window.force_between(0, window.window_end), out=area[1:])
+    total = layout.rise + layout.window
+    turn = layout.rise / total * whole
+    if not layout.rise or abs(rise - turn) > _SAME_RISE * whole:
+        turn = rise
+    bounds = np.concatenate(
+        [
+            np.arange(-layout.lead, 0) * (whole / total),
+            np.linspace(0.0, turn, layout.rise, endpoint=False),
+            np.linspace(turn, whole, layout.window + 1),
+        ]
+    )
+    # The last sample lies up to one interval before t3.
+    bounds = np.minimum(bounds, ends[-1])
+    widths = np.diff(bounds)
+    if not (bounds[0] >= ends[0] and np.all(widths > 0)):
+        return np.full(layout.count, math.nan)
+    means: NDArray[np.float64] = np.diff(np.interp(bounds, ends, area)) / widths
+    return means / window.sample_rate

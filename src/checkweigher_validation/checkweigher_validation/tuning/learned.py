@@ -1,0 +1,240 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+r"""Tuning of the learned estimator: the covariance of what a pass has beside its load.
+
+.. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o + n d d'
+
+R are the residuals of the n passes of a speed from the mean curve, and :math:`\sigma^2` the mean of
+their variances. What they cannot tell yet, being few, is drawn from what is known beside them: the
+noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at the same
+places of the belt, and the curve d by which a heavier product rings slower. With few passes these
+decide, with many the passes. How much each counts, a to c, is averaged over a grid, each point of
+it by the likelihood of passes that were held out from it. [own derivation]
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+
+from checkweigher_dsp.denoising.window_batch import rise_time
+from checkweigher_dsp.estimation.estimators.learned import (
+    Layout,
+    LearnedParameters,
+    pass_features,
+    seconds_alone,
+    transit,
+)
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import WeighWindow
+from checkweigher_validation.accuracy.passes import SpeedGroup
+from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds
+from checkweigher_validation.tuning.search import Values
+from checkweigher_validation.tuning.tunables import Tunable
+
+_PARTS = 64  # of a pass: up to some 50 Hz on a slow belt, above the platform on a fast one
+_LONGEST_LEAD = 0.75  # as a multiple of t3 - t1
+_ALONE = 0.02  # share of the training passes that may have less than the gap
+_LESS = 0.95  # of that gap will do in production
+_FEWEST = 3  # passes that teach weights
+_FOLDS = 8
+_SLOWER = 0.01  # by what share the ringing of one product may be slower than that of another
+_LEAST_VARIANCE = 1e-18  # kg^2
+# a, b and c.
+_SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What passes of one speed show: features (n, k) of loads of `masses` (n,), both in kg."""
+
+    features: NDArray[np.float64]
+    masses: NDArray[np.float64]
+
+    def select(self, rows: NDArray[np.bool_]) -> 'Evidence':
+        """Return some of the passes."""
+        return Evidence(self.features[rows], self.masses[rows])
+
+    @property
+    def curve(self) -> NDArray[np.float64]:
+        """Mean curve of a load of 1, (k,)."""
+        return np.asarray(self.masses @ self.features / (self.masses @ self.masses))
+
+    @property
+    def scatter(self) -> NDArray[np.float64]:
+        """R'R, (k, k), kg^2."""
+        residuals = self.features - np.outer(self.masses, self.curve)
+        return np.asarray(residuals.T @ residuals)
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known beside the passes of a speed."""
+
+    noise: NDArray[np.float64]  # (k, k), kg^2, of the empty belt
+    elsewhere: NDArray[np.float64]  # (k, k), residuals of other speeds, each of variance 1
+    time: NDArray[np.float64]  # (k,), since t1, in parts
+
+    def last(self, count: int) -> 'Prior':
+        """Return that of the last parts alone."""
+        end = slice(-count, None)
+        return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end])
+
+
+def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
+    """Return the weights for each point of the grid, (points, k), with a gain of 1."""
+    count, curve, scatter = len(known.masses), known.curve, known.scatter
+    parts = len(curve)
+    variance = max(float(np.trace(scatter)) / parts / count, _LEAST_VARIANCE)
+    if not are_distinct(known.masses):
+        drawl = _SLOWER * float(known.masses.mean()) * prior.time * np.gradient(curve)
+        scatter = scatter + count * np.outer(drawl, drawl)
+    covariances = np.stack(
+        [
+            scatter + a * count * prior.noise
+            + variance * (b * np.eye(parts) + c * prior.elsewhere)
+            for a, b, c in _SHARES
+        ]
+    )  # fmt: skip
+    weights = np.linalg.solve(covariances, curve[:, np.newaxis])[..., 0]
+    return np.asarray(weights / (weights @ curve)[:, np.newaxis])
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Weights (k,) and the estimates (n,), kg, of the passes by weights that others taught."""
+
+    weights: NDArray[np.float64]
+    held_out: NDArray[np.float64]
+
+
+def fit(known: Evidence, prior: Prior) -> Fit:
+    """Learn weights, averaged over the grid by the likelihood of passes that were held out."""
+    fold = folds(known.masses, _FOLDS)
+    found = np.empty((len(_SHARES), len(known.masses)))
+    for number in np.unique(fold):
+        out = fold == number
+        taught = known.select(~out) if not out.all() else known
+        found[:, out] = weights_by_share(taught, prior) @ known.features[out].T
+    errors = [calibrate(row, known.masses).apply(row) - known.masses for row in found]
+    deviations = np.sqrt(np.mean(np.square(errors), axis=1) + _LEAST_VARIANCE)
+    likelihoods = (deviations.min() / deviations) ** len(known.masses)
+    shares = likelihoods / likelihoods.sum()
+    return Fit(shares @ weights_by_share(known, prior), shares @ found)
+
+
+class TunedLearned(Tunable):
+    """The learned estimator: nothing is searched, all follows by least squares."""
+
+    name: ClassVar[str] = 'learned'
+
+    @classmethod
+    def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
+        """Return `base` with the layout of the parts, which is the same at all speeds."""
+        windows = [[each.window for each in group.passes] for group in groups]
+        rises = [rise_time(window) / transit(window) for row in windows for window in row]
+        rise_parts = min(max(round(_PARTS * float(np.median(rises))), 1), _PARTS - 1)
+        gaps = [np.quantile([_gap(window) for window in row], _ALONE) for row in windows]
+        gap = max(_LESS * float(min(gaps)), 0.0)
+        layout = Layout(int(_PARTS * min(gap, _LONGEST_LEAD)), rise_parts, _PARTS - rise_parts)
+        known = LearnedParameters(
+            parts=layout.window, rise_parts=layout.rise, lead_parts=layout.lead,
+            gap=float(f'{min(gap, 2 * _LONGEST_LEAD):.4f}'),
+            weights=(0.0,) * layout.count, weights_alone=(0.0,) * layout.window,
+        )  # fmt: skip
+        return replace(base, identifier=replace(base.identifier, learned=known))
+
+    def search(
+        self, badness: Callable[[Mapping[str, float]], float], budget: int
+    ) -> tuple[Values, float]:
+        """Return that there is nothing to search, and the badness."""
+        return {}, badness({})
+
+    def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the load of every pass by weights that the others have taught."""
+        alone, led = self._fits
+        result = alone.held_out.copy()
+        if led is not None:
+            result[self._led] = led.held_out
+        return result
+
+    def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Return the weights that all passes teach."""
+        alone, led = self._fits
+        layout = self.base.identifier.learned.layout
+        before = np.zeros(layout.count - layout.window)
+        weights = np.concatenate([before, alone.weights]) if led is None else led.weights
+        lists = {'weights': weights, 'weights_alone': alone.weights}
+        return {f'identifier.learned.{name}': tuple(row.tolist()) for name, row in lists.items()}
+
+    @cached_property
+    def _led(self) -> NDArray[np.bool_]:
+        """Tell of which passes the signal before t2 is used, (n,) bool."""
+        return _is_led(self.group, self.base.identifier.learned)
+
+    @cached_property
+    def _fits(self) -> tuple[Fit, Fit | None]:
+        """Return the fit of the parts from t2 on, and that of all parts."""
+        layout = self.base.identifier.learned.layout
+        prior = self._prior(layout)
+        window = Layout(0, 0, layout.window)
+        alone = fit(_evidence(self.group, window), prior.last(layout.window))
+        if np.count_nonzero(self._led) < _FEWEST:
+            return alone, None
+        return alone, fit(_evidence(self.group, layout, self._led), prior)
+
+    def _prior(self, layout: Layout) -> Prior:
+        elsewhere = np.zeros((layout.count, layout.count))
+        for group in self.others:
+            led = _is_led(group, self.base.identifier.learned)
+            if np.count_nonzero(led) >= _FEWEST:
+                scatter = _evidence(group, layout, led).scatter
+                variance = np.trace(scatter) / layout.count / np.count_nonzero(led)
+                elsewhere += scatter / max(variance, _LEAST_VARIANCE)
+        settle = self.base.segmenter.settle_time
+        windows = [each.window for each in self.group.passes]
+        noise = toeplitz(empty_belt_covariances(windows, layout, settle))
+        return Prior(noise, elsewhere, np.maximum(np.arange(layout.count) - layout.lead + 0.5, 0.0))
+
+
+def empty_belt_covariances(
+    windows: Sequence[WeighWindow], layout: Layout, settle_time: float
+) -> NDArray[np.float64]:
+    """Return the covariances, (layout.count,) kg^2, of parts of the empty belt by their distance.
+
+    They are those about zero, for what the zero is off is noise, too. Distances for which there is
+    too little of empty belt have 0.
+    """
+    sums, counts = np.zeros(layout.count), 0
+    for window in windows:
+        part = transit(window) / (layout.rise + layout.window)
+        lead = int((seconds_alone(window) - settle_time) / part)
+        if lead < 1:
+            continue
+        empty = pass_features(window, Layout(lead, layout.rise, layout.window))[:lead]
+        reach = min(lead, layout.count)
+        sums[:reach] += np.correlate(empty, empty, 'full')[lead - 1 :][:reach]
+        counts += lead
+    return sums / max(counts, 1)
+
+
+def _evidence(group: SpeedGroup, layout: Layout, rows: NDArray[np.bool_] | None = None) -> Evidence:
+    """Return what the passes of a group show, or some of them."""
+    features = np.array([pass_features(each.window, layout) for each in group.passes])
+    known = Evidence(features, group.masses)
+    return known if rows is None else known.select(rows)
+
+
+def _is_led(group: SpeedGroup, known: LearnedParameters) -> NDArray[np.bool_]:
+    least = max(known.gap, known.layout.lead_span)
+    return np.array([_gap(each.window) >= least for each in group.passes])
+
+
+def _gap(window: WeighWindow) -> float:
+    """Return the time since the item before had left as a multiple of t3 - t1."""
+    return seconds_alone(window) / transit(window)

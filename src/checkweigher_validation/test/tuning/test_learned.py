@@ -1,0 +1,122 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the learned estimator is taught, against Gauss and Markov and numbers of its own."""
+
+from dataclasses import replace
+
+from lines import simulated
+import numpy as np
+import pytest
+
+from checkweigher_dsp.estimation.estimators.learned import Layout
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_validation.accuracy.evaluating import weigh_passes
+from checkweigher_validation.accuracy.passes import group_by_speed, known_passes
+from checkweigher_validation.tuning.calibration import index
+from checkweigher_validation.tuning.learned import (
+    Evidence,
+    Prior,
+    TunedLearned,
+    empty_belt_covariances,
+    fit,
+    weights_by_share,
+)
+from checkweigher_validation.tuning.tuner import tune
+
+PARTS = 6
+
+
+def group_of(**parameters):
+    line = simulated(**parameters)
+    (group,) = group_by_speed(known_passes(line.load_cell, line, SegmenterParameters()))
+    return group
+
+
+def evidence(count, covariance, curve, seed=3):
+    random = np.random.default_rng(seed)
+    masses = random.choice([0.1, 0.2, 0.3], count)
+    noise = random.multivariate_normal(np.zeros(len(curve)), covariance, count)
+    return Evidence(np.outer(masses, curve) + noise, masses)
+
+
+@pytest.fixture
+def machine():
+    """Return the covariance of a machine, kg^2, and the curve of its load."""
+    factor = np.random.default_rng(5).standard_normal((PARTS, PARTS))
+    return 1e-8 * (factor @ factor.T + 0.1 * np.eye(PARTS)), np.linspace(0.5, 1.0, PARTS)
+
+
+@pytest.fixture
+def nothing():
+    """Return a prior that knows of no noise."""
+    return Prior(np.zeros((PARTS, PARTS)), np.zeros((PARTS, PARTS)), np.arange(PARTS) + 0.5)
+
+
+def test_with_many_passes_the_weights_are_those_of_gauss_and_markov(machine, nothing):
+    covariance, curve = machine
+    weights = fit(evidence(4000, covariance, curve), nothing).weights
+    inverse = np.linalg.solve(covariance, curve)
+    best = inverse / (inverse @ curve)
+    # Variance of the estimates, as a share of the least that there is.
+    assert weights @ curve == pytest.approx(1.0, abs=1e-4)
+    assert weights @ covariance @ weights < 1.02 * (best @ covariance @ best)
+
+
+def test_with_few_passes_what_the_empty_belt_shows_makes_up_for_them(machine, nothing):
+    covariance, curve = machine
+    few = [evidence(4, covariance, curve, seed) for seed in range(20)]
+    informed = Prior(covariance, nothing.elsewhere, nothing.time)
+
+    def variance(prior):
+        found = [fit(each, prior).weights for each in few]
+        return np.mean([weights @ covariance @ weights for weights in found])
+
+    assert variance(informed) < 0.5 * variance(nothing)
+
+
+def test_all_weights_show_the_mean_curve_with_a_gain_of_one(machine, nothing):
+    known = evidence(9, *machine)
+    assert weights_by_share(known, nothing) @ known.curve == pytest.approx(1.0)
+
+
+def test_what_one_pass_is_changes_its_own_estimate_by_the_average_over_the_grid_alone(
+    machine, nothing
+):
+    known = evidence(40, *machine)
+    last = int(np.lexsort((np.arange(40), known.masses))[-1])  # so the folds stay
+    masses = known.masses.copy()
+    masses[last] *= 1.5
+    other = fit(Evidence(known.features, masses), nothing)
+    found = fit(known, nothing)
+    assert other.held_out[last] == pytest.approx(found.held_out[last], rel=1e-3)
+    assert abs(other.weights - found.weights).max() > 1e-3
+
+
+def test_the_covariances_of_the_empty_belt_are_those_of_its_parts():
+    # Before the first product nothing rings; its belt of 0.5 s then reads 1 g in all 40 parts.
+    window = group_of(profile='quiet', count=2).passes[0].window
+    window = replace(window, zero=window.zero - 1e-3 * window.counts_per_kg)
+    found = empty_belt_covariances([window], Layout(4, 8, 8), settle_time=0.0)
+    expected = 1e-6 * (1 - np.arange(20) / 40)
+    assert found == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize('profile', ['soft', 'floor'])
+def test_it_weighs_better_than_the_window_alone_can(profile):
+    train, test = (group_of(profile=profile, count=60, speed=1.0, seed=seed) for seed in (3, 4))
+    results = {}
+    for name in ('hann', 'fir_model', 'learned'):
+        tuned = tune([train], [name], LineParameters(), budget=8, n_jobs=1)[name]
+        masses = np.array([each.mass for each in weigh_passes(test.passes, tuned.parameters)])
+        results[name] = index(masses - test.masses, test.masses)
+    assert results['learned'] < 0.8 * results['fir_model'] < 0.8 * results['hann']
+
+
+def test_other_speeds_teach_where_there_are_few_passes():
+    few = group_of(profile='soft', count=6, speed=1.0, seed=5)
+    others = [group_of(profile='soft', count=40, speed=speed, seed=6) for speed in (0.75, 1.25)]
+    base = TunedLearned.prepare([few, *others], LineParameters())
+    alone, helped = (TunedLearned(few, base, rest).lists({}) for rest in ((), others))
+    assert alone.keys() == helped.keys()
+    assert alone != helped
