@@ -40,6 +40,7 @@ class Reason(_Hinted):
     CLOCK_JUMP = 'ClockJump'
     ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
     NO_PRODUCT = 'NoProduct'
+    OVERLOAD = 'Overload'
 
 
 class StopReason(_Hinted):
@@ -79,6 +80,7 @@ _HINTS = {
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
+    Reason.OVERLOAD: 'the load was above the capacity of the load cell; check both and calibration',
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',

@@ -21,6 +21,8 @@ GRAMS = 1000.0  # in a kilogram
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 
+MAX_MASS = 1e6  # kg
+
 Stamp = Annotated[int, 'ns']  # on the clock of the samples
 
 
@@ -60,7 +62,8 @@ class LoadCell:
     `sample_rate` is in Hz, `capacity` in kg, `weigh_length` (from the infeed to the outfeed eye)
     in m. `counts_per_kg` is the static sensitivity, negative where the cell is mounted upside
     down, `zero_counts` the reading of the empty belt at calibration. A reading at or beyond
-    `min_counts` or `max_counts` is saturated.
+    `min_counts` or `max_counts` is saturated, a load of more than `capacity` on the empty belt an
+    overload: the cell carries the dead load of the belt besides.
 
     Raises
     ------
@@ -79,23 +82,32 @@ class LoadCell:
     serial_number: str = ''
 
     def __post_init__(self) -> None:
-        rate, sensitivity, zero = self.sample_rate, self.counts_per_kg, self.zero_counts
-        lower, upper = self.min_counts, self.max_counts
-        for name in ('sample_rate', 'capacity', 'weigh_length'):
+        for name, (least, most, unit) in _POSSIBLE.items():
             value = getattr(self, name)
-            _require(0 < value < math.inf, f'{name} is {value:g}, must be positive')
-        limit = f'{MAX_SAMPLE_RATE:g} Hz'
-        _require(rate <= MAX_SAMPLE_RATE, f'sample_rate is {rate:g} Hz, must not exceed {limit}')
-        usable = math.isfinite(sensitivity) and sensitivity != 0
-        _require(usable, f'counts_per_kg is {sensitivity:g}, must not be 0')
-        _require(math.isfinite(zero), f'zero_counts is {zero:g}, must be finite')
+            magnitude = abs(value) if name == 'counts_per_kg' else value
+            span = f'{least:g}..{most:g} {unit}'
+            _require(least <= magnitude <= most, f'{name} is {value:g}, must be within {span}')
+        lower, upper, zero = self.min_counts, self.max_counts, self.zero_counts
         _require(lower < upper, f'min_counts {lower} is not below max_counts {upper}')
+        span = f'min_counts..max_counts, {lower}..{upper}'
+        _require(lower <= zero <= upper, f'zero_counts is {zero:g}, must be within {span}')
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
         """Return the load cell that parameters of the same names and `others` describe."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
+
+
+# What a load cell of a belt scale, its converter and its belt can be; of counts_per_kg the size.
+_POSSIBLE = {
+    'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
+    'counts_per_kg': (1e-3, 1e9, '/kg'),
+    'min_counts': (-(2**31), 2**31 - 1, 'counts'),
+    'max_counts': (-(2**31), 2**31 - 1, 'counts'),
+    'capacity': (1e-6, MAX_MASS, 'kg'),
+    'weigh_length': (1e-3, 100.0, 'm'),
+}
 
 
 def _require(condition: bool, text: str) -> None:
@@ -126,10 +138,14 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The true mass of an item in kg; `stamp` is its t1."""
+    """The true mass of an item in kg; `stamp` is its t1. ValueError if it is no mass."""
 
     stamp: Stamp
     mass: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.mass <= MAX_MASS:
+            raise ValueError(f'a reference mass of {self.mass:g} kg, must be 0..{MAX_MASS:g} kg')
 
 
 @dataclass(frozen=True, slots=True)

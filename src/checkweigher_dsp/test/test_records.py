@@ -33,7 +33,16 @@ from checkweigher_dsp.records import (
         ('counts_per_kg', 0.0),
         ('counts_per_kg', math.nan),
         ('zero_counts', math.inf),
+        ('zero_counts', 1e308),
+        ('zero_counts', 2.0**23),
         ('min_counts', 2**23 - 1),
+        ('min_counts', -(2**31) - 1),
+        ('sample_rate', 1e-300),
+        ('sample_rate', 1e7),
+        ('counts_per_kg', 1e300),
+        ('counts_per_kg', -1e-300),
+        ('weigh_length', 1e6),
+        ('capacity', math.inf),
     ],
 )
 def test_what_cannot_describe_a_load_cell_is_refused_by_name(load_cell, name, value):
@@ -43,6 +52,12 @@ def test_what_cannot_describe_a_load_cell_is_refused_by_name(load_cell, name, va
 
 def test_a_load_cell_may_be_mounted_upside_down(load_cell):
     assert replace(load_cell, counts_per_kg=-1e6).counts_per_kg == -1e6
+
+
+@pytest.mark.parametrize('mass', [-0.1, math.nan, math.inf, 1e308])
+def test_what_is_no_mass_is_no_reference(mass):
+    with pytest.raises(ValueError, match='a reference mass of'):
+        Reference(0, mass)
 
 
 def test_a_stamp_in_seconds():

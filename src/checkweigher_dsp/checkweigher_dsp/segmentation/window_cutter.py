@@ -89,7 +89,7 @@ class WindowCutter:
             return None
         if end - begin < self._parameters.min_window:
             return self._fault(item, Reason.WINDOW_TOO_SHORT)
-        reason = self._check_samples(entry, end)
+        reason = self._check_samples(entry, end) or self._check_load(begin, end)
         if reason is not None:
             return self._fault(item, reason)
         empty, settled = self._empty_belt(item, entry)
@@ -165,6 +165,13 @@ class WindowCutter:
         ):
             return Reason.SATURATION
         return None
+
+    def _check_load(self, begin: int, end: int) -> Reason | None:
+        """Compare the mean load, from the zero of calibration on, with the capacity."""
+        cell = self._load_cell
+        reading = np.add.reduce(self._buffer.look_at(begin, end), dtype=np.int64) / (end - begin)
+        load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
+        return Reason.OVERLOAD if abs(load) > cell.capacity else None
 
     def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether they settled."""

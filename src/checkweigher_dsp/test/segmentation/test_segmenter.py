@@ -230,6 +230,20 @@ def test_one_count_within_the_limit_is_no_saturation(make_line, cut, load_cell):
     assert _reasons(cut(line)) == [[], [], []]
 
 
+@pytest.mark.parametrize(('capacity', 'reasons'), [(0.25, ['Overload']), (0.31, [])])
+@pytest.mark.parametrize('sign', [1, -1])
+def test_a_load_above_the_capacity_is_a_fault(
+    make_line, run_segmenter, load_cell, capacity, reasons, sign
+):
+    sensitivity = sign * load_cell.counts_per_kg
+    cell = replace(load_cell, counts_per_kg=sensitivity, capacity=capacity)
+    line = make_line(load_cell=cell)
+
+    windows = run_segmenter(Segmenter(cell, SegmenterParameters()), line.events())
+
+    assert _reasons(windows) == [[], [], reasons]
+
+
 @pytest.mark.parametrize(('least', 'reasons'), [(96, []), (97, ['WindowTooShort'])])
 def test_a_window_of_fewer_samples_than_allowed_is_a_fault(make_line, cut, least, reasons):
     # (0.2 - 0.1) m at 1 m/s are 96 samples.

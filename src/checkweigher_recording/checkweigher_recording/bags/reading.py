@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell, Reference
+from checkweigher_dsp.records import NANOSECONDS, LoadCell
 from checkweigher_dsp.ros.ports import (
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
@@ -163,14 +162,11 @@ def _read_lane(
 def _record(path: Path, port: Port, data: bytes) -> Any:
     """Return the load cell, edge or known mass of a message."""
     try:
-        record = deserialize(port, data)
+        return deserialize(port, data)
     except ValueError as error:
         if port is not LOAD_CELL_INFO:
             raise
-        raise BagError(f'{path}: {port.name}: {error}') from None
-    if isinstance(record, Reference) and not (math.isfinite(record.mass) and record.mass >= 0):
-        raise ValueError(f'a {port.name} of {record.mass:g} kg')
-    return record
+        raise BagError(f'{path}: {port.name}: {error}; correct the driver, record again') from None
 
 
 def _load_cell(path: Path, cells: Sequence[LoadCell]) -> LoadCell:

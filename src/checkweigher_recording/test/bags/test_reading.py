@@ -264,7 +264,7 @@ def test_different_load_cells(messages, write_foreign):
 
 def test_an_invalid_load_cell(messages, write_foreign):
     messages[0].content |= {'counts_per_kg': 0.0}
-    _refused(write_foreign(messages), 'counts_per_kg is 0, must not be 0')
+    _refused(write_foreign(messages), 'counts_per_kg is 0, must be within')
 
 
 def test_no_samples(messages, write_foreign):
@@ -274,7 +274,11 @@ def test_no_samples(messages, write_foreign):
 
 @pytest.mark.parametrize(
     ('topic', 'content'),
-    [('/photo_eyes', {'eye': 2}), ('/reference_mass', {'mass': float('nan')})],
+    [
+        ('/photo_eyes', {'eye': 2}),
+        ('/reference_mass', {'mass': float('nan')}),
+        ('/reference_mass', {'mass': 1e308}),
+    ],
 )
 def test_a_message_that_says_nothing_sensible(messages, write_foreign, topic, content):
     message = next(message for message in messages if message.topic == topic)
