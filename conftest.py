@@ -34,6 +34,12 @@ def _turns_of_threads() -> Iterator[None]:
     sys.setswitchinterval(interval)
 
 
+@pytest.fixture(autouse=True)
+def _state_of_machines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep what a line leaves on its belt from the user's own lines and from other tests."""
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'state'))
+
+
 @pytest.fixture
 def checkweigher() -> Run:
     """Run a command that must succeed."""

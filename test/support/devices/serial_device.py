@@ -191,7 +191,12 @@ class Device:
         self.sent = max(self.sent, int((time.monotonic() - self.begin) * self.options.rate))
 
     def obey(self, line: str) -> None:
-        """Do what the standard input says."""
+        """Do what the standard input says, and tell when it is done."""
+        self.do(line)
+        print('done', flush=True)
+
+    def do(self, line: str) -> None:
+        """Do what a line says."""
         word, _, value = line.strip().partition(' ')
         if word == 'lose':
             self.lose = int(value)
@@ -214,7 +219,6 @@ class Device:
             self.identity = value
         else:
             raise SystemExit(f'no such command: {line!r}')
-        print('done', flush=True)
 
     def run(self) -> None:
         print('ready', flush=True)

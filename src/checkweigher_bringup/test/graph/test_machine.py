@@ -43,7 +43,7 @@ LIMITS = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 0.6}
 # However busy the machine is on which the test runs.
 PATIENT = {
     'modbus.timeout': 2.0, 'modbus.longest_gap': 1.0, 'modbus.max_uncertainty': 0.2,
-    'modbus_outputs.timeout': 2.0, 'rejector.late_tolerance': 2.0,
+    'modbus_outputs.timeout': 2.0, 'rejector.late_tolerance': 2.0, 'rejector.watchdog_time': 5.0,
 }  # fmt: skip
 
 

@@ -35,9 +35,11 @@ def outputs_of(plc: Plc) -> dict[str, object]:
         'modbus_outputs.port': plc.port,
         'modbus_outputs.stop': RELEASE,
         'modbus_outputs.watchdog': 0,
+        'modbus_outputs.belt': 2,  # which never stops: the bag goes on whatever the line asks for
         # However busy the machine is on which the test runs.
         'modbus_outputs.timeout': 2.0,
         'rejector.late_tolerance': 2.0,
+        'rejector.watchdog_time': 5.0,
         'rejector.verdict_timeout': 5.0,
     }
 

@@ -148,6 +148,13 @@ class GpioOutputParameters(Parameters):
     stop_active_low: bool = parameter(
         True, 'the line is high while the line may run, so that a dead wire stops it'
     )
+    permit: int = parameter(
+        -1, 'offset of the line that is high while an accepted product passes the rejector; -1 for '
+        'none', minimum=-1,
+    )  # fmt: skip
+    heartbeat: int = parameter(
+        -1, 'offset of the line that changes with each cycle; -1 for none', minimum=-1
+    )
     belt: int = parameter(
         -1, 'offset of an input that is on while the belt runs; -1 for none', minimum=-1
     )
@@ -155,33 +162,40 @@ class GpioOutputParameters(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        used = [line for line in (self.reject, self.stop, self.belt) if line >= 0]
+        lines = self.reject, self.stop, self.permit, self.heartbeat, self.belt
+        used = [line for line in lines if line >= 0]
         if len(set(used)) < len(used):
-            raise ParameterError('gpio_outputs: reject, stop and belt have to be different lines')
+            raise ParameterError(
+                'gpio_outputs: reject, stop, permit, heartbeat and belt have to be different lines'
+            )
 
 
 class GpioOutputs(OutputPort):
-    """Rejector and stop as lines, the belt as an input."""
+    """Rejector, stop, permission and heartbeat as lines, the belt as an input."""
 
     parameters = GpioOutputParameters
 
     def __init__(self, parameters: GpioOutputParameters) -> None:
         self._parameters = parameters
+        self.name = f'gpio-{parameters.chip}-{parameters.reject}'
+        self.permits = parameters.permit >= 0
         self._request: gpiod.LineRequest | None = None
+        self._beat = False
 
-    def open(self, *, reject: bool, stop: bool) -> None:
+    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
         """Ask the kernel for the lines, and have it set them at once."""
         wanted = self._parameters
-        lines = {
-            wanted.reject: (wanted.reject_active_low, reject),
-            wanted.stop: (wanted.stop_active_low, stop),
+        inverted: dict[int | str, bool] = {
+            wanted.reject: wanted.reject_active_low,
+            wanted.stop: wanted.stop_active_low,
         }
         settings: _Settings = {
             offset: gpiod.LineSettings(
-                direction=Direction.OUTPUT, active_low=active_low, output_value=Value(int(value))
+                direction=Direction.OUTPUT,
+                active_low=inverted.get(offset, False),
+                output_value=value,
             )
-            for offset, (active_low, value) in lines.items()
-            if offset >= 0
+            for offset, value in self._values(reject, stop, permit).items()
         }
         if wanted.belt >= 0:
             settings[wanted.belt] = gpiod.LineSettings(
@@ -189,20 +203,27 @@ class GpioOutputs(OutputPort):
             )
         self._request = _request(wanted.chip, settings, 'gpio_outputs')
 
-    def switch(self, *, reject: bool, stop: bool) -> None:
+    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
         """Set the lines."""
-        wanted = self._parameters
-        values: dict[int | str, Value] = {wanted.reject: Value(int(reject))}
-        if wanted.stop >= 0:
-            values[wanted.stop] = Value(int(stop))
-        self._lines.set_values(values)
+        self._lines.set_values(self._values(reject, stop, permit))
 
-    def refresh(self, *, reject: bool, stop: bool) -> bool | None:
-        """Set the lines, and read the belt."""
-        self.switch(reject=reject, stop=stop)
+    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+        """Set the lines and change the heartbeat, and read the belt."""
+        self._beat = not self._beat
+        self.switch(reject=reject, stop=stop, permit=permit)
         if self._parameters.belt < 0:
             return None
         return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
+
+    def _values(self, reject: bool, stop: bool, permit: bool) -> dict[int | str, Value]:
+        wanted = self._parameters
+        levels = (
+            (wanted.reject, reject),
+            (wanted.stop, stop),
+            (wanted.permit, permit),
+            (wanted.heartbeat, self._beat),
+        )
+        return {offset: Value(int(level)) for offset, level in levels if offset >= 0}
 
     @property
     def _lines(self) -> gpiod.LineRequest:

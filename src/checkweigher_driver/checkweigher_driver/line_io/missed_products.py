@@ -5,6 +5,7 @@
 from enum import Enum, auto
 
 _MAX_MISSED = 3  # that are told of
+_MORE = 'and others'
 
 
 class Latch(Enum):
@@ -47,15 +48,24 @@ class MissedProducts:
         self._texts: list[str] = []
 
     @property
+    def texts(self) -> tuple[str, ...]:
+        """The missed products, one after the other."""
+        return tuple(self._texts)
+
+    @property
     def text(self) -> str:
         """The missed products in one line, empty if there are none."""
         return '; '.join(self._texts)
 
     def add(self, text: str) -> None:
         """Latch that a product can have been missed; the first ones are told of."""
-        if text not in self._texts and len(self._texts) < _MAX_MISSED:
+        if text in self._texts:
+            return
+        if len(self._texts) < _MAX_MISSED:
             self._texts.append(text)
-            self.take(LatchEvent.MISS)
+        elif _MORE not in self._texts:
+            self._texts.append(_MORE)
+        self.take(LatchEvent.MISS)
 
     def take(self, event: LatchEvent) -> None:
         """Make the transition of an event."""

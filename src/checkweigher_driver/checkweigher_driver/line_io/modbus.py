@@ -219,6 +219,10 @@ class ModbusOutputParameters(_DeviceParameters):
     stop_inverted: bool = parameter(
         True, 'the coil is on while the line may run, so that a dead wire stops it'
     )
+    permit: int = parameter(
+        -1, 'coil that is on while an accepted product passes the rejector; -1 for none',
+        minimum=-1, maximum=_LAST_ADDRESS,
+    )  # fmt: skip
     watchdog: int = parameter(
         -1, 'holding register that counts up with each cycle; -1 for none', minimum=-1,
         maximum=_LAST_ADDRESS,
@@ -231,35 +235,46 @@ class ModbusOutputParameters(_DeviceParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.stop == self.reject:
-            raise ParameterError(f'modbus_outputs.stop: coil {self.stop} is the rejector as well')
+        used = {self.reject: 'the rejector'}
+        for name, coil, what in (
+            ('stop', self.stop, 'the stop request'), ('permit', self.permit, '')
+        ):  # fmt: skip
+            if coil in used:
+                raise ParameterError(f'modbus_outputs.{name}: coil {coil} is {used[coil]} as well')
+            if coil >= 0:
+                used[coil] = what
 
 
 class ModbusOutputs(OutputPort):
-    """Rejector and stop as coils, the belt as an input, and a register that counts."""
+    """Rejector, stop and permission as coils, the belt as an input, and a register that counts."""
 
     parameters = ModbusOutputParameters
 
     def __init__(self, parameters: ModbusOutputParameters) -> None:
         self._parameters = parameters
+        self.name = '-'.join(
+            map(str, ('modbus', parameters.host, parameters.port, parameters.device_id,
+                      parameters.reject))
+        )  # fmt: skip
+        self.permits = parameters.permit >= 0
         self._link = parameters.link()
         self._cycles = 0
         self._written: dict[int, bool] = {}
 
-    def open(self, *, reject: bool, stop: bool) -> None:
-        """Connect and write both coils."""
+    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+        """Connect and write all coils."""
         self._written = {}
         self._link.connect()
-        self._write(self._coils(reject, stop))
+        self._write(self._coils(reject, stop, permit))
 
-    def switch(self, *, reject: bool, stop: bool) -> None:
+    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
         """Write the coils that change."""
-        wanted = self._coils(reject, stop)
+        wanted = self._coils(reject, stop, permit)
         self._write({a: value for a, value in wanted.items() if self._written.get(a) != value})
 
-    def refresh(self, *, reject: bool, stop: bool) -> bool | None:
-        """Write both coils and the watchdog, and read the belt."""
-        self._write(self._coils(reject, stop))
+    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+        """Write all coils and the watchdog, and read the belt."""
+        self._write(self._coils(reject, stop, permit))
         wanted = self._parameters
         if wanted.watchdog >= 0:
             self._cycles = (self._cycles + 1) % 2**16
@@ -268,11 +283,13 @@ class ModbusOutputs(OutputPort):
             return None
         return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
 
-    def _coils(self, reject: bool, stop: bool) -> dict[int, bool]:
+    def _coils(self, reject: bool, stop: bool, permit: bool) -> dict[int, bool]:
         wanted = self._parameters
         coils = {wanted.reject: reject != wanted.reject_inverted}
         if wanted.stop >= 0:
             coils[wanted.stop] = stop != wanted.stop_inverted
+        if wanted.permit >= 0:
+            coils[wanted.permit] = permit
         return coils
 
     def _write(self, coils: dict[int, bool]) -> None:

@@ -8,8 +8,14 @@ from contextlib import contextmanager
 import threading
 import time
 
+from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.missed_products import Latch, LatchEvent
-from checkweigher_driver.line_io.rejector_control import Levels, OutputParameters, RejectorControl
+from checkweigher_driver.line_io.rejector_control import (
+    Levels,
+    OutputParameters,
+    RejectorControl,
+    Switches,
+)
 from checkweigher_driver.prompt_threads import be_prompt
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Verdict
@@ -20,22 +26,26 @@ _REFRESH_TIME = 5_000_000  # ns without a refresh before the rejector is due
 
 
 class OutputPort(ABC):
-    """The two outputs and the belt input of a machine. Only one thread uses it.
+    """The outputs and the belt input of a machine. Only one thread uses it.
 
-    All methods but `close` raise OSError or ValueError if the port cannot be reached.
+    All methods but `close` raise OSError or ValueError if the port cannot be reached. `name` is
+    that of these outputs, the same at each start; `permits` tells whether the permission is wired.
     """
 
-    @abstractmethod
-    def open(self, *, reject: bool, stop: bool) -> None:
-        """Connect and set both outputs."""
+    name: str
+    permits: bool
 
     @abstractmethod
-    def switch(self, *, reject: bool, stop: bool) -> None:
-        """Set both outputs, and return when they are set."""
+    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+        """Connect and set all outputs."""
 
     @abstractmethod
-    def refresh(self, *, reject: bool, stop: bool) -> bool | None:
-        """Write both outputs with a sign of life; return whether the belt runs.
+    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+        """Set all outputs, and return when they are set."""
+
+    @abstractmethod
+    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+        """Write all outputs with a sign of life; return whether the belt runs.
 
         None without a belt input.
         """
@@ -51,7 +61,8 @@ class MachineOutputs:
     The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector in
     its safe state, the stop output set. The stop output stays set until a stop request has said
     that the line may run. A rejected product that the rejector can have missed sets it as well,
-    until a stop request that showed the product is taken back, or `reset`.
+    until a stop request that showed the product is taken back, or `reset`; so does what a run
+    before this one has left on the belt, by the record that each keeps.
 
     The thread of this object opens the port, again when it is lost. A `port` of None is that of a
     machine without outputs, which then are never open, and never in trouble.
@@ -178,20 +189,24 @@ class MachineOutputs:
         """Connect, safe until `activate`; a device that is not there is waited for.
 
         `held` is asked each cycle, in the thread of the outputs: whether the line has to stop
-        because its load cell or photo-eyes do not work.
+        because its load cell or photo-eyes do not work. `ParameterError` if there can be no record
+        of what is on the belt.
         """
         if not self._closed or self._port is None:
             return
         if self._thread is not None:
             self._thread.join()  # its last request may still wait for an answer
-        self._control = RejectorControl(self._parameters)
+        record = BeltRecord(record_path(self._parameters.record, self._port.name))
+        self._control = RejectorControl(self._parameters, permits=self._port.permits)
+        for text in record.found.to_look_for():
+            self._control.missed.add(text)
         self._port_trouble = 'the outputs are not connected yet'
         self._written = None
         self._held = held
         self._closed = False
         be_prompt()
         self._thread = threading.Thread(
-            target=self._run, args=(self._port,), name='outputs', daemon=True
+            target=self._run, args=(self._port, record), name='outputs', daemon=True
         )
         self._thread.start()
 
@@ -200,11 +215,11 @@ class MachineOutputs:
         if self._closed or self._thread is None:
             return
         with self._change() as control:
-            control.active = False
+            control.make_safe()
             self._closed = True
         self._thread.join(timeout=_CLOSE_TIME)
 
-    def _run(self, port: OutputPort) -> None:
+    def _run(self, port: OutputPort, record: BeltRecord) -> None:
         """Connect, serve, and connect again after a loss, until the outputs are closed."""
         backoff, safe = _FIRST_BACKOFF, self._control.safe_levels
         while not self._closed:
@@ -212,7 +227,7 @@ class MachineOutputs:
                 # The device may have kept what was written before: first the safe state.
                 port.open(**safe._asdict())
                 backoff = _FIRST_BACKOFF
-                self._serve(port)
+                self._serve(port, record)
                 port.switch(**safe._asdict())
             except Exception as error:  # every failure of the port must be told to the line
                 with self._changed:
@@ -224,12 +239,13 @@ class MachineOutputs:
                     self._changed.wait_for(lambda: self._closed, timeout=backoff)
                 backoff = min(2 * backoff, _LONGEST_BACKOFF)
         port.close()
+        record.close(self._control.on_belt())
 
-    def _serve(self, port: OutputPort) -> None:
+    def _serve(self, port: OutputPort, record: BeltRecord) -> None:
         """Switch and refresh until the outputs are closed."""
         next_refresh = time.monotonic_ns()
         cycle = round(self._parameters.cycle * NANOSECONDS)
-        due: int | None = None  # when the rejector switches next
+        dues = Switches(None, None)
         with self._changed:
             self._control.connect(next_refresh)
             self._port_trouble = ''
@@ -239,27 +255,32 @@ class MachineOutputs:
                     return
                 now = time.monotonic_ns()
                 self._control.clock.look()
-                was_due, wanted = due, self._control.levels(now)
-                due = self._control.next_switch(now)
+                were_due, wanted = dues, self._control.levels(now)
+                dues = self._control.next_switches(now)
+                due = min((each for each in dues if each is not None), default=None)
                 # A refresh must not be under way when the rejector is due.
                 soon = due is not None and due - next_refresh < _REFRESH_TIME
                 next_event = due if due is not None and soon else next_refresh
                 if wanted == self._written and now < next_event:
                     self._changed.wait((next_event - now) / NANOSECONDS)
                     continue
+                on_belt = self._control.on_belt()
+            record.keep(on_belt)  # that the belt may run, before it does
             if wanted != self._written:
-                self._switch(port, wanted, was_due, now)
+                self._switch(port, wanted, were_due, now)
             if now >= next_refresh:
                 running, held = port.refresh(**wanted._asdict()), self._held()
                 with self._changed:
                     self._control.held = held
-                    self._control.belt(running, time.monotonic_ns())
+                    done = time.monotonic_ns()
+                    self._control.belt(running, done)
+                    self._control.alive(now, done)
                 next_refresh = max(next_refresh + cycle, time.monotonic_ns())
 
-    def _switch(self, port: OutputPort, wanted: Levels, due: int | None, begun: int) -> None:
+    def _switch(self, port: OutputPort, wanted: Levels, due: Switches, begun: int) -> None:
         port.switch(**wanted._asdict())
         done = time.monotonic_ns()
         with self._changed:
             before, self._written = self._written, wanted
-            if before and before.reject != wanted.reject and due is not None and due <= begun:
-                self._control.switched(wanted.reject, due, begun, done)
+            if before:
+                self._control.switched(before, wanted, due, begun, done)

@@ -63,6 +63,25 @@ class BeltTime:
         """
         return None if self.stopped else belt_time + self._stood
 
+    def arrival(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
+        """Return when an item is at the rejector, and whether a stop delayed it.
+
+        All times but that are of the clock. At `due` it is there if the belt does not stop. At
+        `since` it was where `due` was computed from, at `entered` at the infeed eye: if the belt
+        has stood in between, its speed by the eyes, from which `due` was computed, is too slow by
+        that.
+        """
+        begin, stood = self.at(due), False
+        if since is not None:
+            travel = due - since
+            if entered is not None and entered < since:
+                run = self.at(since) - self.at(entered)
+                stood = run < since - entered
+                travel = travel * run // (since - entered)
+            begin = self.at(since) + travel
+        # A pulse that waits for the belt to run gets its margin then.
+        return begin, stood or (not self.stopped and begin != self.at(due))
+
 
 @dataclass(frozen=True, slots=True)
 class PulseTimes:
@@ -75,14 +94,14 @@ class PulseTimes:
 
 
 class RejectPulses:
-    """The pulses of the rejector.
+    """The pulses of the rejector, on the time of a `belt`.
 
     `skipped` counts those that ended before `acting` was asked while they lasted.
     """
 
-    def __init__(self, times: PulseTimes) -> None:
+    def __init__(self, times: PulseTimes, belt: BeltTime | None = None) -> None:
         self._times = times
-        self._belt = BeltTime()
+        self._belt = belt or BeltTime()
         self._pulses: list[tuple[int, int]] = []  # begin and end, in the time of the belt
         self._seen = False  # the first of them, acting
         self.skipped = 0
@@ -105,35 +124,20 @@ class RejectPulses:
         """Take a rejected item; return by how many ns its pulse is late, 0 if it is in time.
 
         Its pulse begins at `due`, ns, if the belt does not stop. None if that is not known: the
-        rejector acts at once, perhaps on another item, and None is returned. At `since` the item
-        was where `due` was computed from, at `entered` at the infeed eye: if the belt has stood
-        in between, its speed by the eyes, from which `due` was computed, is too slow by that.
+        rejector acts at once, perhaps on another item, and None is returned. `since` and `entered`
+        are those of `BeltTime.arrival`.
         """
         here, duration = self._belt.at(now), self._times.duration
         if due is None:
             self._put(here, here + duration, here)
             return None
-        begin, delayed = self._begin(due, since, entered)
+        begin, delayed = self._belt.arrival(due, since, entered)
         late = here - begin
         if late > self._times.late_tolerance:
             self._put(here, here + duration, here)
             return late
         self._put(begin, begin + duration, here, self._times.belt_margin if delayed else 0)
         return 0
-
-    def _begin(self, due: int, since: int | None, entered: int | None) -> tuple[int, bool]:
-        """Return when a pulse begins on the time of the belt, and whether a stop delayed it."""
-        at = self._belt.at
-        begin, stood = at(due), False
-        if since is not None:
-            travel = due - since
-            if entered is not None and entered < since:
-                run = at(since) - at(entered)
-                stood = run < since - entered
-                travel = travel * run // (since - entered)
-            begin = at(since) + travel
-        # A pulse that waits for the belt to run gets its margin then.
-        return begin, stood or (not self._belt.stopped and begin != at(due))
 
     def _put(self, begin: int, end: int, here: int, margin: int = 0) -> None:
         """Add a pulse, longer by a margin at both ends, but not into the past; join close ones."""

@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decisions of the outputs: what rejector and stop output have to be, without thread and port."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from checkweigher_driver.line_io.belt_items import BeltItems
+from checkweigher_driver.line_io.belt_record import OnBelt
 from checkweigher_driver.line_io.clock_steps import ClockStepWatch
 from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
-from checkweigher_driver.line_io.reject_pulses import PulseTimes, RejectPulses
+from checkweigher_driver.line_io.permits import Permits
+from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
 from checkweigher_driver.line_io.verdict_watch import VerdictWatch
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.reasons import Reason, StopReason
@@ -52,6 +56,18 @@ class OutputParameters(Parameters):
         0.05, 'period in which all outputs are written again and the belt input is read', unit='s',
         minimum=0.005, maximum=10,
     )  # fmt: skip
+    permit_margin: float = parameter(
+        0.02, 'time by which a permission begins before its product is at the rejector, and ends '
+        'after it has passed', unit='s', minimum=0, maximum=10,
+    )  # fmt: skip
+    watchdog_time: float = parameter(
+        0.25, 'time without a sign of life after which the machine ejects and stops by itself; '
+        'after a longer one what was on the belt is in doubt', unit='s', minimum=0.02, maximum=60,
+    )  # fmt: skip
+    record: str = parameter(
+        '', 'file that keeps what is on the belt over a restart; empty for one named after the '
+        'outputs in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,10 +79,11 @@ class OutputParameters(Parameters):
 
 
 class Levels(NamedTuple):
-    """Rejector and stop output, on or off."""
+    """Rejector, stop output and permission to pass the rejector, on or off."""
 
     reject: bool
     stop: bool
+    permit: bool = False
 
 
 @dataclass
@@ -75,6 +92,8 @@ class SwitchFigures:
 
     rejects: int = 0
     late_rejects: int = 0
+    permits: int = 0
+    permits_withheld: int = 0
     losses: int = 0
     switches: int = 0
     error_sum: int = 0
@@ -86,6 +105,8 @@ class SwitchFigures:
         return {
             'rejects': self.rejects,
             'late rejects': self.late_rejects,
+            'permits': self.permits,
+            'permits withheld': self.permits_withheld,
             'output losses': self.losses,
             'switches': self.switches,
             'switch error ms': 1e-6 * self.error_sum / max(self.switches, 1),
@@ -94,27 +115,55 @@ class SwitchFigures:
         }
 
 
+class Switches(NamedTuple):
+    """When rejector and permission switch, ns; None where that is not to come."""
+
+    reject: int | None
+    permit: int | None
+
+
+class Times(NamedTuple):
+    """When an item is told to the rejector, at the outfeed eye and at the infeed eye, ns."""
+
+    due: int
+    since: int | None
+    entered: int | None
+
+
 class RejectorControl:
-    """Levels of rejector and stop output at each moment, and what the rejector can have missed.
+    """Levels of the outputs at each moment, and what the rejector can have missed.
 
     `now` is ns of the monotonic clock throughout. `active` tells whether the safe state was left,
     `connected` whether the port can be switched; `stop_requested` and `held` are the two reasons to
     stop the line beside a missed product; `belt_runs` is None where no input tells.
+
+    Pulses and permissions rest on where the items are. Where the belt may have stood unseen that is
+    not known any more: nothing is permitted, and the line stops until a person has looked. There
+    are permissions only for a machine that `permits`.
     """
 
-    def __init__(self, parameters: OutputParameters) -> None:
+    def __init__(self, parameters: OutputParameters, *, permits: bool = False) -> None:
         def nanoseconds(seconds: float) -> int:
             return round(seconds * NANOSECONDS)
 
         self._late_tolerance = nanoseconds(parameters.late_tolerance)
+        self._watchdog_time = nanoseconds(parameters.watchdog_time)
+        self._belt_margin = nanoseconds(parameters.belt_margin)
+        self._after = nanoseconds(parameters.pulse) + self._belt_margin
+        pause = nanoseconds(parameters.min_pause)
+        self._belt = BeltTime()
         self._pulses = RejectPulses(
             PulseTimes(
                 duration=nanoseconds(parameters.pulse),
-                min_pause=nanoseconds(parameters.min_pause),
+                min_pause=pause,
                 late_tolerance=self._late_tolerance,
-                belt_margin=nanoseconds(parameters.belt_margin),
-            )
+                belt_margin=self._belt_margin,
+            ),
+            self._belt,
         )
+        self._permitting = permits
+        self._permits = Permits(self._belt, nanoseconds(parameters.permit_margin), pause)
+        self._items = BeltItems()
         self._verdicts = VerdictWatch(nanoseconds(parameters.verdict_timeout))
         self.safe_levels = Levels(reject=parameters.safe_state == 'eject', stop=True)
         self.active = self.held = self.connected = False
@@ -123,28 +172,80 @@ class RejectorControl:
         self.missed = MissedProducts()
         self.figures = SwitchFigures()
         self.clock = ClockStepWatch(_CLOCK_STEP)
+        self._released = False  # since the belt was known to be empty or all on it in doubt
+        self._may_run = False  # by the levels that were asked for last
+        self._stood_at: int | None = None  # when it last might not run
+        self._latched = False  # by a missed product
+        self._looked_at: int | None = None  # when a person had looked for all that was missed
+        self._alive: tuple[int, bool] | None = None  # last sign of life; whether it might run then
 
     def make_safe(self) -> None:
-        """Take the safe state, and forget what was to come."""
-        self.active = False
+        """Take the safe state; what is on the belt is in doubt."""
+        if self._items:
+            self._doubt('the outputs were made safe', self._items.names())
+        self.active = self._released = self._may_run = False
+        self._alive = None
         self._verdicts.clear()
         self._pulses.clear()
+        self._permits.clear()
+        self._items.clear()
 
     def levels(self, now: int) -> Levels:
         """Return what the outputs have to be."""
         if not self.active:
             return self.safe_levels
+        self._items.leave(self._belt.at(now))
         self._check_verdicts(now)
         skipped = self._pulses.skipped
         reject = self._pulses.acting(now)
         if self._pulses.skipped > skipped:
             self.missed.add('the machine was too busy to switch the rejector; look behind it')
-        missed = self.missed.state is not Latch.CLEAR
-        return Levels(reject, stop=self.stop_requested or self.held or missed)
+        latched = self.missed.state is not Latch.CLEAR
+        if self._latched and not latched:
+            self._looked_at = now
+        self._latched = latched
+        stop = self.stop_requested or self.held or latched
+        if stop and self._released:
+            self._stand(now)
+        self._may_run = not stop
+        self._released |= self._may_run
+        return Levels(reject, stop, self._permits.given(now))
 
-    def next_switch(self, now: int) -> int | None:
-        """Return when the rejector switches next, ns; None if that is not to come."""
-        return self._pulses.next_change(now) if self.active else None
+    def _stand(self, now: int) -> None:
+        """Take that the line stops the belt: without an input, where the items are is not known."""
+        if self.belt_runs is not None:
+            return
+        self._stood_at = now
+        self._permits.clear()
+        bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
+        if names := [str(each) for each in bad if not each.told]:
+            self._doubt('the belt was stopped', names)
+        for each in bad:
+            each.told = True
+
+    def _doubt(self, why: str, names: Sequence[str] = ()) -> None:
+        self._permits.clear()
+        what = f'look for {", ".join(names)}' if names else 'look for what is on the belt'
+        self.missed.add(f'{why} before all had passed the rejector: {what}')
+
+    def on_belt(self) -> OnBelt:
+        """Return what the next start has to know."""
+        return OnBelt(self._released, self._items.names(), self.missed.texts)
+
+    def alive(self, begun: int, done: int) -> None:
+        """Take a sign of life that the machine got between two moments."""
+        if self._alive is not None:
+            last, ran = self._alive
+            if ran and done - last > self._watchdog_time:
+                limit = self._watchdog_time / NANOSECONDS
+                self._doubt(f'the machine had no sign of life for {limit:g} s', self._items.names())
+        self._alive = begun, self._may_run
+
+    def next_switches(self, now: int) -> Switches:
+        """Return when rejector and permission switch next, ns; None for what is not to come."""
+        if not self.active:
+            return Switches(None, None)
+        return Switches(self._pulses.next_change(now), self._permits.next_change(now))
 
     def _check_verdicts(self, now: int) -> None:
         """Eject and stop if no verdict comes: the node that gives them hangs."""
@@ -159,22 +260,70 @@ class RejectorControl:
     def edge(self, edge: EyeEdge, now: int) -> None:
         """Take an edge of the photo-eyes: a product that leaves the belt must have its verdict."""
         self._verdicts.edge(edge, now)
+        self._items.edge(edge)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
-        """Take a verdict, and schedule the pulse of a product that is not accepted."""
+        """Take a verdict: schedule a pulse, or permit an accepted product to pass."""
         self._verdicts.verdict(verdict)
-        if verdict.decision == Decision.ACCEPT:
-            return
-        self.figures.rejects += 1
+        rejected = verdict.decision != Decision.ACCEPT
+        self.figures.rejects += rejected
         item = f'item {verdict.item_id}'
         if not self.active:
-            if not self.safe_levels.reject:
+            if rejected and not self.safe_levels.reject:
                 self.missed.add(f'{item}: the rejector was not active; look for it')
             return
-        late = self._schedule(verdict, now)
-        if late is None:
+        times = self._times(verdict, now)
+        arrival = None if times is None else self._belt.arrival(*times)[0]
+        end = None if arrival is None else max(arrival, self._belt.at(now)) + self._after
+        passage = self._items.judge(verdict, end).passage
+        if rejected:
+            if arrival is not None:
+                self._permits.deny(arrival)
+            if times is not None or not self._was_looked_for(verdict):
+                self._reject(item, times, now)
+        elif self._permitting:
+            given = False
+            if arrival is not None and passage is not None and not self._stood(times):
+                given = self._permits.permit(arrival, passage, now)
+            self.figures.permits += given
+            self.figures.permits_withheld += not given
+
+    def _times(self, verdict: Verdict, now: int) -> Times | None:
+        """Return when an item is where, on the clock of `now`; None if that is not known."""
+        to_monotonic = self.clock.look()
+        in_doubt = self.belt_runs is None and not _SPEED_IN_DOUBT.isdisjoint(verdict.reasons)
+        if verdict.reject_at is None or to_monotonic is None or in_doubt:
+            return None
+        due = verdict.reject_at + to_monotonic
+        if due - now > _FURTHEST:
+            return None
+        t1, t3 = (None if t is None else t + to_monotonic for t in (verdict.t1, verdict.t3))
+        return Times(due, t3, t1)
+
+    def _stood(self, times: Times | None) -> bool:
+        """Tell whether the line has stopped the belt since an item was at the outfeed eye."""
+        since = None if times is None else times.since
+        return since is not None and self._stood_at is not None and since < self._stood_at
+
+    def _was_looked_for(self, verdict: Verdict) -> bool:
+        """Tell whether an item was on the belt when a person cleared it, and never left it.
+
+        The line gives up such an item only after some time. If it is there all the same, it leaves
+        the belt without a verdict, and the line stops for that.
+        """
+        to_monotonic = self.clock.look()
+        if to_monotonic is None or verdict.t1 is None or verdict.t3 is not None:
+            return False
+        return self._looked_at is not None and verdict.t1 + to_monotonic < self._looked_at
+
+    def _reject(self, item: str, times: Times | None, now: int) -> None:
+        """Schedule a pulse, and see whether it can miss its item."""
+        if times is None:
+            self._pulses.add(None, None, now)
             self.missed.add(f'{item}: the time at which it is at the rejector is not known')
-        elif late:
+            return
+        late = self._pulses.add(times.due, times.since, now, times.entered)
+        if late:
             self.figures.late_rejects += 1
             self.missed.add(
                 f'{item}: its verdict came {1e-6 * late:.0f} ms after its reject time; look for it '
@@ -184,23 +333,14 @@ class RejectorControl:
             self.missed.add(
                 f'{item}: the rejector could not be reached; look for it behind the rejector'
             )
-
-    def _schedule(self, verdict: Verdict, now: int) -> int | None:
-        """Schedule a pulse; return by how many ns it is late, None if its time is not known."""
-        to_monotonic = self.clock.look()
-        in_doubt = self.belt_runs is None and not _SPEED_IN_DOUBT.isdisjoint(verdict.reasons)
-        if verdict.reject_at is None or to_monotonic is None or in_doubt:
-            return self._pulses.add(None, None, now)
-        due = verdict.reject_at + to_monotonic
-        if due - now > _FURTHEST:
-            return self._pulses.add(None, None, now)
-        since = None if verdict.t3 is None else verdict.t3 + to_monotonic
-        entered = None if verdict.t1 is None else verdict.t1 + to_monotonic
-        return self._pulses.add(due, since, now, entered)
+        elif self._stood(times):
+            self.missed.add(f'{item}: the belt was stopped on its way to the rejector; look for it')
 
     def connect(self, now: int) -> None:
-        """Take that the port can be switched."""
+        """Take that the port can be switched; before that it was made safe, and the belt stood."""
         self.connected = True
+        if self._released and self._items:
+            self._doubt('the connection to the machine was lost', self._items.names())
         if self._pulses.begun(now):
             self.missed.add('the rejector could not be reached when it should act; look behind it')
 
@@ -210,15 +350,21 @@ class RejectorControl:
         self.connected = False
         self.belt_runs = None
 
-    def switched(self, reject: bool, due: int, begun: int, done: int) -> None:
-        """Take that the rejector was switched between two moments, after it was due."""
-        figures, error = self.figures, (begun + done) // 2 - due
-        figures.switches += 1
-        figures.error_sum += error
-        figures.largest_error = max(figures.largest_error, error, key=abs)
-        figures.largest_uncertainty = max(figures.largest_uncertainty, (done - begun) // 2)
-        if reject and done - due > self._late_tolerance:
-            self.missed.add(f'the rejector was {1e-6 * (done - due):.0f} ms late; look behind it')
+    def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
+        """Take that outputs were switched between two moments, after they were due."""
+        if before.reject != after.reject and due.reject is not None and due.reject <= begun:
+            figures, error = self.figures, (begun + done) // 2 - due.reject
+            figures.switches += 1
+            figures.error_sum += error
+            figures.largest_error = max(figures.largest_error, error, key=abs)
+            figures.largest_uncertainty = max(figures.largest_uncertainty, (done - begun) // 2)
+            self._check_lateness('the rejector was', after.reject, done - due.reject)
+        if before.permit and not after.permit and due.permit is not None:
+            self._check_lateness('the end of a permission was', True, done - due.permit)
+
+    def _check_lateness(self, what: str, matters: bool, late: int) -> None:
+        if matters and late > self._late_tolerance:
+            self.missed.add(f'{what} {1e-6 * late:.0f} ms late; look behind it')
 
     def belt(self, running: bool | None, now: int) -> None:
         """Take the belt input, None where there is none."""

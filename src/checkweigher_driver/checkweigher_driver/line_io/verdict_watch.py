@@ -5,7 +5,7 @@
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict
 
 # An eye that was clear for less is flickering (more than the debounce_time of any line).
-_FLICKER = 20_000_000  # ns
+FLICKER = 20_000_000  # ns
 # Until a first product has shown how long it takes to the rejector.
 _FIRST_TIMEOUT = NANOSECONDS
 
@@ -53,7 +53,7 @@ class VerdictWatch:
             return True
         within = stamp - self._last < self._length
         clear = self._outfeed_clear
-        return not within and (clear is None or not 0 <= stamp - clear < _FLICKER)
+        return not within and (clear is None or not 0 <= stamp - clear < FLICKER)
 
     def verdict(self, verdict: Verdict) -> None:
         """Take a verdict, which shows that verdicts come."""

@@ -122,12 +122,16 @@ def test_outputs_of_a_simulated_chip_are_set_and_the_belt_is_read(simulated_chip
     def value(line):
         return int((folder / f'sim_gpio{line}/value').read_text())
 
-    port = GpioOutputs(GpioOutputParameters(chip=device, reject=2, stop=3, belt=4))
+    port = GpioOutputs(
+        GpioOutputParameters(chip=device, reject=2, stop=3, belt=4, permit=5, heartbeat=6)
+    )
     port.open(reject=True, stop=True)
     assert (value(2), value(3)) == (1, 0)  # the line may run while line 3 is high
     port.switch(reject=False, stop=False)
     assert (value(2), value(3)) == (0, 1)
     assert port.refresh(reject=False, stop=False) is False
     (folder / 'sim_gpio4/pull').write_text('pull-up')
-    assert port.refresh(reject=False, stop=False) is True
+    beat = value(6)
+    assert port.refresh(reject=False, stop=False, permit=True) is True
+    assert (value(5), value(6)) == (1, 1 - beat)
     port.close()

@@ -7,6 +7,7 @@ import pytest
 from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
 
 SHOW, FORGET, RUN, RESET = LatchEvent.SHOW, LatchEvent.FORGET, LatchEvent.RUN, LatchEvent.RESET
+ALL = 'item 1; item 2; item 3; and others'
 
 
 def after(*events):
@@ -34,7 +35,8 @@ def after(*events):
         (('item 1', SHOW, 'item 2'), Latch.UNTOLD, 'item 1; item 2'),
         (('item 1', SHOW, 'item 2', RUN), Latch.UNTOLD, 'item 1; item 2'),
         (('item 1', SHOW, 'item 1'), Latch.SHOWN, 'item 1'),
-        (('item 1', 'item 2', 'item 3', 'item 4'), Latch.UNTOLD, 'item 1; item 2; item 3'),
+        (('item 1', 'item 2', 'item 3', 'item 4'), Latch.UNTOLD, ALL),
+        (('item 1', 'item 2', 'item 3', SHOW, 'item 4', RUN), Latch.UNTOLD, ALL),
     ],
 )
 def test_the_latch_follows_its_table(events, state, text):

@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Decisions of the outputs at given times, without a thread and without a port."""
 
+from dataclasses import replace
 import time
 
 import pytest
 
+from checkweigher_driver.line_io.belt_record import OnBelt
+from checkweigher_driver.line_io.missed_products import LatchEvent
 from checkweigher_driver.line_io.rejector_control import (
     Levels,
     OutputParameters,
     RejectorControl,
+    Switches,
 )
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
@@ -19,7 +23,7 @@ RUN, STOP, REJECT = Levels(False, False), Levels(False, True), Levels(True, Fals
 
 
 def control(**parameters):
-    made = RejectorControl(OutputParameters(**parameters))
+    made = RejectorControl(OutputParameters(**parameters), permits=True)
     made.active = made.connected = True
     made.stop_requested = False
     return made
@@ -89,3 +93,138 @@ def test_a_missed_product_stops_the_line_until_a_request_that_shows_it_is_taken_
     outputs.take_request(True, StopReason.DRIVER_TROUBLE, 'the driver has trouble: item 7')
     outputs.take_request(False, '', '')
     assert outputs.levels(now) == RUN
+
+
+T1 = 300 * MS  # of an item, before its t3
+
+
+def passing(outputs, due, now, decision, number=7):
+    """Have an item of 100 ms enter and be judged; it is at the rejector at `due`."""
+    to_stamp = time.time_ns() - time.monotonic_ns()
+    t3 = due + to_stamp - 500 * MS
+    outputs.edge(EyeEdge(t3 - T1, Eye.INFEED, True), now)
+    outputs.edge(EyeEdge(t3 - T1 + 100 * MS, Eye.INFEED, False), now)
+    outputs.verdict(Verdict(number, t3, decision, reject_at=due + to_stamp, t1=t3 - T1), now)
+
+
+def permitted(outputs, begin, until):
+    """Return the ms after `begin` at which something may pass."""
+    return [ms for ms in range(0, until, 10) if outputs.levels(begin + ms * MS).permit]
+
+
+def test_only_an_accepted_item_may_pass_and_only_while_it_is_there():
+    outputs, now = control(permit_margin=0.02), time.monotonic_ns()
+    outputs.levels(now)
+    passing(outputs, now + 305 * MS, now, Decision.ACCEPT, 7)
+    passing(outputs, now + 605 * MS, now, Decision.UNDER, 8)
+    passing(outputs, now + 905 * MS, now, Decision.ACCEPT, 9)
+    assert permitted(outputs, now, 1200) == [*range(290, 430, 10), *range(890, 1030, 10)]
+    assert (outputs.figures.permits, outputs.figures.permits_withheld) == (2, 0)
+
+
+@pytest.mark.parametrize('ahead', [-10, 700_000])
+def test_an_accepted_item_whose_time_is_past_or_not_known_may_not_pass(ahead):
+    outputs, now = control(), time.monotonic_ns()
+    passing(outputs, now + ahead * MS, now, Decision.ACCEPT)
+    assert permitted(outputs, now, 500) == []
+    assert outputs.figures.permits_withheld == 1
+    assert outputs.missed.text == ''
+
+
+def test_a_belt_that_is_stopped_leaves_a_rejected_item_in_doubt_and_permits_nothing():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.levels(now)
+    passing(outputs, now + 300 * MS, now, Decision.ACCEPT, 7)
+    passing(outputs, now + 600 * MS, now, Decision.OVER, 8)
+    outputs.stop_requested = True
+    outputs.levels(now + 100 * MS)
+    outputs.stop_requested = False
+    assert 'the belt was stopped before all had passed the rejector' in outputs.missed.text
+    assert 'item 8 OVER' in outputs.missed.text
+    assert 'item 7' not in outputs.missed.text
+    outputs.missed.take(LatchEvent.RESET)
+    assert permitted(outputs, now + 110 * MS, 700) == []
+
+
+def test_with_a_belt_input_a_stop_leaves_nothing_in_doubt():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.belt(True, now)
+    outputs.levels(now)
+    passing(outputs, now + 300 * MS, now, Decision.OVER)
+    outputs.stop_requested = True
+    outputs.levels(now + 100 * MS)
+    assert outputs.missed.text == ''
+
+
+def test_a_verdict_on_what_was_on_its_way_during_a_stop_stops_the_line_again():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.levels(now)
+    outputs.stop_requested = True
+    outputs.levels(now)
+    outputs.stop_requested = False
+    outputs.levels(now)
+    passing(outputs, now + 300 * MS, now, Decision.ACCEPT)
+    assert permitted(outputs, now, 600) == []
+    passing(outputs, now + 300 * MS, now, Decision.OVER)
+    assert 'the belt was stopped on its way to the rejector' in outputs.missed.text
+
+
+@pytest.mark.parametrize(('silent', 'in_doubt'), [(200, False), (300, True)])
+def test_a_silence_in_which_the_machine_stops_by_itself_leaves_all_in_doubt(silent, in_doubt):
+    outputs, now = control(watchdog_time=0.25), time.monotonic_ns()
+    outputs.levels(now)
+    outputs.alive(now, now)
+    passing(outputs, now + 900 * MS, now, Decision.OVER)
+    outputs.alive(now + silent * MS, now + silent * MS)
+    assert ('no sign of life for 0.25 s' in outputs.missed.text) == in_doubt
+    assert ('item 7 OVER' in outputs.missed.text) == in_doubt
+
+
+def test_a_lost_connection_leaves_what_is_on_the_belt_in_doubt():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.levels(now)
+    outputs.disconnect()
+    outputs.connect(now)
+    assert outputs.missed.text == ''
+    passing(outputs, now + 900 * MS, now, Decision.ACCEPT)
+    outputs.disconnect()
+    outputs.connect(now)
+    assert 'the connection to the machine was lost' in outputs.missed.text
+
+
+def test_the_safe_state_leaves_what_is_on_the_belt_in_doubt_and_nothing_else():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.levels(now)
+    assert outputs.on_belt().to_look_for() == (OnBelt(released=True).to_look_for())
+    outputs.make_safe()
+    assert outputs.on_belt() == OnBelt()
+    outputs.active = True
+    passing(outputs, now + 900 * MS, now, Decision.UNDER)
+    outputs.make_safe()
+    (text,) = outputs.on_belt().to_look_for()
+    assert 'item 7 UNDER' in text
+    outputs.active = True
+    assert outputs.levels(now).stop
+
+
+def test_a_permission_that_ends_late_stops_the_line():
+    outputs, now = control(late_tolerance=0.01), time.monotonic_ns()
+    before, due = Levels(False, False, True), Switches(None, now)
+    outputs.switched(before, RUN, due, now + 5 * MS, now + 9 * MS)
+    assert outputs.missed.text == ''
+    outputs.switched(before, RUN, due, now + 5 * MS, now + 11 * MS)
+    assert 'the end of a permission was 11 ms late' in outputs.missed.text
+
+
+def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
+    outputs, now = control(), time.monotonic_ns()
+    stamp = time.time_ns() - time.monotonic_ns() + now
+    outputs.missed.add('item 6')
+    outputs.levels(now)
+    outputs.missed.take(LatchEvent.RESET)
+    outputs.levels(now)
+    given_up = Verdict(7, None, Decision.FAULT, t1=stamp - 100 * MS)
+    outputs.verdict(given_up, now)
+    assert outputs.levels(now) == RUN
+    outputs.verdict(replace(given_up, t1=stamp + 100 * MS), now)
+    assert outputs.levels(now).stop

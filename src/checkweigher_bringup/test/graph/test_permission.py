@@ -1,0 +1,259 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Faults with a bad product on the belt: it is rejected, or the line stops until a person looks.
+
+The machine is `belt_machine.py`, whose PLC runs the program of docs/hardware_io.md; the line is
+that of the command `run`. A trial feeds a bad product among good ones, lets a fault happen when it
+is at some place, and follows it: once the belt is released again without a person, or nobody is
+told, a bad product behind the rejector has escaped. Then the operator clears the belt and presses
+the button, and good products have to be weighed again.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import random
+import signal
+import time
+
+from belt_line import GOOD, HEAVY, LIGHT, BeltLine, belt_line
+from checkweigher_msgs.msg import Verdict
+from lifecycle_msgs.msg import Transition
+import pytest
+
+# Of each campaign: CHECKWEIGHER_EXAMPLES=500 make soak SOAK_ARGS='-k test_permission'
+TRIALS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '40'))
+REACHES_REJECTOR = (-0.05, 0.65)  # m behind the infeed eye, where a fault finds the bad product
+NODES = ('driver', 'reject', 'segmenter', 'denoise', 'identifier')
+DEACTIVATE, ACTIVATE = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE
+WHOLE = 10  # good products that have to be weighed afterwards
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One kind of fault; `stops` says that the line has to stop whatever becomes of the product."""
+
+    name: str
+    happen: Callable[[BeltLine, random.Random], None]
+    stops: bool = False
+
+
+def killed(node: str) -> Fault:
+    def happen(line: BeltLine, rng: random.Random) -> None:
+        line.signal(node, signal.SIGKILL)
+
+    return Fault(f'{node} killed', happen, stops=node in ('driver', 'line'))
+
+
+def halted(node: str) -> Fault:
+    def happen(line: BeltLine, rng: random.Random) -> None:
+        pid = line.signal(node, signal.SIGSTOP)
+        time.sleep(rng.uniform(0.1, 2.0))
+        os.kill(pid, signal.SIGCONT)
+
+    return Fault(f'{node} halted', happen)
+
+
+def deactivated(node: str) -> Fault:
+    def happen(line: BeltLine, rng: random.Random) -> None:
+        assert line.change(node, DEACTIVATE)
+        time.sleep(rng.uniform(0.0, 1.0))
+        assert line.change(node, ACTIVATE)
+
+    return Fault(f'{node} deactivated', happen)
+
+
+def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
+    assert line.command is not None
+    nodes = NODES if line.processes else ('line',)
+    left = [pid for node in (*nodes, 'product') for pid in line.pids(node)]
+    line.command.kill()
+    line.command.wait()
+    time.sleep(rng.uniform(0.0, 1.0))
+    for pid in left:
+        if Path(f'/proc/{pid}').exists():
+            os.kill(pid, signal.SIGKILL)
+    line.wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in left), 'the end')
+    line.start()
+
+
+def told(name: str, *choices: str) -> Fault:
+    """Return a fault that the machine is told of."""
+
+    def happen(line: BeltLine, rng: random.Random) -> None:
+        line.tell(rng.choice(choices).format(rng.uniform(0.05, 1.5)))
+        if name == 'PLC answers late':
+            time.sleep(1.0)
+            line.tell('late 0')
+        elif name == 'load cell unplugged':
+            time.sleep(rng.uniform(0.1, 1.0))
+            line.tell('replug')
+
+    return Fault(name, happen)
+
+
+IN_PROCESSES = [
+    *(killed(node) for node in NODES),
+    *(halted(node) for node in NODES),
+    deactivated('driver'),
+    deactivated('reject'),
+    Fault('supervisor killed', supervisor_killed, stops=True),
+]
+IN_ONE_PROCESS = [
+    killed('line'), halted('line'), deactivated('driver'), deactivated('reject'),
+    Fault('supervisor killed', supervisor_killed, stops=True),
+]  # fmt: skip
+DEVICES = [
+    told('PLC does not answer', 'mute {}'),
+    told('PLC answers late', 'late 0.03', 'late 0.1'),
+    told('PLC drops the connection', 'drop', 'drop {}'),
+    told('PLC restarts', 'restart {}'),
+    told('load cell unplugged', 'unplug'),
+    told('load cell silent', 'silence {}'),
+    told('serial bytes lost', 'lose 7', 'lose 700', 'corrupt', 'junk 9'),
+]
+
+
+class Trials:
+    """Trials on one line, and their counts."""
+
+    def __init__(self, line: BeltLine, seed: int) -> None:
+        self._line = line
+        self._rng = random.Random(seed)
+        self.counts: Counter[str] = Counter()
+        line.wait_for(line.runs, 'the release of the belt at the first start')
+
+    def run(self, fault: Fault) -> None:
+        """Let a fault happen with a bad product on the belt, and recover."""
+        line, rng = self._line, self._rng
+        bad, place = rng.choice((LIGHT, HEAVY)), rng.uniform(*REACHES_REJECTOR)
+        self.weigh(2)
+        line.feed(GOOD, bad, *([GOOD] * rng.choice((0, 0, 1, 3))))
+        line.wait_for(lambda: self._place(bad) > place, f'{bad} g at {place:.2f} m')
+        began = time.time_ns()
+        fault.happen(line, rng)
+        outcome = self._follow(fault, bad, began)
+        self.counts['tried'] += 1
+        self.counts[outcome] += 1
+        print(f'{fault.name}, {bad:g} g at {place:.2f} m: {outcome}; {line.stop_text()[-120:]}')
+        assert 'escaped' not in outcome, (fault.name, bad, place, line.stop_text(), line.events())
+        self.operate()
+        first = self.weigh(WHOLE)
+        self.counts['recovered'] += 1
+        self.counts['second product weighed'] += first <= 2
+
+    def _place(self, mass: float) -> float:
+        """Return where the product of a mass is, m."""
+        places = [p[2] for p in self._line.products() if p[1] == mass]
+        if not places and mass in self._line.fates('ejected'):
+            return 1.0
+        return places[0] if places else -1.0
+
+    def _follow(self, fault: Fault, bad: float, began: int) -> str:
+        """Return what became of the bad product."""
+        line, since = self._line, time.monotonic()
+        passed = ejected = text = ''
+        while time.monotonic() - since < 40.0:
+            time.sleep(0.05)
+            events = [entry for entry in line.events() if entry[0] > began]
+            fates = {entry[1]: entry[0] for entry in events if entry[2:] and entry[3] == bad}
+            passed, ejected = fates.get('passed', 0), fates.get('ejected', 0)
+            if passed and any(e[1] == 'run' and e[0] < passed for e in events):
+                return 'escaped: the belt was released with it'
+            text = line.stop_text()
+            stopped = bool(text) and 'NotReady' not in text and not line.runs()
+            if stopped and (not passed or 'look' in text):
+                return 'held, behind the rejector' if passed else 'held'
+            quiet = line.runs() and not text and time.monotonic() - since > 3.0
+            if quiet and not fault.stops and ejected:
+                return 'ejected'
+        return f'escaped: nobody was told: {passed=} {ejected=} {text=}'
+
+    def operate(self) -> None:
+        """Clear the belt and press the button, as often as there is something to look for."""
+        line = self._line
+        line.feed(0)
+        line.tell('clear')
+
+        def released() -> bool:
+            if not line.stop_text() and line.runs():
+                return True
+            line.reset()
+            time.sleep(0.1)
+            return False
+
+        line.wait_for(released, 'the release of the belt')
+
+    def weigh(self, count: int) -> int:
+        """Weigh good products until so many in a row are; return which was the first of all."""
+        line, first = self._line, len(self._line.verdicts)
+        line.feed(*([GOOD] * count))
+
+        def weighed() -> bool:
+            verdicts = line.verdicts[first:]
+            for verdict in verdicts:
+                if verdict.decision != Verdict.FAULT:
+                    assert abs(1e3 * verdict.mass - GOOD) < 1.0
+            good = [verdict.decision == Verdict.ACCEPT for verdict in verdicts]
+            if len(good) >= count and all(good[-count:]):
+                return True
+            if text := line.stop_text():  # a product was cut off, or the host was too busy
+                self.counts['stopped again'] += 1
+                print(f'stopped again: {text[-160:]}')
+                self.operate()
+            if not line.tell('products')['to come']:
+                line.feed(GOOD)
+            return False
+
+        line.wait_for(weighed, f'{count} good products')
+        self.counts['good'] += count
+        line.wait_for(lambda: not line.products(), 'an empty belt')
+        decisions = [verdict.decision for verdict in line.verdicts[first:]]
+        return 1 + decisions.index(Verdict.ACCEPT)
+
+
+def hold(folder: Path, faults: list[Fault], *, processes: bool, wiring: str, seed: int = 1) -> None:
+    """Let each of the faults happen, and print what became of it."""
+    outputs = ', permit: 2' if wiring == 'permit' else ''
+    with belt_line(folder, processes=processes, wiring=wiring, outputs=outputs) as line:
+        trials = Trials(line, seed)
+        try:
+            for fault in faults:
+                trials.run(fault)
+        finally:
+            way = 'a process a node' if processes else 'one process'
+            print(f'{way}, wired by {wiring}: {dict(sorted(trials.counts.items()))}')
+    assert trials.counts['recovered'] == len(faults)
+    if wiring == 'permit':
+        assert trials.counts['held, behind the rejector'] == 0
+
+
+def test_a_line_that_is_killed_holds_the_belt_until_a_person_has_looked(tmp_path: Path):
+    hold(tmp_path, [killed('line')], processes=False, wiring='reject')
+
+
+def test_a_node_that_is_killed_lets_no_bad_product_pass(tmp_path: Path):
+    hold(tmp_path, [killed('driver')], processes=True, wiring='reject')
+
+
+def test_what_is_not_permitted_does_not_pass(tmp_path: Path):
+    hold(tmp_path, [deactivated('reject')], processes=False, wiring='permit')
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('wiring', ['reject', 'permit'])
+@pytest.mark.parametrize('processes', [False, True])
+def test_kills_and_halts(tmp_path: Path, *, processes: bool, wiring: str):
+    kinds = IN_PROCESSES if processes else IN_ONE_PROCESS
+    faults = [kinds[number % len(kinds)] for number in range(TRIALS // 4)]
+    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('wiring', ['reject', 'permit'])
+@pytest.mark.parametrize('processes', [False, True])
+def test_faults_of_plc_and_load_cell(tmp_path: Path, *, processes: bool, wiring: str):
+    faults = [DEVICES[number % len(DEVICES)] for number in range(TRIALS // 4)]
+    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS)

@@ -1,0 +1,75 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the items between the infeed eye and the rejector."""
+
+import time
+
+import pytest
+
+from checkweigher_driver.line_io.belt_items import BeltItems
+from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
+
+MS = 1_000_000
+T1 = 1_700_000_000_500_000_000
+
+
+@pytest.fixture(autouse=True)
+def _utc(monkeypatch):
+    monkeypatch.setenv('TZ', 'UTC')
+    time.tzset()
+
+
+def entered(*stamps):
+    """Return items of 100 ms that have entered."""
+    items = BeltItems()
+    for stamp in stamps:
+        items.edge(EyeEdge(stamp, Eye.INFEED, True))
+        items.edge(EyeEdge(stamp + 100 * MS, Eye.INFEED, False))
+    return items
+
+
+def verdict(number, t1, decision=Decision.UNDER):
+    return Verdict(number, None, decision, t1=t1)
+
+
+def test_an_item_is_named_by_its_number_decision_and_time():
+    items = entered(T1, T1 + 1000 * MS)
+    item = items.judge(verdict(7, T1), 500)
+    assert item.passage == 100 * MS
+    assert items.names() == (
+        'item 7 UNDER (entered 22:13:20.5)', 'a product without a verdict (entered 22:13:21.5)'
+    )  # fmt: skip
+
+
+def test_what_has_passed_the_rejector_is_gone_with_all_in_front_of_it():
+    items = entered(T1, T1 + 1000 * MS, T1 + 2000 * MS)
+    items.judge(verdict(2, T1 + 1000 * MS), 500)
+    items.leave(499)
+    assert len(items.names()) == 3
+    items.leave(500)
+    assert [item.entered for item in items] == [T1 + 2000 * MS]
+
+
+def test_an_item_whose_entry_nobody_saw_takes_none_with_it():
+    items = entered(T1)
+    items.judge(verdict(2, None), 500)
+    items.leave(500)
+    assert [item.entered for item in items] == [T1]
+
+
+def test_one_whose_place_is_not_known_is_forgotten_once_it_is_told():
+    items = entered(T1)
+    assert items.judge(verdict(1, T1), None).number == 1
+    assert not items
+
+
+def test_a_flicker_is_no_second_product():
+    items = entered(T1, T1 + 105 * MS)
+    assert len(items.names()) == 1
+    assert items.judge(verdict(1, T1), 500).passage == 205 * MS
+
+
+def test_many_items_are_counted():
+    items = entered(*(T1 + number * 1000 * MS for number in range(13)))
+    assert items.names()[-1] == '3 more'
+    assert len(items.names()) == 11

@@ -1,0 +1,59 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Permissions on the time of a belt, without a port."""
+
+from checkweigher_driver.line_io.permits import Permits
+from checkweigher_driver.line_io.reject_pulses import BeltTime
+
+MS = 1_000_000
+
+
+def permits(margin=20, pause=10):
+    belt = BeltTime()
+    return Permits(belt, margin * MS, pause * MS), belt
+
+
+def on(made, until=2000):
+    """Return the ms at which something may pass."""
+    return [now for now in range(0, until, 10) if made.given(now * MS)]
+
+
+def test_a_permission_lasts_while_its_item_is_at_the_rejector():
+    made, _ = permits()
+    assert made.permit(500 * MS, 200 * MS, 0)
+    assert made.next_change(0) == 480 * MS
+    assert made.next_change(490 * MS) == 720 * MS
+    assert on(made) == list(range(480, 720, 10))
+    assert made.next_change(720 * MS) is None
+
+
+def test_an_item_that_is_at_the_rejector_already_is_not_permitted():
+    made, _ = permits()
+    assert not made.permit(500 * MS, 200 * MS, 501 * MS)
+    assert on(made) == []
+
+
+def test_no_two_permissions_touch():
+    made, _ = permits()
+    made.permit(720 * MS, 200 * MS, 0)
+    made.permit(500 * MS, 200 * MS, 0)  # in whichever order the verdicts come
+    assert on(made) == [*range(480, 690, 10), *range(700, 940, 10)]
+
+
+def test_a_rejected_item_is_not_let_pass_with_the_one_before_it():
+    made, _ = permits()
+    made.permit(500 * MS, 200 * MS, 0)
+    made.deny(710 * MS)
+    assert on(made) == list(range(480, 700, 10))
+
+
+def test_a_permission_waits_for_a_belt_that_stands_and_is_withdrawn_by_clear():
+    made, belt = permits()
+    made.permit(500 * MS, 100 * MS, 0)
+    belt.stop(300 * MS)
+    assert made.next_change(400 * MS) is None
+    belt.run(1000 * MS)
+    assert made.next_change(1000 * MS) == 1180 * MS
+    assert made.given(1200 * MS)
+    made.clear()
+    assert not made.given(1210 * MS)
