@@ -15,19 +15,29 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.production.prepackages import limits
 from checkweigher_dsp.records import GRAMS
-from checkweigher_recording.simulation.simulator import PROFILES
+from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
+from checkweigher_validation.accuracy.machine_tables import (
+    family_csv,
+    family_json,
+    family_text,
+)
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 from checkweigher_validation.accuracy.tables import csv_text, json_text, text_table
 from checkweigher_validation.jobs import ALL_CORES
+from checkweigher_validation.protocol.machines_protocol import (
+    PASSES,
+    MachinesProtocol,
+    evaluate_machines,
+)
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
-from checkweigher_validation.tuning.tuner import Tuned, tune
+from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 
 Result = tuple[Evaluation, Mapping[str, Tuned]]
 
@@ -58,6 +68,50 @@ def evaluate(arguments: argparse.Namespace) -> None:
         write_whole(arguments.tuned, parameter_file(tuned, source))
 
 
+def evaluate_family(arguments: argparse.Namespace) -> None:
+    """Tune and weigh on machines of the family, show the tables and write what is asked for."""
+    _check(arguments)
+    for option in ('train', 'profile', 'tuned', 'nominal'):
+        if getattr(arguments, option) is not None:
+            raise UserError(f'--{option}: is not for the protocol machines')
+    check_positive(arguments, 'count', 'further')
+    masses = tuple(mass / GRAMS for mass in arguments.mass) if arguments.mass else MASSES
+    if not all(0 < mass <= CAPACITY for mass in masses):
+        raise UserError(f'--mass: must be above 0 and up to {GRAMS * CAPACITY:g} g')
+    if arguments.passes < FEWEST_PASSES:
+        raise UserError(f'--passes {arguments.passes}: tuning takes at least {FEWEST_PASSES}')
+    accuracy_class = _accuracy_class(arguments)
+    first, last = arguments.seed, arguments.seed + arguments.count - 1
+    protocol = MachinesProtocol(
+        tuple(range(first, last + 1)), arguments.passes, masses, arguments.further
+    )
+    estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
+    budget = arguments.budget or BUDGET
+    machines = evaluate_machines(
+        protocol, estimators, line_parameters(arguments.params, None), budget=budget,
+        n_jobs=arguments.jobs or ALL_CORES,
+    )  # fmt: skip
+    trained = ', '.join(f'{GRAMS * mass:g}' for mass in masses)
+    title = f'Machines {first} to {last}, tuned on {arguments.passes} passes a speed'
+    provenance = (
+        ('machines', f'simulated, profiles machine:{first} to machine:{last}'),
+        ('train', f'{arguments.passes} passes at each speed, of {trained} g in random order'),
+        ('test', f'{PASSES} others'),
+        ('attainable', f'ridge regression on {protocol.further} more passes of each speed'),
+        ('tuning', f'{budget} evaluations of each estimator at each speed at most'),
+        *_versions(),
+    )
+    print(family_text(machines, title))
+    if arguments.html:
+        from checkweigher_validation.report.machines_page import render_machines
+
+        write_whole(arguments.html, render_machines(machines, title, provenance))
+    if arguments.csv:
+        write_whole(arguments.csv, family_csv(machines, accuracy_class))
+    if arguments.json:
+        write_whole(arguments.json, family_json(machines, title, provenance))
+
+
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
     name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.maximum
     if interval is not None and maximum is not None:
@@ -75,8 +129,10 @@ def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
 def _check(arguments: argparse.Namespace) -> None:
     """Refuse options that cannot be used, before the work and not after it."""
     if bool(arguments.bags) == bool(arguments.protocol):
-        raise UserError('name bags, or --protocol paper to simulate')
+        raise UserError('name bags, or --protocol paper or machines to simulate')
     check_positive(arguments, 'budget', 'jobs', 'nominal')
+    if arguments.seed < 0:
+        raise UserError(f'--seed {arguments.seed}: must not be negative')
     if arguments.tuned and not (arguments.train or arguments.protocol):
         raise UserError('--tuned: nothing would be tuned; add --train BAG')
     outputs = (arguments.html, arguments.csv, arguments.json, arguments.tuned)
@@ -88,17 +144,16 @@ def _check(arguments: argparse.Namespace) -> None:
 
 def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
     """Run the protocol of the paper on a simulated machine."""
-    if arguments.profile not in PROFILES:
-        raise UserError(f'--profile {arguments.profile}: is none of {", ".join(PROFILES)}')
+    profile = arguments.profile or 'paper'
+    if profile not in PROFILES:
+        raise UserError(f'--profile {profile}: is none of {", ".join(PROFILES)}')
     if arguments.passes < 2 or arguments.passes % 2:
         raise UserError(f'--passes {arguments.passes}: must be even, half train and half test')
-    if arguments.seed < 0:
-        raise UserError(f'--seed {arguments.seed}: must not be negative')
     if arguments.train:
         raise UserError('--train: the protocol trains on its own first half')
     base = line_parameters(arguments.params, None)
     estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
-    protocol = Protocol(arguments.profile, arguments.passes, arguments.seed)
+    protocol = Protocol(profile, arguments.passes, arguments.seed)
     budget = arguments.budget or BUDGET
     n_jobs = arguments.jobs or ALL_CORES
     conditions, tuned = evaluate_protocol(protocol, estimators, base, budget=budget, n_jobs=n_jobs)

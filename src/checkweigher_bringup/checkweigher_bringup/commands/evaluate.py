@@ -12,14 +12,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `evaluate`."""
     add = parser.add_argument_group('what is weighed').add_argument
     add('bags', type=Path, nargs='*', metavar='BAG', help='bags with reference_mass')
-    add('--protocol', choices=('paper',),
-        help='instead of bags simulate 5 speeds x 5 masses, tune on the first half of the passes '
-        'and test on the second')  # fmt: skip
-    add('--profile', default='paper', metavar='NAME',
-        help='simulated machine: paper (default), roller, soft, floor or quiet')  # fmt: skip
+    add('--protocol', choices=('paper', 'machines'),
+        help='instead of bags simulate, tune on one part of the passes and test on another. paper: '
+        '5 speeds x 5 masses on the machine of a profile; machines: 3 speeds on machines drawn '
+        'from a family, beside what is attainable on each')  # fmt: skip
+    add('--profile', metavar='NAME',
+        help='machine of the protocol paper: paper (default), roller, soft, floor or '
+        'quiet')  # fmt: skip
     add('--passes', type=int, default=120, metavar='N',
-        help='of each mass at each speed in the protocol; default 120')  # fmt: skip
-    add('--seed', type=int, default=1, metavar='S', help='of the protocol')
+        help='paper: of each mass at each speed; machines: at each speed to tune on, 120 others '
+        'test; default 120')  # fmt: skip
+    add('--seed', type=int, default=1, metavar='S',
+        help='of the protocol; of the first of the machines')  # fmt: skip
+    add('--count', type=int, default=3, metavar='N',
+        help='machines, those with the seeds from S on; default 3')  # fmt: skip
+    add('--further', type=int, default=1500, metavar='N',
+        help='passes of each machine at each speed that teach what is attainable; fewer are faster '
+        'and show less of it; default 1500')  # fmt: skip
+    add('--mass', type=float, nargs='+', action='extend', metavar='G',
+        help='masses that the machines are tuned on, g; default the five that test')  # fmt: skip
     how = parser.add_argument_group('how it is weighed')
     how.add_argument('--train', type=Path, nargs='+', action='extend', metavar='BAG',
                      help='tune on these bags first; BAG then are the test')  # fmt: skip
@@ -49,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Weigh, show the table and write the files that are asked for."""
-    from checkweigher_bringup.evaluation import evaluate
+    from checkweigher_bringup.evaluation import evaluate, evaluate_family
 
-    evaluate(arguments)
+    (evaluate_family if arguments.protocol == 'machines' else evaluate)(arguments)
     return 0

@@ -261,6 +261,28 @@ class TestEvaluation:
             assert float(row['std_dev_g']) == pytest.approx(1000 * one.std_dev, rel=0.02)
             assert float(row['bound_g']) == pytest.approx(1000 * one.bound, abs=1e-6)
 
+    def test_machines_beside_what_is_attainable(
+        self, checkweigher: Callable[..., object], tmp_path: Path
+    ):
+        files = {kind: tmp_path / f'result.{kind}' for kind in ('csv', 'json', 'html')}
+        outputs = [each for kind, path in files.items() for each in (f'--{kind}', path)]
+        done = checkweigher(
+            'evaluate', '--protocol', 'machines', '--count', 1, '--seed', 3, '--passes', 10,
+            '--further', 60, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
+        )  # fmt: skip
+        assert 'attainable A, g' in done.stdout
+        with files['csv'].open(newline='') as file:
+            rows = list(csv.DictReader(file))
+        kinds = {(row['tuned'], row['estimator'], row['part']) for row in rows}
+        assert kinds == {
+            ('1', 'attainable', 'test'), ('1', 'mean', 'train'), ('1', 'mean', 'test'),
+            ('0', 'attainable', 'test'), ('0', 'mean', 'test'),
+        }  # fmt: skip
+        masses = {row['mass_g'] for row in rows if row['part'] == 'train'}
+        assert masses == {'100', '200'}
+        assert len(json.loads(files['json'].read_text())['machines']) == 1
+        assert 'machine 3' in files['html'].read_text()
+
     @pytest.mark.parametrize('name', ['XI', 'XII', 'XIII', 'XIIII', 'Y(a)'])
     def test_all_classes_are_known(
         self, bags: dict[str, list[Path]], capsys: pytest.CaptureFixture[str], name: str
@@ -282,6 +304,11 @@ class TestEvaluation:
             (('--protocol', 'paper', '--seed', '-1'), '--seed -1: must not be negative'),
             (('--protocol', 'paper', '--profile', 'moon'), '--profile moon: is none of paper'),
             (('--protocol', 'paper', '--train', 'BAG'), '--train'),
+            (('--protocol', 'machines', '--train', 'BAG'), '--train: is not for the protocol'),
+            (('--protocol', 'machines', '--profile', 'paper'), '--profile: is not for'),
+            (('--protocol', 'machines', '--count', '0'), '--count 0: must be above 0'),
+            (('--protocol', 'machines', '--mass', '0'), '--mass: must be above 0'),
+            (('--protocol', 'machines', '--passes', '2'), '--passes 2: tuning takes at least 3'),
             (('BAG', '--class', 'XV'), "class 'XV' is none of XI, XII, XIII, XIIII"),
             (('BAG', '--factor', '0.3'), 'class factor x: 0.3 is not 1, 2 or 5 x 10^k up to 2'),
             (('BAG', '--max', '1', '--interval', '1'), 'name one of them'),

@@ -52,15 +52,11 @@ def render(
     """
     if not evaluation.conditions:
         raise ValueError('an evaluation without conditions has nothing to report')
-    environment = Environment(
-        loader=PackageLoader('checkweigher_validation.report', ''), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
-    )  # fmt: skip
     shown = content.Content(evaluation, accuracy_class)
     with rc_context(STYLE):
         accuracy_pictures = list(_accuracy_pictures(evaluation, shown.part))
         signal_pictures = list(_signal_pictures(evaluation.examples))
-    return environment.get_template(_TEMPLATE).render(
+    return environment().get_template(_TEMPLATE).render(
         evaluation=evaluation, content=shown, part=shown.part, accuracy_class=accuracy_class,
         looks=list(looks_of(evaluation.estimators).values()),
         levels=[f'{100 * level:.0f} %' for level in content.LEVELS],
@@ -71,8 +67,21 @@ def render(
     )  # fmt: skip
 
 
+def environment() -> Environment:
+    """Return the templates of this package."""
+    return Environment(
+        loader=PackageLoader('checkweigher_validation.report', ''), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
+    )  # fmt: skip
+
+
+def picture(name: str, figure: Figure, caption: str) -> Picture:
+    """Return a figure with its caption; `name` begins its ids, which are unique on a page."""
+    return Picture(Markup(to_inline_svg(figure, name, caption)), caption)
+
+
 def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
-    yield _picture(
+    yield picture(
         'index-by-mass',
         accuracy_figures.index_by_mass_figure(evaluation, part),
         'A of each estimator over the mass, one panel for each belt speed; lower is better. An '
@@ -80,7 +89,7 @@ def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
         'by chance only. (As figure 11 of the paper; logarithmic, each panel on a scale of its '
         'own.)',
     )
-    yield _picture(
+    yield picture(
         'averages',
         accuracy_figures.averages_figure(evaluation, part),
         'Left: A on average over the masses, by belt speed; the distance to the dashed line is '
@@ -98,20 +107,20 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
         f'{content.mass_label(one.mass)} at {content.speed_label(one.speed)}'
         for one in (slow, fast)
     )
-    yield _picture(
+    yield picture(
         'pass',
         signal_figures.pass_figure(slow),
         f'A pass, {of_slow}. From t1 to t2 the product rides on, from t3 to t4 it leaves; all '
         'there is to weigh it lies in the shaded window. (As figure 2 of the paper.)',
     )
     if len(fast.ideal):
-        yield _picture(
+        yield picture(
             'ideal',
             signal_figures.ideal_figure(fast),
             f'A pass, {of_fast}, and what the platform would show without any noise: the load '
             'and the ringing from its entry. Below, the difference of the two. (As figure 5.)',
         )
-    yield _picture(
+    yield picture(
         'spectrum',
         signal_figures.spectrum_figure(fast),
         f'The spectrum of a pass, {of_fast}. The load lies at the lowest frequencies, the '
@@ -119,7 +128,7 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
         'line without noise, it is disturbed. (As figure 6.)',
     )
     if fast.bands:
-        yield _picture(
+        yield picture(
             'bands',
             signal_figures.bands_figure(fast),
             'The same pass in the bands of the stationary wavelet transform, each on a scale of '
@@ -127,14 +136,10 @@ def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
             'the shaded window gets into it. (As figure 7.)',
         )
     if fast.denoised:
-        yield _picture(
+        yield picture(
             'denoised',
             signal_figures.denoised_figure(fast),
             'The window after hard and soft thresholding of all details and after shrinkage, '
             'against the response without noise and the mass that is to be found. (As figures 8 '
             'and 9.)',
         )
-
-
-def _picture(name: str, figure: Figure, caption: str) -> Picture:
-    return Picture(Markup(to_inline_svg(figure, name, caption)), caption)

@@ -1,0 +1,72 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What is attainable on a machine: ridge regression of the mass on the samples of many passes.
+
+A drawn machine has no bound in closed form: what differs from pass to pass grows with the mass, and
+speed and edges vary, so its noise has no one covariance. A regression on some thousand passes of
+the same machine needs no model of it. With as many passes as are recorded for tuning it is itself
+not that good; what knows physics can be better than the same regression there.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.records import NANOSECONDS, WeighWindow
+from checkweigher_validation.accuracy.passes import KnownPass
+from checkweigher_validation.tuning.calibration import index
+
+_BEFORE = 0.2  # s, signal before t1
+_PENALTIES = np.logspace(-9, 1, 41)  # kg^2
+
+
+def attainable_errors(
+    learn: Sequence[KnownPass], check: Sequence[KnownPass]
+) -> NDArray[np.float64]:
+    """Return errors in kg of passes, (n,), by a regression that learns from others.
+
+    All passes are whole, of one machine and one nominal speed. The regressors are the samples from
+    before t1 to t3, with the zero of the empty belt taken off, at fixed fractions of a pass. The
+    penalty is the one whose A is the smallest, each pass weighed by what the others teach.
+    """
+    span = min(_samples(each.window) for each in learn)
+    signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
+    weights = _ridge(signals - signals.mean(axis=0), masses)
+    found = (_signals(check, span) - signals.mean(axis=0)) @ weights + masses.mean()
+    return np.asarray(found - np.array([each.mass for each in check]))
+
+
+def _samples(window: WeighWindow) -> int:
+    """Return how many samples lie between t1 and t3."""
+    if window.t1 is None or window.t3 is None:
+        raise ValueError(f'item {window.item_id} has no t1 or no t3')
+    return int((window.t3 - window.t1) / NANOSECONDS * window.sample_rate)
+
+
+def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
+    """Return the signals, (n, k) in kg, at k fractions of the pass of which `span` are after t1."""
+    rows = []
+    for each in passes:
+        window = each.window
+        first = ((window.t1 or 0) - window.stamp) / NANOSECONDS * window.sample_rate
+        before = round(_BEFORE * window.sample_rate)
+        at = first + np.arange(-before, span) * (_samples(window) / span)
+        rows.append(np.interp(at, np.arange(window.window_end), window.force[: window.window_end]))
+    return np.array(rows)
+
+
+def _ridge(signals: NDArray[np.float64], masses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights of centred signals, (n, k), for masses less their mean."""
+    targets = masses - masses.mean()
+    left, values, right = np.linalg.svd(signals, full_matrices=False)
+    along = left.T @ targets
+
+    def held_out(penalty: float) -> float:
+        shrinkage = values**2 / (values**2 + penalty)
+        # What each pass weighs by the others follows from its own leverage.
+        leverage = left**2 @ shrinkage + 1 / len(masses)
+        return index((left @ (shrinkage * along) - targets) / (1 - leverage), masses)
+
+    penalty = min(_PENALTIES, key=held_out)
+    return np.asarray(right.T @ (values / (values**2 + penalty) * along))

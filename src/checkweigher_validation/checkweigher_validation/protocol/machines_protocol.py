@@ -1,0 +1,147 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The protocol of machines: estimators on machines of the family, which nobody modelled."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from joblib import delayed
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_recording.simulation.simulator import (
+    Simulation,
+    SimulationParameters,
+    own_values,
+)
+from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
+from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
+from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, MachineResult
+from checkweigher_validation.accuracy.paper_table import PAPER_MASSES
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
+from checkweigher_validation.jobs import run_jobs
+from checkweigher_validation.protocol.attainable import attainable_errors
+from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.tuner import Tuned, tune
+
+MASSES = PAPER_MASSES
+SPEEDS = (0.5, 1.0, 1.5)  # m/s
+PASSES = 120  # at each speed, to test
+FURTHER = 1500  # at each speed, to learn what is attainable
+
+
+@dataclass(frozen=True, slots=True)
+class MachinesProtocol:
+    """Machines by the seeds that draw them, speeds in m/s, and passes of each speed.
+
+    The products that train may have other masses, kg, than those that test.
+    """
+
+    machines: tuple[int, ...]
+    training: int = PASSES
+    training_masses: tuple[float, ...] = MASSES
+    further: int = FURTHER
+    speeds: tuple[float, ...] = SPEEDS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MachineRun:
+    """Passes of a machine at one speed in m/s, and what is attainable on those that test."""
+
+    speed: float
+    train: tuple[KnownPass, ...]
+    test: tuple[KnownPass, ...]
+    attainable: tuple[ConditionResult, ...]
+
+
+def passes_of(
+    machine: int, speed: float, masses: Sequence[float], count: int, seed: int,
+    segmenter: SegmenterParameters,
+) -> tuple[KnownPass, ...]:  # fmt: skip
+    """Simulate `count` passes of a machine at a speed, m/s, the masses in random order.
+
+    Each seed, from 0 on, gives other passes of the same machine.
+    """
+    order = np.random.default_rng((machine, round(1000 * speed), seed))
+    profile = f'machine:{machine}'
+    parameters = SimulationParameters.from_mapping(
+        own_values(profile)
+        | {
+            'profile': profile, 'speed': speed, 'count': count, 'seed': int(order.integers(2**31)),
+            'masses': tuple(order.permutation(np.resize(masses, count)).tolist()),
+        }
+    )  # fmt: skip
+    simulation = Simulation(parameters)
+    return tuple(known_passes(simulation.load_cell, simulation, segmenter))
+
+
+def run_machine(
+    protocol: MachinesProtocol, machine: int, speed: float, segmenter: SegmenterParameters
+) -> MachineRun:
+    """Simulate one machine at one speed, and learn what is attainable there."""
+    train = passes_of(machine, speed, protocol.training_masses, protocol.training, 0, segmenter)
+    test = passes_of(machine, speed, MASSES, PASSES, 1, segmenter)
+    further = passes_of(machine, speed, MASSES, protocol.further, 2, segmenter)
+    whole = [each for each in test if each.whole]
+    errors = attainable_errors([each for each in further if each.whole], whole)
+    masses = np.array([each.mass for each in whole])
+    attainable = tuple(
+        ConditionResult(
+            ATTAINABLE, speed, mass, 'test', errors[masses == mass], _unstated(masses == mass)
+        )
+        for mass in MASSES
+    )
+    return MachineRun(speed, train, test, attainable)
+
+
+def evaluate_machines(
+    protocol: MachinesProtocol,
+    estimators: Sequence[str],
+    base: LineParameters,
+    *,
+    budget: int = BUDGET,
+    n_jobs: int | None = None,
+) -> tuple[MachineResult, ...]:
+    """Simulate machines, tune on each one's training passes, weigh with and without.
+
+    The arguments are those of `checkweigher_validation.tuning.tuner.tune`.
+    """
+    calls = [
+        delayed(run_machine)(protocol, machine, speed, base.segmenter)
+        for machine in protocol.machines
+        for speed in protocol.speeds
+    ]
+    found = iter(run_jobs(calls, n_jobs, 'simulating'))
+    results = []
+    for machine in protocol.machines:
+        runs = [next(found) for _ in protocol.speeds]
+        groups = [
+            SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
+        ]
+        tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
+        results.append(_weigh(machine, runs, tuned, base, n_jobs))
+    return tuple(results)
+
+
+def _weigh(
+    machine: int, runs: Sequence[MachineRun], tuned: Mapping[str, Tuned], base: LineParameters,
+    n_jobs: int | None,
+) -> MachineResult:  # fmt: skip
+    """Return the results of the tuned estimators on both parts, of untrained ones on the test."""
+    tests = [Batch(run.speed, 'test', run.test, {}) for run in runs]
+    trains = [Batch(run.speed, 'train', run.train, {}) for run in runs]
+    lines = [each.parameters for each in tuned.values()]
+    untrained = [base.with_estimator(name) for name in tuned]
+    attainable = tuple(one for run in runs for one in run.attainable)
+    title = f'machine {machine}'
+    return MachineResult(
+        machine,
+        Evaluation(title, (*attainable, *evaluate_batches([*trains, *tests], lines, n_jobs)), ()),
+        Evaluation(title, (*attainable, *evaluate_batches(tests, untrained, n_jobs)), ()),
+    )
+
+
+def _unstated(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    return np.full(int(chosen.sum()), np.nan)
