@@ -2,15 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line: runs a command, and prints each error as one line."""
 
+import signal
+
+if __name__ == '__main__':  # until there is something to end in order
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
+from io import TextIOWrapper
 from keyword import iskeyword
 import os
-import signal
 import sys
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import NoReturn
+
+from checkweigher_dsp.parent_process import end_with_parent
+from checkweigher_dsp.terminal import one_line
 
 # Name, purpose and one example of each; its module in commands/ has its name.
 COMMANDS = (
@@ -43,13 +52,14 @@ COMMANDS = (
 )  # fmt: skip
 
 _PROGRAM = 'checkweigher'
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # ask a command to end
 
 
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, as those of the commands are."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f'{self.prog}: {message}; see {self.prog} --help\n')
+        self.exit(2, f'{self.prog}: {one_line(message)}; see {self.prog} --help\n')
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -87,32 +97,89 @@ def _module_of(command: str) -> ModuleType:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run a command and exit with its status.
 
-    0 if it did what was asked, 1 if the line let an item go without a verdict, 2 on bad input,
-    130 if it was interrupted.
+    0 if it did what was asked, 1 if the line let an item go without a verdict, 2 on bad input or
+    an output that cannot be written, 128 + N if signal N ended it: 130 for Ctrl-C.
     """
-    # A script that starts a command in the background has SIGINT ignored in it; asking a recording
-    # to end has to work there, too.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    arguments = sys.argv[1:] if arguments is None else arguments
-    parsed = build_parser(arguments[0] if arguments else None).parse_args(arguments)
+    came: list[int] = []
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
     try:
-        status = _module_of(parsed.command).run(parsed)
+        _prepare(interrupt)
+        status = _run(sys.argv[1:] if arguments is None else arguments)
+    except BaseException as error:
+        # C++ on the way up may have made another exception of the KeyboardInterrupt.
+        if not came:
+            raise
+        status = 128 + came[0] if not isinstance(error, SystemExit) else _status_of(error)
+    # Python ends with a traceback where a signal breaks into its end, and by SIGINT where the
+    # KeyboardInterrupt came up in a text that was being executed, such as a dataclass in the
+    # making: it remembers that of the last text, also when it was caught.
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    eval('0')
+    sys.exit(status)
+
+
+def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
+    """Have signals interrupt the command, and standard streams that take any text."""
+    end_with_parent()
+    for number in _ENDING:
+        # A script that starts a command in the background has SIGINT ignored in it; asking a
+        # recording to end has to work there, too. nohup has SIGHUP ignored, and means it.
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, interrupt)
+    # A stream that was closed: the next file that is opened would take its number, and its text.
+    while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(file)
+    sys.stdout = sys.stdout or os.fdopen(1, 'w', closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, 'w', closefd=False)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors='backslashreplace')
+
+
+def _run(arguments: Sequence[str]) -> int:
+    """Run a command and return its status, with one line for what the user can put right."""
+    command = ''
+    try:
+        try:
+            parsed = build_parser(arguments[0] if arguments else None).parse_args(arguments)
+            command = f' {parsed.command}'
+            status = int(_module_of(parsed.command).run(parsed))
+        except SystemExit as error:  # of argparse, which has said why
+            status = _status_of(error)
         sys.stdout.flush()
+        return status
     except ValueError as error:
         # Bags, parameters, CSV logs and outputs raise their own kinds of ValueError, each with
         # one line for the user. Any other one is a defect and keeps its traceback.
         if not type(error).__module__.startswith('checkweigher_'):
             raise
-        line = ' '.join(str(error).split())
-        print(f'{_PROGRAM} {parsed.command}: {line}', file=sys.stderr)
-        status = getattr(error, 'exit_status', 2)
+        line, status = str(error), getattr(error, 'exit_status', 2)
     except BrokenPipeError:
         # The reader of the output, such as head, has ended.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        status = 0
-    except KeyboardInterrupt:
-        status = 130
-    sys.exit(status)
+        _discard_output()
+        return 0
+    except OSError as error:
+        _discard_output()
+        line, status = f'{error.filename or "the output"}: {error.strerror or error}', 2
+    except MemoryError:
+        line, status = 'not enough memory for this', 2
+    with suppress(OSError):  # the terminal may be gone
+        print(f'{_PROGRAM}{command}: {one_line(line)}', file=sys.stderr)
+    return status
+
+
+def _discard_output() -> None:
+    """Have what is still in the buffer of the standard output go nowhere: it would fail again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+
+
+def _status_of(error: SystemExit) -> int:
+    return error.code if isinstance(error.code, int) else int(error.code is not None)
 
 
 if __name__ == '__main__':

@@ -10,6 +10,7 @@ from typing import Any
 
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.ros.ports import NODES, STAGES
+from checkweigher_dsp.terminal import one_line
 
 _SILENCE = 3.0  # s, three of its periods
 _NARROWEST = 40  # columns of text
@@ -40,12 +41,12 @@ class StatusBoard:
         """Add the statuses of one DiagnosticArray that came at `now`, s."""
         reported: dict[str, list[Row]] = {}
         for status in statuses:
-            node, _, aspect = str(status.name).partition(': ')
+            node, _, aspect = one_line(status.name).partition(': ')
             lane, _, name = node.strip('/').rpartition('/')
             if name in NODES and self._namespace in ('', lane):
-                values = tuple((str(v.key), str(v.value)) for v in status.values)
+                values = tuple((one_line(v.key), one_line(v.value)) for v in status.values)
                 level = Level(min(status.level[0], Level.STALE))
-                row = Row(node, aspect, level, str(status.message), values)
+                row = Row(node, aspect, level, one_line(status.message), values)
                 reported.setdefault(node, []).append(row)
         with self._lock:
             for node, rows in reported.items():

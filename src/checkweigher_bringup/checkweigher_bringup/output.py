@@ -11,6 +11,7 @@ import sys
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.records import GRAMS, Decision
+from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
 from checkweigher_validation.accuracy.results import (
@@ -36,7 +37,7 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 def warn_unfinished(recording: Recording) -> None:
     """Print a line on stderr if a recording is only the beginning of one."""
     if recording.unfinished:
-        print(recording.unfinished, file=sys.stderr, flush=True)
+        print(one_line(recording.unfinished), file=sys.stderr, flush=True)
 
 
 def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:

@@ -2,27 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder: the messages of a lane, byte for byte as they come, into a bag."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 import math
 from pathlib import Path
 import queue
-import signal
-import threading
 import time
 
 from rclpy.serialization import serialize_message
 from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.spinning import spinning
+from checkweigher_bringup.spinning import asked_to_end, spinning
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, Decision, Reference, Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import Port
+from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.bags.writing import BagWriter
 
 _POLL_PERIOD = 0.2  # s
@@ -107,7 +105,7 @@ def record(
     path: Path, namespace: str, duration: float | None, *, inputs_only: bool = False,
     reference: float | None = None, passes: int | None = None,
 ) -> None:  # fmt: skip
-    """Record until the duration is over, the passes have come, or SIGINT or SIGTERM comes.
+    """Record until the duration is over, the passes have come, or SIGINT, SIGTERM or SIGHUP comes.
 
     The bag grows under its name from the first message on. If this process is killed, it lacks the
     last second and ``metadata.yaml``. With `inputs_only` it has not what a replay makes again.
@@ -120,13 +118,13 @@ def record(
     recorded = ports.PLAYED if inputs_only else ports.ALL
     known = None if reference is None else ReferencePasses(reference, passes)
     with (
-        _ending() as ending,
+        asked_to_end() as asked,
         BagWriter(path, recorded, namespace, in_place=True) as bag,
         spinning(namespace) as spinner,
     ):
         node = RecorderNode(recorded, known)
         spinner.add(node)
-        _take(bag, node, duration, known, ending)
+        _take(bag, node, duration, known, asked)
         while not node.messages.empty():
             bag.put(*node.messages.get())
         count = bag.message_count
@@ -137,39 +135,24 @@ def record(
     print(f'{path}: {count} messages' + (f', {known.count} passes' if known else ''))
 
 
-@contextmanager
-def _ending() -> Iterator[threading.Event]:
-    """Set an event at SIGINT or SIGTERM: they must not break into the writing of a message."""
-    asked = threading.Event()
-    before = {
-        number: signal.signal(number, lambda *_: asked.set())
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _take(
     bag: BagWriter, node: RecorderNode, duration: float | None, known: ReferencePasses | None,
-    ending: threading.Event,
+    asked: Sequence[int],
 ) -> None:  # fmt: skip
     """Write messages until the end, and those that had come when it was asked for."""
-    asked = False
+    finishing = False
     now = silent_since = flushed = time.monotonic()
     end = math.inf if duration is None else now + duration
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
         while now < end and not (known and known.done):
-            if ending.is_set() and not asked:
-                asked, end = True, min(end, now + _FAREWELL)
+            if asked and not finishing:
+                finishing, end = True, min(end, now + _FAREWELL)
             while known and not known.news.empty():
-                progress.write(known.news.get())
+                progress.write(one_line(known.news.get()))
             try:
                 message = node.messages.get(timeout=_POLL_PERIOD)
             except queue.Empty:
-                if asked:
+                if finishing:
                     break
                 if now - silent_since > _PATIENCE:
                     silent_since = now

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 import queue
-import tempfile
 import time
 
 from rclpy.duration import Duration
@@ -19,6 +18,7 @@ from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import (
     Process,
     Spinner,
+    memory_file,
     node_command,
     running_processes,
     spinning,
@@ -116,8 +116,7 @@ def replay(
         children: list[Process] = []
         nodes: list[Node] = [collector]
         if processes:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix='checkweigher-'))
-            file = Path(folder, 'parameters.yaml')
+            file = stack.enter_context(memory_file())
             write_parameter_file(file, values)
             commands = {
                 name: node_command(ports.NODES[name], namespace, file)

@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 import queue
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 from typing import Any
 
@@ -18,9 +15,12 @@ from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import Table
 from checkweigher_bringup.spinning import (
     Process,
+    asked_to_end,
     end_process,
+    memory_file,
     node_command,
     spinning,
+    start_process,
     write_parameter_file,
 )
 from checkweigher_bringup.supervision import CANNOT_START, Action, Supervision
@@ -48,8 +48,7 @@ class _Process:
             self._supervision.ended(now, status)
         action = self._supervision.due(now)
         if action is Action.START:
-            # Signals of the terminal reach this command alone, which ends the others in order.
-            self._child = subprocess.Popen(self._command, process_group=0)
+            self._child = start_process(self._command)
             away = self._supervision.started(now)
             if self._supervision.reason:
                 _say(f'{self._name}: {self._supervision.reason}; started again after {away:.1f} s')
@@ -57,9 +56,9 @@ class _Process:
             self._child.kill()
         return action is not Action.GIVE_UP
 
-    def interrupt(self) -> None:
+    def terminate(self) -> None:
         if self._child is not None:
-            self._child.send_signal(signal.SIGINT)
+            self._child.terminate()
 
     def wait(self) -> None:
         if self._child is not None and not end_process(self._child):
@@ -84,42 +83,38 @@ class _Listener(EchoNode):
 def run_line(
     params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool
 ) -> int:
-    """Run the line until SIGINT or SIGTERM and return the exit status.
+    """Run the line until a signal asks for its end, and return the exit status.
 
     The parameters of the `driver` win over the file `params`. A UserError says that there is a line
     already in this lane.
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with tempfile.TemporaryDirectory(prefix='checkweigher-') as folder:
+    with asked_to_end() as asked, memory_file() as own:
         files = [] if params is None else [params]
         if driver:
-            files.append(Path(folder, 'driver.yaml'))
-            write_parameter_file(files[-1], {'driver': driver})
+            files.append(own)
+            write_parameter_file(own, {'driver': driver})
         modules = LINE if one_process else ports.NODES
         processes = {
             name: _Process(name, node_command(module, namespace, *files))
             for name, module in modules.items()
         }
-        try:
-            with spinning(namespace) as spinner:
-                node = _Listener()
-                spinner.add(node)
-                time.sleep(_DISCOVERY_TIME)
-                if node.count_drivers():
-                    raise UserError('a line runs here already; stop it, or choose another '
-                                    '--namespace or ROS_DOMAIN_ID')  # fmt: skip
-                try:
-                    return _supervise(processes, node)
-                finally:
-                    _end(processes)
-        except KeyboardInterrupt:
-            return 130
+        with spinning(namespace) as spinner:
+            node = _Listener()
+            spinner.add(node)
+            time.sleep(_DISCOVERY_TIME)
+            if node.count_drivers():
+                raise UserError('a line runs here already; stop it, or choose another '
+                                '--namespace or ROS_DOMAIN_ID')  # fmt: skip
+            try:
+                return _supervise(processes, node, asked)
+            finally:
+                _end(processes)
 
 
-def _supervise(processes: Mapping[str, _Process], node: _Listener) -> int:
+def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequence[int]) -> int:
     table = Table()
     try:
-        while True:
+        while not asked:
             now = time.monotonic()
             while not node.alive.empty():
                 name = node.alive.get()
@@ -131,21 +126,21 @@ def _supervise(processes: Mapping[str, _Process], node: _Listener) -> int:
                 return CANNOT_START
             with suppress(queue.Empty):
                 table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+        return 128 + asked[0]
     finally:
         table.close()
 
 
 def _end(processes: Mapping[str, _Process]) -> None:
     """End all processes, the driver first and reject last; further signals do not hurry it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     names = list(processes)
     for group in (names[:1], names[1:-1], names[-1:]):
         for name in group:
-            processes[name].interrupt()
+            processes[name].terminate()
         for name in group:
             processes[name].wait()
 
 
 def _say(text: str) -> None:
-    print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
+    with suppress(OSError):  # the terminal may be gone, the processes of the line are not
+        print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)

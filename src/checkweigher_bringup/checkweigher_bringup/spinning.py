@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+import os
 from pathlib import Path
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 import yaml
 
+from checkweigher_dsp.parent_process import child_environment
 from checkweigher_dsp.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
@@ -50,6 +52,38 @@ def node_command(module: str, namespace: str = '', *parameter_files: Path) -> li
     return [sys.executable, '-m', module, *arguments]
 
 
+@contextmanager
+def asked_to_end() -> Iterator[list[int]]:
+    """Have a list of the signals that ask for the end come, in place of a KeyboardInterrupt.
+
+    That would break into the writing of a message, or into the start of a process.
+    """
+    came: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) != signal.SIG_IGN  # as nohup has it
+    }
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def memory_file() -> Iterator[Path]:
+    """Have an empty file in memory, under a name that other processes can open.
+
+    It is gone with this process, however that ends.
+    """
+    number = os.memfd_create('checkweigher')
+    try:
+        yield Path(f'/proc/{os.getpid()}/fd/{number}')
+    finally:
+        os.close(number)
+
+
 def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
     """Write a ROS parameter file with a section for each node."""
     content = {
@@ -64,17 +98,26 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
 
 
+def start_process(words: Sequence[str]) -> Process:
+    """Start nodes in a process that ends with this one.
+
+    Signals of the terminal reach this process alone, which ends the others in order. It does so by
+    SIGTERM: an import that SIGINT breaks into ends with a traceback.
+    """
+    return subprocess.Popen(words, env=child_environment(), process_group=0)
+
+
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands for as long as the block lasts; SIGINT ends them, in their order."""
+    """Run commands for as long as the block lasts; SIGTERM ends them, in their order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():
-            started[name] = subprocess.Popen(words)
+            started[name] = start_process(words)
         yield started
     finally:
         for process in started.values():
-            process.send_signal(signal.SIGINT)
+            process.terminate()
         for process in started.values():
             end_process(process)
 

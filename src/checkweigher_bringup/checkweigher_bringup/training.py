@@ -13,6 +13,7 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.whole_file import write_whole
@@ -39,7 +40,7 @@ def read_passes(
     rate = None
     for bag, (cell, found, unfinished) in zip(bags, read, strict=True):
         if unfinished:
-            print(unfinished, file=sys.stderr, flush=True)
+            print(one_line(unfinished), file=sys.stderr, flush=True)
         if rate not in (None, cell.sample_rate):
             raise UserError(
                 f'{bag}: sampled at {cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '

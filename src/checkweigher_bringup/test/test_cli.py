@@ -3,11 +3,12 @@
 """The command line: its help, its examples, and what it takes from the parameters."""
 
 from dataclasses import fields
+from pathlib import Path
 import subprocess
 import sys
 
 import pytest
-from running import run_command
+from running import BAGS, run_command
 
 from checkweigher_bringup.cli import COMMANDS, build_parser
 from checkweigher_recording.csv.log_import import ImportParameters
@@ -47,3 +48,24 @@ def test_import_has_an_option_for_every_one_of_its_parameters():
     parsed = build_parser().parse_args(['import', 'log.csv', '--output', 'bag'])
     missing = {entry.name for entry in fields(ImportParameters)} - set(vars(parsed))
     assert not missing
+
+
+@pytest.mark.parametrize('closed', ['>&-', '>&- 2>&-', '<&- >&-'])
+def test_a_command_whose_output_is_closed_does_its_work(closed: str, tmp_path: Path):
+    script = f'exec {sys.executable} -m checkweigher_bringup.cli "$@" {closed}'
+    words = ['weigh', str(BAGS / 'paper_90'), '--csv', str(tmp_path / 'masses.csv')]
+
+    done = subprocess.run(['bash', '-c', script, 'bash', *words], capture_output=True, text=True)
+
+    assert (done.returncode, done.stderr) == (0, '')
+    assert len((tmp_path / 'masses.csv').read_text().splitlines()) == 26
+
+
+def test_an_output_that_cannot_be_written_is_one_line():
+    with open('/dev/full', 'w') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', str(BAGS / 'paper_90')],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == 'checkweigher weigh: the output: No space left on device\n'

@@ -17,6 +17,7 @@ import warnings
 
 from joblib import Parallel, effective_n_jobs
 
+from checkweigher_dsp.parent_process import end_with_parent
 from checkweigher_recording.progress import with_progress
 
 ALL_CORES = -1  # as joblib takes it
@@ -62,7 +63,12 @@ def run_jobs(
     with (
         _worker_environment(),
         _silent_end(),
-        Parallel(n_jobs=n_jobs, return_as='generator') as parallel,
+        Parallel(
+            n_jobs=n_jobs,
+            return_as='generator',
+            initializer=end_with_parent,
+            initargs=(os.getpid(),),
+        ) as parallel,  # fmt: skip
         ExitStack() as at_the_end,
     ):
         with _interrupts_held_back():
@@ -99,7 +105,7 @@ def _worker_environment() -> Iterator[None]:
 
 @contextmanager
 def _interrupts_held_back() -> Iterator[None]:
-    """Have Ctrl-C wait until the end of the block, and processes that start within take none.
+    """Have signals wait until the end of the block; processes that start within take no Ctrl-C.
 
     This process ends them. One that is interrupted itself, at its imports for example, would say
     so with a traceback, and one that is interrupted as it starts another leaves it half started.
@@ -110,15 +116,19 @@ def _interrupts_held_back() -> Iterator[None]:
     resource_tracker.ensure_running()  # else the first worker starts it, which unblocks SIGINT
     came: list[int] = []
     # A thread of a matrix library may take the signal though it is blocked here, hence a handler.
-    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    handlers = {
+        number: signal.signal(number, lambda number, frame: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-    if came and callable(handler):
-        handler(signal.SIGINT, None)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for each in came:
+        signal.raise_signal(each)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ The commands `record` and `tune` run in processes of their own: training takes m
 cores, and the line must not wait for it.
 """
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 import math
@@ -16,17 +17,18 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 from typing import Any, ClassVar
 
 from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
+from checkweigher_bringup.spinning import memory_file
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parent_process import child_environment
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
@@ -68,8 +70,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._child: subprocess.Popen[bytes] | None = None
         self._recording: Path | None = None
         self._cancelled = False
-        self._scratch = tempfile.TemporaryDirectory(prefix='checkweigher-')
-        self._output, self._errors = (Path(self._scratch.name, n) for n in ('output', 'errors'))
+        self._scratch = ExitStack()
+        self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
         port = ports.DYNAMIC_SETTING
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
         self.create_service(RecordPasses, ports.RECORD_PASSES, self._on_record)
@@ -164,7 +166,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._child = subprocess.Popen(
                 [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)],
                 stdin=subprocess.DEVNULL, stdout=output, stderr=errors,
-                env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+                env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
                 process_group=0,  # signals of the terminal reach this node alone, which ends it
             )  # fmt: skip
         if words[0] == 'tune':
@@ -217,7 +219,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 os.killpg(child.pid, signal.SIGKILL)
                 child.wait()
         if hasattr(self, '_scratch'):
-            self._scratch.cleanup()
+            self._scratch.close()
         super().destroy_node()
 
 

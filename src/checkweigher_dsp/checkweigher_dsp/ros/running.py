@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes of nodes: from the command line to SIGINT or SIGTERM."""
+"""Processes of nodes: from the command line to the signal that ends them."""
 
 from collections.abc import Callable, Sequence
 import inspect
@@ -16,8 +16,10 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.parent_process import end_with_parent
 from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_dsp.ros.stage_node import StageNode
+from checkweigher_dsp.terminal import one_line
 
 _FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
 
@@ -30,7 +32,7 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
 def run_all(
     make_nodes: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None
 ) -> None:
-    """Run several nodes in one process until SIGINT or SIGTERM; see `run`.
+    """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP; see `run`.
 
     The nodes start in the order in which they were made, and shut down in the opposite one. Signals
     stay with Python and only end the wait of the main thread. Those of rclpy take the context away
@@ -46,9 +48,12 @@ def run_all(
 
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as nohup has it
+        signal.signal(signal.SIGHUP, stop)
     nodes: Sequence[Node] = ()
     spinner: Spinner | None = None
     try:
+        end_with_parent()
         _initialise(arguments)
         nodes = make_nodes()
         # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.
@@ -58,7 +63,7 @@ def run_all(
         spinner.add(*nodes)
         stopping.wait()
     except ParameterError as error:
-        print(f'checkweigher: {" ".join(str(error).split())}', file=sys.stderr)
+        print(f'checkweigher: {one_line(error)}', file=sys.stderr)
         raise SystemExit(2) from None
     except (Exception, KeyboardInterrupt):
         # C++ on the way up may have made another exception of the KeyboardInterrupt.
@@ -93,7 +98,7 @@ def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
             for output in node.last_words():
                 output.publisher.wait_for_all_acked(_FAREWELL)
         except Exception as error:  # the others have to be shut down all the same
-            print(f'checkweigher: {type(error).__name__}: {error}', file=sys.stderr)
+            print(f'checkweigher: {type(error).__name__}: {one_line(error)}', file=sys.stderr)
 
 
 def _initialise(arguments: Sequence[str] | None) -> None:

@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+import glob
 import os
 from pathlib import Path
 import shutil
@@ -154,6 +155,7 @@ class BagWriter:
                 raise self._output_error(error) from None
 
     def _open(self) -> Writer:
+        _remove_partial(self._path)
         try:
             self._folder.mkdir()
         except OSError as error:
@@ -240,6 +242,14 @@ class BagWriter:
             'starting_time': {'nanoseconds_since_epoch': self._begin},
             'message_count': self._counts.total(),
         }
+
+
+def _remove_partial(path: Path) -> None:
+    """Remove what writers of the same bag have left that were killed."""
+    for folder in path.parent.glob(f'.{glob.escape(path.name)}.*.partial'):
+        number = folder.suffixes[-2].lstrip('.')
+        if number.isdecimal() and not Path(f'/proc/{number}').exists():
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _qos(port: Port) -> Qos:

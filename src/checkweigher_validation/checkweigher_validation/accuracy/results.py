@@ -22,6 +22,7 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
+from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
@@ -152,7 +153,7 @@ def table_row(result: ItemResult, origin: int) -> str:
         f'{estimate.item_id:>6} {t1:>9} {cell(60 * estimate.belt_speed, 6, 1)} '
         f'{cell(GRAMS * estimate.mass, 10, 3)} {cell(GRAMS * estimate.std_dev, 7, 3)} '
         f'{cell(GRAMS * result.reference, 10, 3)} {cell(GRAMS * result.error, 8, 3, "+")}  '
-        + ' '.join((verdict.decision.name, *verdict.reasons))
+        + one_line(' '.join((verdict.decision.name, *verdict.reasons)))
     )
 
 

@@ -1,0 +1,152 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Signals at any time: the exit status says so, and no process, folder or partial file is left."""
+
+from collections import Counter
+import os
+from pathlib import Path
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from running import BAGS, PATIENCE
+
+NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+BAG, ITEMS = str(BAGS / 'paper_90'), 25
+# Each goes on until it is ended, but for weigh.
+COMMANDS = {
+    'weigh': ('weigh', BAG, '--csv', 'masses.csv'),
+    'simulate': (
+        *('simulate', '--speed', '60', '--mass', '100', '--count', '1000000'),
+        *('--output', 'simulated'),
+    ),
+    'replay': ('replay', BAG, '--rate', '0.5', '--csv', 'masses.csv'),
+    'replay --processes': ('replay', BAG, '--rate', '0.5', '--processes'),
+    'run': ('run',),
+    'run --processes': ('run', '--processes'),
+    'tune': (
+        *('tune', BAG, str(BAGS / 'paper_60'), '--output', 'tuned.yaml'),
+        *('--estimator', 'tvlpf', '--budget', '1000000', '--jobs', '2'),
+    ),
+    'evaluate': (
+        *('evaluate', '--protocol', 'paper', '--passes', '4', '--estimator', 'tvlpf'),
+        *('--budget', '1000000', '--jobs', '2', '--html', 'report.html'),
+    ),
+    'record': ('record', '--output', 'recorded'),
+    'echo': ('echo',),
+    'status': ('status',),
+}
+# They show what there is until they are asked to end, and recorders say that nothing came.
+WITHOUT_STATUS = {'echo': {0}, 'status': {0, 1}, 'record': {0, 2}}
+
+
+def family(mark: str) -> dict[int, str]:
+    """Return number and command line of each process whose environment has a mark."""
+    found = {}
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            if mark.encode() in (folder / 'environ').read_bytes():
+                words = (folder / 'cmdline').read_bytes().split(b'\0')
+                if words != [b'']:  # one that has ended
+                    found[int(folder.name)] = b' '.join(words).decode(errors='replace')
+        except OSError:
+            continue
+    return found
+
+
+class Tried:
+    """A command that was ended by a signal, and what was left of it."""
+
+    def __init__(
+        self, words: tuple[str, ...], folder: Path, number: int, *, delay: float = PATIENCE,
+        processes: int = 100,
+    ) -> None:  # fmt: skip
+        """Send a signal after a delay in s, or when it has so many processes."""
+        mark = f'CHECKWEIGHER_TEST={folder}'
+        scratch = folder / 'tmp'
+        scratch.mkdir()
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'checkweigher_bringup.cli', *words],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
+            env={**os.environ, 'CHECKWEIGHER_TEST': str(folder), 'TMPDIR': str(scratch),
+                 'JOBLIB_TEMP_FOLDER': str(scratch)},
+            start_new_session=True,
+        )  # fmt: skip
+        end = time.monotonic() + delay
+        while time.monotonic() < end and self.process.poll() is None:
+            if processes < 100 and len(family(mark)) >= processes:
+                break
+            time.sleep(0.01)
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        self.errors = self.process.communicate(timeout=PATIENCE)[1]
+        self.status = self.process.returncode
+        end = time.monotonic() + PATIENCE
+        while (left := family(mark)) and time.monotonic() < end:
+            time.sleep(0.05)
+        self.processes = [*left.values()]
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+        self.files = sorted(path.name for path in (*folder.iterdir(), *scratch.iterdir()))
+        self.files.remove('tmp')
+        masses = folder / 'masses.csv'
+        self.rows = len(masses.read_text().splitlines()) if masses.exists() else 0
+
+
+def problem(name: str, number: int, tried: Tried) -> str:
+    """Return what is wrong, empty if nothing is."""
+    expected = {128 + number, -number} | WITHOUT_STATUS.get(name, set())
+    if name == 'weigh':
+        expected.add(0)  # it had ended
+    # A kill may leave the folder of a bag in the making, which the next writer removes.
+    partial = {f for f in tried.files if f.startswith('.simulated.') and number == signal.SIGKILL}
+    whole = {'masses.csv'} if tried.rows == ITEMS + 1 else set()
+    if tried.status not in expected:
+        return f'status {tried.status}: {tried.errors[-300:]}'
+    if tried.processes:
+        return f'left {tried.processes}'
+    if left := set(tried.files) - partial - whole:
+        return f'left {left}'
+    starting = tried.status in (-number, 1)  # Python's own start
+    if 'Traceback' in tried.errors and not starting:
+        return tried.errors
+    return ''
+
+
+@pytest.mark.parametrize(
+    ('name', 'number', 'processes'),
+    [
+        ('replay --processes', signal.SIGTERM, 6),
+        ('run --processes', signal.SIGKILL, 7),
+        ('run', signal.SIGHUP, 2),  # as of a terminal that is closed
+        ('tune', signal.SIGKILL, 4),  # with what joblib has beside its workers
+    ],
+)
+def test_every_process_ends_with_its_command(
+    name: str, number: int, processes: int, tmp_path: Path
+):
+    tried = Tried(COMMANDS[name], tmp_path, number, processes=processes)
+
+    assert not problem(name, number, tried)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize('name', COMMANDS)
+def test_nothing_is_left_by_a_signal_at_any_time(name: str, tmp_path: Path):
+    chance = random.Random(name)
+    outcomes: Counter[str] = Counter()
+    problems = []
+    for trial in range(20):
+        number = NUMBERS[trial % len(NUMBERS)]
+        folder = tmp_path / str(trial)
+        folder.mkdir()
+        delay = chance.uniform(0.05, 5.0)
+        found = problem(name, number, Tried(COMMANDS[name], folder, number, delay=delay))
+        outcomes['not held' if found else 'held'] += 1
+        if found:
+            problems.append(f'{signal.Signals(number).name} after {delay:.2f} s: {found}')
+    print(f'\n{name}: {outcomes.total()} tried, {dict(outcomes)}')
+    assert not problems

@@ -1,0 +1,31 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that end with the one that started them, also where that one is killed."""
+
+import os
+import signal
+
+_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
+_VARIABLE = 'CHECKWEIGHER_PARENT'
+
+
+def child_environment() -> dict[str, str]:
+    """Return the environment for a process that ends with this one by `end_with_parent`."""
+    return {**os.environ, _VARIABLE: str(os.getpid())}
+
+
+def end_with_parent(parent: int | None = None) -> None:
+    """Have the kernel send SIGTERM to this process when the one that started it has ended.
+
+    Without `parent`, its number, that is so in a process with a `child_environment` only: one that
+    a user starts may outlive the shell. The kernel means the thread that started the process.
+    """
+    stated = os.environ.pop(_VARIABLE, '')
+    parent = int(stated or 0) if parent is None else parent
+    if not parent:
+        return
+    import ctypes  # for those alone that need it
+
+    ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, int(signal.SIGTERM), 0, 0, 0)
+    if os.getppid() != parent:  # it has ended before
+        os.kill(os.getpid(), signal.SIGTERM)
