@@ -77,6 +77,7 @@ class TestBags:
         ('/**/segmenter:\n  ros__parameters: {zero_tme: 1.0}', 'segmenter.zero_tme'),
         ('/**/denoise:\n  ros__parameters: {gamma5: [0.1]}', 'denoise.speeds'),
         ('/**/identifier:\n  ros__parameters: {estimator: best}', 'identifier.estimator'),
+        ('/**/denoise:\n  ros__parameters: {stretch: 1048576}', 'denoise.stretch'),
         ('/**/typo:\n  ros__parameters: {}', 'typo'),
         ('/**:\n  ros__parameters: {no_such_name: 1}', 'no_such_name'),
         ('just text', 'not a parameter file'),

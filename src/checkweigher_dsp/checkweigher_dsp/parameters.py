@@ -7,11 +7,15 @@ declares them to ROS from these fields, a command reads them from the same YAML,
 writes the tables of docs/interfaces.md and config/line.yaml from them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import Field, asdict, dataclass, field, fields
 import math
 from pathlib import Path
+import reprlib
 from typing import Any, ClassVar, Self, cast
+
+_MAX_LENGTH = 100_000  # values of a list, characters of a text
+_MAX_COST = 0.05  # s, of an item
 
 
 class ParameterError(ValueError):
@@ -117,14 +121,18 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
         text = isinstance(default, str)
         if not isinstance(value, str if text else bool):
             kind = 'a string' if text else 'true or false'
-            raise ParameterError(f'{name}: {value!r} is not {kind}')
+            raise ParameterError(f'{name}: {reprlib.repr(value)} is not {kind}')
         if description.choices and value not in description.choices:
             choices = ', '.join(description.choices)
-            raise ParameterError(f'{name}: {value!r} is not one of {choices}')
+            raise ParameterError(f'{name}: {reprlib.repr(value)} is not one of {choices}')
+        if isinstance(value, str) and len(value) > _MAX_LENGTH:
+            raise ParameterError(f'{name}: {len(value)} characters, at most {_MAX_LENGTH}')
         return value
     if isinstance(default, tuple):
-        if isinstance(value, str) or not isinstance(value, Iterable):
-            raise ParameterError(f'{name}: {value!r} is not a list of numbers')
+        if isinstance(value, str) or not isinstance(value, Collection):
+            raise ParameterError(f'{name}: {reprlib.repr(value)} is not a list of numbers')
+        if len(value) > _MAX_LENGTH:
+            raise ParameterError(f'{name}: {len(value)} values, at most {_MAX_LENGTH}')
         return tuple(_check_number(name, 0.0, description, element) for element in value)
     return _check_number(name, default, description, value)
 
@@ -132,7 +140,8 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
 def _check_number(name: str, default: object, description: Description, value: object) -> float:
     whole = isinstance(default, int)
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-        raise ParameterError(f'{name}: {value!r} is not a {"whole number" if whole else "number"}')
+        kind = 'whole number' if whole else 'number'
+        raise ParameterError(f'{name}: {reprlib.repr(value)} is not a {kind}')
     try:
         number = value if whole else float(value)
     except OverflowError:
@@ -141,6 +150,24 @@ def _check_number(name: str, default: object, description: Description, value: o
         span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
         raise ParameterError(f'{name}: {value} is not in {span}')
     return number
+
+
+def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
+    """Raise ParameterError if a window would take too long.
+
+    `cost` returns an estimate in s from the parameters `names`; the one that raises it most above
+    what it is by default is to be lowered.
+    """
+    values = {name: getattr(parameters, name) for name in names}
+    if (seconds := cost(**values)) <= _MAX_COST:
+        return
+    defaults = {entry.name: entry.default for entry in fields(parameters)}
+    dearest = min(names, key=lambda name: cost(**{**values, name: defaults[name]}))
+    others = ', '.join(f'{name} {value}' for name, value in values.items() if name != dearest)
+    raise ParameterError(
+        f'{parameters.node}.{dearest}: {values[dearest]} with {others} would take about '
+        f'{seconds:.2g} s for each item, at most {_MAX_COST:g} s: lower it'
+    )
 
 
 def _is_common(name: str) -> bool:

@@ -339,3 +339,27 @@ def test_a_file_for_one_lane_needs_no_name_of_it(tmp_path):
     path.write_text(LANES.partition('/right')[0], encoding='utf-8')
 
     assert read_parameter_file(path, {'larder': Larder})['larder']['shelf.boards'] == 4
+
+
+@pytest.mark.parametrize(
+    ('values', 'name'),
+    [
+        ({'stretch': 2**20, 'prediction_order': 1000, 'iterations': 100}, 'iterations'),
+        ({'stretch': 2**20}, 'stretch'),
+        ({'iterations': 100}, 'iterations'),
+        ({'prediction_order': 1000, 'iterations': 10}, 'prediction_order'),
+    ],
+)
+def test_what_would_take_too_long_is_refused_with_the_parameter_to_lower(values, name):
+    with pytest.raises(ParameterError, match=rf'denoise\.{name}: .* s for each item.* lower it'):
+        LineParameters().with_values({f'denoise.{each}': value for each, value in values.items()})
+
+
+def test_long_lists_and_texts_are_refused():
+    with pytest.raises(ParameterError, match=r'oven\.profile: 100001 values'):
+        Oven(profile=(1.0,) * 100_001)
+    with pytest.raises(ParameterError, match=r'oven\.name_in_use: 100001 characters'):
+        Oven(name_in_use='x' * 100_001)
+    with pytest.raises(ParameterError) as error:
+        Oven(mode='x' * 100_000)
+    assert len(str(error.value)) < 200

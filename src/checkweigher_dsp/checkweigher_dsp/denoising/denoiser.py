@@ -26,7 +26,7 @@ from checkweigher_dsp.denoising.window_batch import (
     is_consistent,
     padded_length,
 )
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError, Parameters, check_cost, parameter
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
@@ -125,6 +125,8 @@ class DenoiseParameters(Parameters):
                     'each of speeds'
                 )
 
+        check_cost(self, _cost, 'stretch', 'prediction_order', 'iterations')
+
     @cached_property
     def table(self) -> ShrinkageTable:
         """The shrinkage table; ValueError if its columns do not fit together."""
@@ -144,6 +146,14 @@ class DenoiseParameters(Parameters):
             for values in (self.natural_frequency, self.damping_ratio)
         )
         return frequency, damping
+
+
+def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
+    """Return how long a window takes at most if no longer than half the stretch, s.
+
+    Where a block of the prediction is one sample; measured on one core of 2024.
+    """
+    return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
 
 class Denoiser:

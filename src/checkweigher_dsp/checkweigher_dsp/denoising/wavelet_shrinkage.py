@@ -11,13 +11,14 @@ rounding.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import pywt
+
+from checkweigher_dsp.signal.array_cache import array_cache
 
 WAVELET = 'db16'
 LEVELS = 7
@@ -56,7 +57,7 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
     return np.copysign(remaining, coefficients, out=remaining)
 
 
-@lru_cache(maxsize=64)
+@array_cache
 def band_responses(
     length: int, wavelet: str = WAVELET, levels: int = LEVELS
 ) -> NDArray[np.complex128]:
@@ -103,7 +104,7 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
     return np.fft.fft(wrapped)
 
 
-@lru_cache(maxsize=64)
+@array_cache
 def _syntheses(
     length: int, wavelet: str, levels: int
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:

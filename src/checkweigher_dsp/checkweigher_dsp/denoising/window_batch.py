@@ -6,7 +6,7 @@ One window is a batch of one. All operations are along the last axis or element 
 window has the same bits in any batch.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from checkweigher_dsp.denoising.extrapolation import PREDICTION_RATE
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
-from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, WeighWindow
+from checkweigher_dsp.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow
 
 _PERIOD = 2**LEVELS
 # The signal before t2 is taken in steps of this, so that there are few shapes.
 _LEAD_STEP = 16
+_SAMPLES_AT_ONCE = 2**20  # of padded windows in a batch
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
         shape = entry, lead, min(max(1, block), len(time) + 1), len(time)
         shapes.setdefault(shape, []).append(position)
     batches = []
-    for (entry, begin, block, count), positions in shapes.items():
+    for (entry, begin, block, count), positions in _in_parts(shapes, min_length):
         chosen = [windows[position] for position in positions]
         forces = [each.force_between(each.window_end - count, each.window_end) for each in chosen]
         since_entry = np.array([times[position][1] for position in positions])
@@ -72,6 +73,17 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
             )
         )  # fmt: skip
     return batches
+
+
+def _in_parts(
+    shapes: Mapping[tuple[int, ...], list[int]], min_length: int
+) -> Iterator[tuple[tuple[int, ...], list[int]]]:
+    """Yield the positions of each shape, no more at once than memory is to be taken for."""
+    for shape, positions in shapes.items():
+        _, begin, _, count = shape
+        most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
+        for first in range(0, len(positions), most):
+            yield shape, positions[first : first + most]
 
 
 def padded_length(min_length: int, count: int) -> int:
@@ -127,7 +139,7 @@ def is_consistent(window: WeighWindow) -> bool:
     """Tell whether the fields of a window that claims to be whole fit together."""
     zeros = window.zero, window.zero_counts, window.zero_std_dev
     return (
-        0 <= window.window_begin < window.window_end <= len(window.counts)
+        0 <= window.window_begin < window.window_end <= len(window.counts) <= MAX_WINDOW
         and 0 < window.sample_rate < math.inf
         and 0 < window.belt_speed < math.inf
         and all(math.isfinite(value) for value in (*zeros, window.counts_per_kg))

@@ -14,6 +14,7 @@ _OVERDUE = 1.5
 # An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16
+_MOST_ITEMS = 100  # on the belt: more are no products, but an eye that chatters
 
 
 class UsualTransit:
@@ -107,6 +108,8 @@ class Belt:
 
     def put(self, item: Item) -> None:
         """Put an item on the belt; with another one there neither can be weighed."""
+        if len(self.items) >= _MOST_ITEMS:
+            self.miss(self.items.pop(0), item.entered)
         self.items.append(item)
         if len(self.items) > 1:
             self.fault_all(Reason.DISTANCE_FAULT)

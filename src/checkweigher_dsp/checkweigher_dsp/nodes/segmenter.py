@@ -31,7 +31,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Samples and edges that come before load_cell/info are kept: it is latched and soon there.
-_MAX_EARLY = 10_000
+_MAX_EARLY = 1_000
 # The driver of a replay paces itself by the status, so it comes with the samples, not by a timer.
 _STATUS_INTERVAL = 0.25  # s of signal
 _STATUS_BLOCKS = 100  # blocks, where they are short
@@ -98,6 +98,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _on_load_cell(self, load_cell: LoadCell) -> None:
         if load_cell == self._load_cell:
             return
+        self.parameters.check_lengths(load_cell)
         if self._load_cell is not None:
             self.warn('load_cell/info has changed: what is on the belt is a fault')
         self._load_cell = load_cell

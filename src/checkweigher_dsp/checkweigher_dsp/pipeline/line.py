@@ -140,11 +140,14 @@ class WeighingLine:
         """
         weighings: list[Weighing] = []
         steps: list[EyeEdge | WeighWindow] = []
+        samples = 0
         for event in events:
-            steps += self._cut(event)
-            if len(steps) >= _STEPS_AT_ONCE:
+            cut = self._cut(event)
+            steps += cut
+            samples += sum(len(step.counts) for step in cut if isinstance(step, WeighWindow))
+            if len(steps) >= _STEPS_AT_ONCE or samples >= _SAMPLES_AT_ONCE:
                 weighings += self._judge(steps)
-                steps = []
+                steps, samples = [], 0
         return weighings + self._judge(steps) + self.finish()
 
     def _cut(self, event: SampleBlock | EyeEdge) -> Sequence[EyeEdge | WeighWindow]:
@@ -175,5 +178,7 @@ def estimate_masses(
     return identifier.estimate_all(windows)
 
 
-# Edges and windows that `weigh_all` collects, so that a long recording takes no more memory.
+# Edges and windows, and samples in these, that `weigh_all` collects, so that a long recording takes
+# no more memory.
 _STEPS_AT_ONCE = 1500
+_SAMPLES_AT_ONCE = 2**20

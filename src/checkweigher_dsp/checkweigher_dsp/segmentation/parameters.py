@@ -7,7 +7,9 @@ from functools import partial
 from typing import ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
+
+_MAX_HISTORY = 2**22  # samples
 
 _duration = partial(parameter, unit='s', minimum=0, maximum=60)
 _mass = partial(parameter, unit='kg', minimum=0, maximum=1e6)
@@ -89,6 +91,25 @@ class SegmenterParameters(Parameters):
                 f'segmenter.min_belt_speed: {self.min_belt_speed:g} is not below max_belt_speed '
                 f'{self.max_belt_speed:g} m/s'
             )
+
+    def check_lengths(self, load_cell: LoadCell) -> None:
+        """Raise ParameterError if the windows or the memory of this load cell would be too long."""
+        transit = seconds(self.max_transit(load_cell.weigh_length))
+        window = {
+            'min_belt_speed': transit,
+            'lead_time': self.lead_time,
+            'trail_time': min(self.trail_time, transit),
+        }
+        rest = {'zero_time': self.zero_time, 'edge_lateness': 2 * self.edge_lateness}
+        for spans, most in ((window, MAX_WINDOW), (window | rest, _MAX_HISTORY)):
+            samples = load_cell.sample_rate * sum(spans.values())
+            if samples > most:
+                name = max(spans, key=lambda each: spans[each])
+                raise ParameterError(
+                    f'segmenter.{name}: {getattr(self, name):g} asks for {samples:.0f} samples at '
+                    f'{load_cell.sample_rate:g} Hz on {load_cell.weigh_length:g} m of belt, at '
+                    f'most {most}: {"raise" if name == "min_belt_speed" else "lower"} it'
+                )
 
     def max_transit(self, weigh_length: float) -> int:
         """Return how long an item takes over `weigh_length`, m, on the slowest belt, ns."""

@@ -40,6 +40,11 @@ class Segmenter:
     item_count : int
         Items that were there before: the next one is ``item_count + 1``.
 
+    Raises
+    ------
+    ParameterError
+        If the load cell and the parameters ask for windows that are too long.
+
     Attributes
     ----------
     samples, edges : int
@@ -49,6 +54,7 @@ class Segmenter:
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters, item_count: int = 0
     ) -> None:
+        parameters.check_lengths(load_cell)
         self.load_cell = load_cell
         self._parameters = parameters
         rate = load_cell.sample_rate

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weighted means of windows in which the signal vibrates."""
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from checkweigher_dsp.signal.array_cache import array_cache
 
 
 def hann_mean(samples: NDArray[np.float64]) -> Any:
@@ -35,7 +36,7 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
     return np.add.reduce(samples * weights, axis=-1) / total
 
 
-@lru_cache(maxsize=256)
+@array_cache
 def _hann_weights(count: int) -> tuple[NDArray[np.float64], float]:
     """Return the weights, (count,), and their sum, so that a constant is its own mean."""
     weights: NDArray[np.float64] = np.hanning(count + 2)[1:-1].astype(np.float64)

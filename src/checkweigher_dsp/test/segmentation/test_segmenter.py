@@ -230,6 +230,20 @@ def test_one_count_within_the_limit_is_no_saturation(make_line, cut, load_cell):
     assert _reasons(cut(line)) == [[], [], []]
 
 
+@pytest.mark.parametrize(
+    ('values', 'cell', 'name'),
+    [
+        ({'min_belt_speed': 1e-3}, {'weigh_length': 100.0}, 'min_belt_speed: .*raise it'),
+        ({'lead_time': 60.0}, {'sample_rate': 1e4}, 'lead_time: .*lower it'),
+        ({'trail_time': 60.0, 'min_belt_speed': 0.01}, {'sample_rate': 1e4}, 'min_belt_speed: '),
+        ({'edge_lateness': 60.0}, {'sample_rate': 5e4}, 'edge_lateness: .*lower it'),
+    ],
+)
+def test_windows_that_would_be_too_long_are_refused_before_the_first(load_cell, values, cell, name):
+    with pytest.raises(ParameterError, match=f'segmenter.{name}'):
+        Segmenter(replace(load_cell, **cell), SegmenterParameters(**values))
+
+
 @pytest.mark.parametrize(('capacity', 'reasons'), [(0.25, ['Overload']), (0.31, [])])
 @pytest.mark.parametrize('sign', [1, -1])
 def test_a_load_above_the_capacity_is_a_fault(

@@ -10,7 +10,6 @@ values at a fixed number of knots, so that it serves windows of other lengths an
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 import math
 from typing import ClassVar
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.array_cache import array_cache
 
 # Until it is trained, a Hann window: sin^2 at the knots.
 _KNOTS = 24
@@ -159,7 +159,7 @@ def fit_fir(
 _LEAST_RIDGE = 1e-9
 
 
-@lru_cache(maxsize=256)
+@array_cache
 def _basis(count: int, knots: int) -> NDArray[np.float64]:
     """Return the share of each knot in each sample, (count, knots)."""
     position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)

@@ -11,7 +11,6 @@ narrow one is still; the cut-off goes from the one to the other,
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 import math
 from typing import ClassVar
 
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.array_cache import array_cache
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def decay_of(half_life: float, count: int) -> float:
     return float(0.5 ** (1 / (half_life * count)))
 
 
-@lru_cache(maxsize=256)
+@array_cache
 def lowpass_weights(
     count: int, sections: int, initial_cutoff: float, final_cutoff: float, decay: float,
     sample_rate: float,
