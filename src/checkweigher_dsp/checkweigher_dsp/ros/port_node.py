@@ -7,9 +7,11 @@ import inspect
 import types
 from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from checkweigher_dsp.printable import one_line
@@ -59,8 +61,41 @@ class PortNode(Node):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
     ) -> Timer:
-        """Create a timer."""
-        return super().create_timer(timer_period_sec, locked(callback), *args, **options)
+        """Create a timer; an exception of its callback is told of, not fatal."""
+        return super().create_timer(
+            timer_period_sec, self._guarded(locked(callback), 'a timer failed'), *args, **options
+        )
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **options: Any
+    ) -> Subscription:
+        """Subscribe; bytes that are no message and what the callback raises are not fatal.
+
+        rclpy would raise the former out of its executor, and keep the callback group taken.
+        """
+
+        def take(data: bytes) -> Any:
+            return callback(deserialize_message(data, msg_type))
+
+        guarded = self._guarded(take, f'refused a message on {topic}')
+        return super().create_subscription(msg_type, topic, guarded, *args, raw=True, **options)
+
+    def _guarded(self, callback: Callable[..., Any], what: str) -> Callable[..., Any]:
+        """Return a callback whose exceptions are told of by `fail`."""
+
+        def call(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                self.fail(error, what)
+
+        async def call_in_steps(*args: Any) -> Any:
+            try:
+                return await callback(*args)
+            except Exception as error:
+                self.fail(error, what)
+
+        return call_in_steps if inspect.iscoroutinefunction(callback) else call
 
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
@@ -92,6 +127,10 @@ class PortNode(Node):
             except Exception as error:
                 return refused(error)
 
+        # A request whose bytes are none keeps the group of its service taken: a group of its own.
+        options['callback_group'] = (
+            options.get('callback_group') or MutuallyExclusiveCallbackGroup()
+        )
         waits = inspect.iscoroutinefunction(callback)
         return super().create_service(
             srv_type, srv_name, answer_later if waits else answer, **options

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 import threading
-from typing import Any
 
+import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -16,41 +16,6 @@ from checkweigher_dsp.ros.outputs import LOCK, connect
 from checkweigher_dsp.ros.port_node import PortNode
 
 _PATIENCE = 10.0  # s
-
-
-class GuardedExecutor(SingleThreadedExecutor):
-    """Executor whose nodes outlive an exception in what it takes or calls for them.
-
-    That of rclpy raises it out of spin, for all nodes of the process. All work for the entities of
-    nodes comes by here: timers, subscriptions, services, clients, coroutines, and the bytes of a
-    message that are none.
-    """
-
-    def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Any) -> Any:
-        def take(entity: Any) -> Any:
-            try:
-                work = take_from_wait_list(entity)
-            except Exception as error:
-                return _report(node, error)
-            if work is None:
-                return None
-
-            async def guarded() -> None:
-                try:
-                    await work()
-                except Exception as error:
-                    _report(node, error)
-
-            return guarded
-
-        return super()._make_handler(entity, node, take)
-
-
-def _report(node: Node, error: Exception) -> None:
-    if isinstance(node, PortNode):
-        node.fail(error)
-    else:
-        node.get_logger().error(one_line(f'{type(error).__name__}: {error}'))
 
 
 class Spinner:
@@ -64,7 +29,7 @@ class Spinner:
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
         self.error: Exception | None = None
         self._on_end = on_end
-        self._executor = GuardedExecutor()
+        self._executor = SingleThreadedExecutor()
         self._nodes: list[Node] = []
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
@@ -130,9 +95,20 @@ class Spinner:
         try:
             with suppress(ExternalShutdownException):
                 while not self._stopping.is_set():
-                    self._executor.spin_once()
+                    self._spin_once()
         except Exception as error:
             self.error = error
             raise
         finally:
             self._on_end()
+
+    def _spin_once(self) -> None:
+        try:
+            self._executor.spin_once()
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            # Of a request or an answer whose bytes are none, or of a task.
+            if not rclpy.ok() or not self._nodes:
+                raise
+            self._nodes[0].get_logger().error(one_line(f'{type(error).__name__}: {error}'))
