@@ -41,6 +41,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
         self._source: Source | None = None
+        self._stop_makers: set[bytes] = set()  # of the stop requests that have come
 
         def read(kind: type[Parameters]) -> Parameters:
             return declare(self, kind, f'{kind.node}.', read_only=True)
@@ -138,6 +139,14 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.hear_verdict(verdict)
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
+        topic = self.resolve_topic_name(ports.STOP_REQUEST.name)
+        found = self.get_publishers_info_by_topic(topic)
+        makers = {bytes(maker.endpoint_gid) for maker in found}
+        if makers - self._stop_makers:
+            # A reject node that was started again: that it sees no reason to stop takes nothing
+            # back. The one before, if it was killed, is in the graph for some time still.
+            self._outputs.forget_shown()
+        self._stop_makers = makers
         if request is None:
             self._outputs.take_request(False)
         else:

@@ -31,8 +31,7 @@ MACHINE = Path(__file__).with_name('belt_machine.py')
 GOOD, LIGHT, HEAVY = 150.0, 80.0, 240.0  # g
 PARAMETERS = """
 /**/segmenter:
-  ros__parameters: {{zero_initial_std_dev: 0.05, product_length: 0.1, length_tolerance: 0.04,
-                     min_belt_speed: 0.1}}
+  ros__parameters: {{product_length: 0.1, length_tolerance: 0.04, min_belt_speed: 0.1}}
 /**/identifier:
   ros__parameters: {{estimator: hann}}
 /**/reject:
@@ -175,12 +174,16 @@ class BeltLine:
         stopped = last is not None and last.state == StopRequest.STOP
         return f'{last.reason}: {last.hint}' if stopped else ''
 
-    def end(self) -> None:
-        """End line and machine."""
+    def stop(self) -> None:
+        """End the line in order."""
         assert self.command is not None
         if self.command.poll() is None:
             self.command.send_signal(signal.SIGINT)
             self.command.wait(timeout=60)
+
+    def end(self) -> None:
+        """End line and machine."""
+        self.stop()
         self.machine.stdin.close()
         self.machine.wait(PATIENCE)
         self.machine.stdout.close()

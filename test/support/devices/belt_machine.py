@@ -26,6 +26,7 @@ import asyncio
 from collections import deque
 from dataclasses import dataclass
 import json
+import logging
 from pathlib import Path
 import random
 import sys
@@ -256,6 +257,7 @@ async def obey(line: str, machine: Machine, server: Server) -> str:
 
 
 async def main() -> None:
+    logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)  # of connections cut on demand
     parser = argparse.ArgumentParser()
     add = parser.add_argument
     add('--port', type=int, required=True)

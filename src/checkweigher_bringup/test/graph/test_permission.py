@@ -65,6 +65,21 @@ def deactivated(node: str) -> Fault:
     return Fault(f'{node} deactivated', happen)
 
 
+def killed_in_turn(line: BeltLine, rng: random.Random) -> None:
+    line.signal('driver', signal.SIGKILL)
+    line.wait_for(lambda: 'look' in line.stop_text(), 'the latched stop')
+    time.sleep(rng.uniform(0.0, 1.0))
+    said = len(line.stops)
+    line.signal('reject', signal.SIGKILL)
+    line.wait_for(lambda: len(line.stops) > said, 'the word of another reject')
+    time.sleep(1.0)
+
+
+def interrupted(line: BeltLine, rng: random.Random) -> None:
+    line.stop()
+    line.start()
+
+
 def supervisor_killed(line: BeltLine, rng: random.Random) -> None:
     assert line.command is not None
     nodes = NODES if line.processes else ('line',)
@@ -100,10 +115,13 @@ IN_PROCESSES = [
     deactivated('driver'),
     deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
+    Fault('line interrupted', interrupted, stops=True),
+    Fault('driver killed, then reject', killed_in_turn, stops=True),
 ]
 IN_ONE_PROCESS = [
     killed('line'), halted('line'), deactivated('driver'), deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
+    Fault('line interrupted', interrupted, stops=True),
 ]  # fmt: skip
 DEVICES = [
     told('PLC does not answer', 'mute {}'),
@@ -132,7 +150,7 @@ class Trials:
         self.weigh(2)
         line.feed(GOOD, bad, *([GOOD] * rng.choice((0, 0, 1, 3))))
         line.wait_for(lambda: self._place(bad) > place, f'{bad} g at {place:.2f} m')
-        began = time.time_ns()
+        began, heard = time.time_ns(), len(line.stops)
         fault.happen(line, rng)
         outcome = self._follow(fault, bad, began)
         self.counts['tried'] += 1
@@ -140,6 +158,9 @@ class Trials:
         print(f'{fault.name}, {bad:g} g at {place:.2f} m: {outcome}; {line.stop_text()[-120:]}')
         assert 'escaped' not in outcome, (fault.name, bad, place, line.stop_text(), line.events())
         self.operate()
+        if outcome != 'ejected':
+            hints = [stop.hint for stop in line.stops[heard:]]
+            self.counts['named'] += any('look' in hint and 'item' in hint for hint in hints)
         first = self.weigh(WHOLE)
         self.counts['recovered'] += 1
         self.counts['second product weighed'] += first <= 2
@@ -214,14 +235,24 @@ class Trials:
         return 1 + decisions.index(Verdict.ACCEPT)
 
 
-def hold(folder: Path, faults: list[Fault], *, processes: bool, wiring: str, seed: int = 1) -> None:
-    """Let each of the faults happen, and print what became of it."""
+def hold(
+    folder: Path, faults: list[Fault], *, processes: bool, wiring: str, seed: int = 1,
+    again: bool = False,
+) -> None:  # fmt: skip
+    """Let each of the faults happen, and print what became of it.
+
+    With `again`, end with an empty belt and start `again`, for which no person is needed.
+    """
     outputs = ', permit: 2' if wiring == 'permit' else ''
     with belt_line(folder, processes=processes, wiring=wiring, outputs=outputs) as line:
         trials = Trials(line, seed)
         try:
             for fault in faults:
                 trials.run(fault)
+            if again:
+                line.stop()
+                line.start()
+                line.wait_for(line.runs, 'the release of the belt after an orderly end')
         finally:
             way = 'a process a node' if processes else 'one process'
             print(f'{way}, wired by {wiring}: {dict(sorted(trials.counts.items()))}')
@@ -231,7 +262,7 @@ def hold(folder: Path, faults: list[Fault], *, processes: bool, wiring: str, see
 
 
 def test_a_line_that_is_killed_holds_the_belt_until_a_person_has_looked(tmp_path: Path):
-    hold(tmp_path, [killed('line')], processes=False, wiring='reject')
+    hold(tmp_path, [killed('line')], processes=False, wiring='reject', again=True)
 
 
 def test_a_node_that_is_killed_lets_no_bad_product_pass(tmp_path: Path):

@@ -166,6 +166,11 @@ class MachineOutputs:
             control.stop_requested = True
             control.missed.take(LatchEvent.FORGET)
 
+    def forget_shown(self) -> None:
+        """Take that another node makes the stop request: it has shown nothing yet."""
+        with self._change() as control:
+            control.forget_shown()
+
     def reset(self) -> str:
         """Let the line run again after a product that can have been missed; return which."""
         with self._change() as control:

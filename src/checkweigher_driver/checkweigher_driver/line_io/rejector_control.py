@@ -174,6 +174,7 @@ class RejectorControl:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._released = False  # since the belt was known to be empty or all on it in doubt
         self._may_run = False  # by the levels that were asked for last
+        self._asked = ''  # why reject wants the line to stop, by what it alone knows
         self._stood_at: int | None = None  # when it last might not run
         self._latched = False  # by a missed product
         self._looked_at: int | None = None  # when a person had looked for all that was missed
@@ -194,6 +195,7 @@ class RejectorControl:
         """Return what the outputs have to be."""
         if not self.active:
             return self.safe_levels
+        self._check_silence(now)  # while it is known what was on the belt before
         self._items.leave(self._belt.at(now))
         self._check_verdicts(now)
         skipped = self._pulses.skipped
@@ -234,12 +236,16 @@ class RejectorControl:
 
     def alive(self, begun: int, done: int) -> None:
         """Take a sign of life that the machine got between two moments."""
-        if self._alive is not None:
-            last, ran = self._alive
-            if ran and done - last > self._watchdog_time:
-                limit = self._watchdog_time / NANOSECONDS
-                self._doubt(f'the machine had no sign of life for {limit:g} s', self._items.names())
+        self._check_silence(done)
         self._alive = begun, self._may_run
+
+    def _check_silence(self, now: int) -> None:
+        """Take that after a longer silence the machine has stopped the belt by itself."""
+        last, ran = self._alive or (now, False)
+        if ran and now - last > self._watchdog_time:
+            limit = self._watchdog_time / NANOSECONDS
+            self._doubt(f'the machine had no sign of life for {limit:g} s', self._items.names())
+            self._alive = None
 
     def next_switches(self, now: int) -> Switches:
         """Return when rejector and permission switch next, ns; None for what is not to come."""
@@ -376,8 +382,17 @@ class RejectorControl:
         """Take a stop request."""
         self.stop_requested = stop
         if not stop:
+            self._asked = ''
             self.missed.take(LatchEvent.RUN)
         elif reason == StopReason.NOT_READY:  # a reject node that was started again
             self.missed.take(LatchEvent.FORGET)
-        elif reason == StopReason.DRIVER_TROUBLE and self.missed.text in hint:
+        elif reason != StopReason.DRIVER_TROUBLE:
+            self._asked = f'{reason}: {hint}'
+        elif self.missed.text in hint:
             self.missed.take(LatchEvent.SHOW)
+
+    def forget_shown(self) -> None:
+        """Take that another node makes the stop request: it has shown nothing yet."""
+        self.missed.take(LatchEvent.FORGET)
+        if self._asked:  # what the one before knew alone, and nobody has taken back
+            self.missed.add(self._asked)

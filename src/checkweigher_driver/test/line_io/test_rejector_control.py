@@ -174,7 +174,8 @@ def test_a_silence_in_which_the_machine_stops_by_itself_leaves_all_in_doubt(sile
     outputs, now = control(watchdog_time=0.25), time.monotonic_ns()
     outputs.levels(now)
     outputs.alive(now, now)
-    passing(outputs, now + 900 * MS, now, Decision.OVER)
+    passing(outputs, now + 50 * MS, now, Decision.OVER)  # which does not get there
+    outputs.levels(now + silent * MS)
     outputs.alive(now + silent * MS, now + silent * MS)
     assert ('no sign of life for 0.25 s' in outputs.missed.text) == in_doubt
     assert ('item 7 OVER' in outputs.missed.text) == in_doubt
@@ -228,3 +229,18 @@ def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
     assert outputs.levels(now) == RUN
     outputs.verdict(replace(given_up, t1=stamp + 100 * MS), now)
     assert outputs.levels(now).stop
+
+
+def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not_shown():
+    outputs, now = control(), time.monotonic_ns()
+    outputs.missed.add('item 6')
+    outputs.take_request(True, StopReason.DRIVER_TROUBLE, 'the driver has trouble: item 6')
+    outputs.forget_shown()
+    outputs.take_request(False, '', '')
+    assert outputs.levels(now) == STOP
+    outputs.missed.take(LatchEvent.RESET)
+    outputs.take_request(True, StopReason.UNCONFIRMED_REJECT, 'check the rejector')
+    outputs.forget_shown()
+    outputs.take_request(False, '', '')
+    assert outputs.levels(now) == STOP
+    assert outputs.missed.text == 'UnconfirmedReject: check the rejector'
