@@ -10,6 +10,7 @@ import sys
 from joblib import delayed
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -19,6 +20,7 @@ from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
 from checkweigher_validation.jobs import ALL_CORES, run_jobs
+from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import tune
@@ -70,19 +72,30 @@ def _read_bag(
 
 
 def train(
-    bags: Sequence[Path], output: Path, estimators: Sequence[str], base: LineParameters, *,
+    bags: Sequence[Path], output: Path, estimators: Sequence[str] | None, base: LineParameters, *,
     budget: int = BUDGET, lane: str | None = None, jobs: int | None = None,
 ) -> None:  # fmt: skip
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
-    The file holds `base` besides, and selects the first estimator. `budget` is the largest number
-    of evaluations of each estimator at each speed; `jobs` is the number of processes, one for each
-    core by default.
+    The file holds `base` besides, and selects the first estimator. Without names all are tuned and
+    compared on held-out passes, and the file holds the one that is chosen. `budget` is the largest
+    number of evaluations of each estimator at each speed; `jobs` is the number of processes, one
+    for each core by default.
     """
     n_jobs = jobs or ALL_CORES
     passes, source = read_passes(bags, lane, base.segmenter, n_jobs)
-    tuned = tune(group_by_speed(passes), estimators, base, budget=budget, n_jobs=n_jobs)
-    text = parameter_file(tuned, source)
+    names = tuple(estimators or ESTIMATORS)
+    tuned = tune(
+        group_by_speed(passes), names, base, budget=budget, n_jobs=n_jobs,
+        skip_failing=estimators is None,
+    )  # fmt: skip
+    if estimators is None:
+        choice = choose(tuned)
+        best = {choice.estimator: tuned[choice.estimator]}
+        text = parameter_file(best, source, compared=tuned, reason=choice.reason)
+    else:
+        text = parameter_file(tuned, source)
     write_whole(output, text)
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
-    print('\n'.join(line for line in comments if line.split()[0] in ('estimator', *estimators)))
+    shown = ('estimator', 'chosen:', *names)
+    print('\n'.join(line for line in comments if line.split()[0] in shown))

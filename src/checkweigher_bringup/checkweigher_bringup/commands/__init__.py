@@ -48,7 +48,8 @@ def add_tuning(parser: Parser) -> None:
     """Add what is tuned, how long, on how many processes, and the lane of the bags."""
     add = parser.add_argument
     add('--estimator', nargs='+', action='extend', metavar='NAME',
-        help='one or several, or all; the first one is what a tuned file selects')  # fmt: skip
+        help='one or several, or all; the first one is what a tuned file selects; '
+        'default of tune the best of all on held-out passes')  # fmt: skip
     add('--budget', type=int, metavar='N',
         help='evaluations of each estimator at each speed; default 240')  # fmt: skip
     add('--jobs', type=int, metavar='N', help='processes; default one for a core')

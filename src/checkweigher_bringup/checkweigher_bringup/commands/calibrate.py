@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--passes', type=int, metavar='N', default=60, help='at each speed; default 60')
     add('--speeds', type=float, nargs='+', metavar='M_PER_MIN', help='belt speeds, in turn')
     add('--bags', type=Path, metavar='DIR', help='folder for the bags; default OUTPUT_passes')
-    add('--estimator', metavar='NAME', default='iswd_eksi', help='what is trained')
+    add('--estimator', metavar='NAME', help='what is trained; default the best of all')
     add('--budget', type=int, metavar='N', help='as that of tune')
 
 

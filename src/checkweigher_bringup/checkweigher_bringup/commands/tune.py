@@ -24,7 +24,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
     from checkweigher_bringup.training import BUDGET, train
 
-    estimators = estimator_names(arguments.estimator, ('iswd_eksi',))
+    given = arguments.estimator
+    estimators = estimator_names(given, ('iswd_eksi',)) if given else None
     check_positive(arguments, 'budget', 'jobs')
     check_output_file(arguments.output, arguments.overwrite)
     base = line_parameters(arguments.params, None, arguments.lane)

@@ -38,7 +38,7 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     base = line_parameters(arguments.params, None)
     bags = [_record_at(speed, folder, base, arguments) for speed in arguments.speeds]
     new = output.with_name(f'{output.stem}.new{output.suffix}')
-    estimators = estimator_names([arguments.estimator], ())
+    estimators = estimator_names([arguments.estimator], ()) if arguments.estimator else None
     train(bags, new, estimators, base, budget=arguments.budget or BUDGET)
     version = replace_version(output, new)
     print(f'{output}: version {version} written; start the line with it')
@@ -53,7 +53,7 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.source is not None or arguments.open:
         raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
     check_namespace(arguments.namespace)
-    estimator_names([arguments.estimator], ())
+    estimator_names([arguments.estimator or 'all'], ())
     check_output_file(arguments.output, overwrite=True)
     check_not_installed(arguments.output)
 

@@ -47,8 +47,10 @@ class DynamicSettingParameters(Parameters):
 
     folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
     estimator: str = parameter(
-        'iswd_eksi', 'estimator to train and to select in machine.yaml', choices=tuple(ESTIMATORS)
-    )
+        'best', 'estimator to train and to select in machine.yaml; best: the best of all on passes '
+        'that were held out',
+        choices=('best', *ESTIMATORS),
+    )  # fmt: skip
     budget: int = parameter(240, 'evaluations at each speed', minimum=1, maximum=1_000_000)
     parameters: str = parameter(
         '', 'parameter file of everything that is not trained; empty for the defaults'
@@ -129,10 +131,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             response.message = f'{self._folder}: no passes; call {ports.RECORD_PASSES} first'
         else:
             known = self.parameters
-            base = ('--params', known.parameters) if known.parameters else ()
+            options = ['--params', known.parameters] if known.parameters else []
+            options += ['--estimator', known.estimator] if known.estimator != 'best' else []
             self._begin(
-                'tune', *bags, '--output', self._learned, '--overwrite', '--estimator',
-                known.estimator, '--budget', known.budget, *base,
+                'tune', *bags, '--output', self._learned, '--overwrite', '--budget', known.budget,
+                *options,
             )  # fmt: skip
             self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
             response.success = True

@@ -13,6 +13,7 @@ import pytest
 from running import run_command
 
 from checkweigher_bringup.cli import main
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.protocol.paper_protocol import Protocol, evaluate_protocol
@@ -106,6 +107,31 @@ def test_between_the_speeds_it_weighs_and_outside_it_says_so(
     for row in outside:
         assert (row['decision'], row['reasons']) == ('FAULT', 'SpeedNotTrained')
         assert row['mass_g'] == ''
+
+
+def test_without_a_name_the_best_of_all_on_held_out_passes_is_written(
+    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
+):
+    train, test = (bag_of(tmp_path, f'{seed}', speed=1.0, count=40, seed=seed) for seed in (3, 4))
+    path = tmp_path / 'machine.yaml'
+    done = checkweigher('tune', train, '--output', path, '--budget', 2, '--jobs', 1)
+    table = [line.split() for line in done.stdout.splitlines()]
+    held_out = {row[0]: float(row[4]) for row in table[1:] if row[0] in ESTIMATORS}
+    assert held_out.keys() == set(ESTIMATORS)
+    # On a platform that rings through the window one needs to know, or to have learned, how.
+    parameters = LineParameters.from_file(path).identifier
+    assert parameters.estimator in ('gauss_markov', 'learned')
+    assert held_out[parameters.estimator] < 1.1 * min(held_out.values())
+    (reason,) = (line for line in path.read_text().splitlines() if line.startswith('# chosen: '))
+    assert reason.startswith(f'# chosen: {parameters.estimator}: ')
+    assert reason.removeprefix('# ') in done.stdout
+    # What is not selected is in the table only.
+    assert not any(getattr(parameters, name).calibrated for name in ('hann', 'iswd_eksi'))
+    best, plain = (
+        errors(rows('weigh', test, '--params', path, *options))
+        for options in ((), ('--estimator', 'hann'))
+    )
+    assert np.std(best) < 0.3 * np.std(plain)
 
 
 Refused = Callable[..., str]

@@ -16,8 +16,9 @@ _WIDTH = 100
 
 
 def parameter_file(
-    tuned: Mapping[str, Tuned], source: Sequence[str], made: datetime | None = None
-) -> str:
+    tuned: Mapping[str, Tuned], source: Sequence[str], made: datetime | None = None,
+    compared: Mapping[str, Tuned] | None = None, reason: str = '',
+) -> str:  # fmt: skip
     """Return the text of a parameter file with everything that was tuned.
 
     The YAML has all parameters of what was tuned, and of the others, with which it was tuned, those
@@ -31,6 +32,10 @@ def parameter_file(
         Training passes, a line each.
     made : datetime, optional
         When; by default now.
+    compared : dict of str to Tuned, optional
+        The rows of the table at the head; by default `tuned`.
+    reason : str
+        Why the first one is selected, a line.
     """
     made = made or datetime.now(UTC)
     first, *_ = tuned.values()
@@ -59,9 +64,10 @@ def parameter_file(
         *(
             f'# {each.estimator:<14}{60 * speed.speed:7.1f}{speed.passes:8}'
             f'{GRAMS * speed.index:11.4f}{GRAMS * speed.held_out_index:12.4f}'
-            for each in tuned.values()
+            for each in (compared or tuned).values()
             for speed in each.speeds
         ),
+        *((f'# chosen: {reason}',) if reason else ()),
     ]  # fmt: skip
     content = {
         f'/**/{node}': {'ros__parameters': values} for node, values in sections.items() if values

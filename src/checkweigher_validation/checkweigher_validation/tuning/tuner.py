@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning: from passes of known mass to parameters, for each estimator by the same procedure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 import math
+from typing import Any
 
 from joblib import delayed
 import numpy as np
@@ -61,6 +62,9 @@ class TunedSpeed:
     zero_std_dev: float  # kg, typical of these passes
     index: float  # A on the training passes, kg
     held_out_index: float = math.nan  # kg
+    # Of the same passes: (n,), kg, in the same order for every estimator.
+    held_out_errors: tuple[float, ...] = ()
+    masses: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,7 @@ def tune(
     *,
     budget: int = BUDGET,
     n_jobs: int | None = None,
+    skip_failing: bool = False,
 ) -> dict[str, Tuned]:
     """Tune estimators, each belt speed for itself and the speeds side by side.
 
@@ -94,6 +99,8 @@ def tune(
         Evaluations of each estimator at each speed, at most.
     n_jobs : int, optional
         Processes, as in `checkweigher_validation.jobs.run_jobs`.
+    skip_failing : bool
+        Whether an estimator that fails is left out, as long as any is tuned.
 
     Returns
     -------
@@ -113,26 +120,67 @@ def tune(
             )
     if not groups:
         raise TuningError('no whole pass of known mass')
-    prepared = {name: TUNABLES[name].prepare(groups, base) for name in estimators}
     others = [tuple(other for other in groups if other is not group) for group in groups]
+    calls = [delayed(_attempt)(TUNABLES[name].prepare, groups, base) for name in estimators]
+    prepared = run_jobs(calls, n_jobs, 'preparing')
     tasks = [
-        (name, group, prepared[name], budget, rest)
-        for name in estimators
+        _Task(name, group, line, budget, rest)
+        for name, line in zip(estimators, prepared, strict=True)
+        if not isinstance(line, TuningError)
         for group, rest in zip(groups, others, strict=True)
     ]
-    calls = [delayed(_tune_speed)(*task) for task in tasks]
-    calls += [delayed(_check_fold)(*task, fold) for task in tasks for fold in _folds(task[1])]
+    calls = [delayed(_attempt)(_tune_speed, task) for task in tasks]
+    calls += [delayed(_attempt)(_check_fold, task, n) for task in tasks for n in _folds(task.group)]
     found = run_jobs(calls, n_jobs, 'tuning')
+    failed = [each for each in (*prepared, *found) if isinstance(each, TuningError)]
+    if failed and not skip_failing:
+        raise failed[0]
     held_out = iter(found[len(tasks) :])
-    tuned: dict[str, list[TunedSpeed]] = {name: [] for name in estimators}
-    for (name, group, *_), learned in zip(tasks, found[: len(tasks)], strict=True):
-        errors, masses = np.concatenate([next(held_out) for _ in _folds(group)], axis=1)
-        learned = replace(learned, held_out_index=index(errors, masses))
-        if len(masses) < _FEWEST_FOR_HALVES:
-            # A search fits a handful of passes far better than those to come.
-            learned = replace(learned, uncertainty=uncertainty(errors, masses))
-        tuned[name].append(learned)
-    return {name: _assemble(name, tuned[name], prepared[name]) for name in estimators}
+    tuned: dict[str, list[TunedSpeed]] = {}
+    for task, learned in zip(tasks, found[: len(tasks)], strict=True):
+        checks = [next(held_out) for _ in _folds(task.group)]
+        if not any(isinstance(each, TuningError) for each in (learned, *checks)):
+            tuned.setdefault(task.estimator, []).append(_with_held_out(learned, checks))
+    whole = {task.estimator: task.base for task in tasks}
+    result = {
+        name: _assemble(name, speeds, whole[name])
+        for name, speeds in tuned.items()
+        if len(speeds) == len(groups)
+    }
+    if not result:
+        raise failed[0]
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is tuned on what: an estimator on the passes of one speed."""
+
+    estimator: str
+    group: SpeedGroup
+    base: LineParameters
+    budget: int
+    others: tuple[SpeedGroup, ...]
+
+
+def _attempt(call: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a call returns, or its TuningError: a job that raises would end the others."""
+    try:
+        return call(*arguments)
+    except TuningError as error:
+        return error
+
+
+def _with_held_out(learned: TunedSpeed, checks: Sequence[NDArray[np.float64]]) -> TunedSpeed:
+    errors, masses = np.concatenate(checks, axis=1)
+    learned = replace(
+        learned, held_out_index=index(errors, masses), held_out_errors=tuple(errors.tolist()),
+        masses=tuple(masses.tolist()),
+    )  # fmt: skip
+    if len(masses) < _FEWEST_FOR_HALVES:
+        # A search fits a handful of passes far better than those to come.
+        learned = replace(learned, uncertainty=uncertainty(errors, masses))
+    return learned
 
 
 def _folds(group: SpeedGroup) -> range:
@@ -140,11 +188,9 @@ def _folds(group: SpeedGroup) -> range:
     return range(2 if len(group.passes) >= _FEWEST_FOR_HALVES else len(group.passes))
 
 
-def _check_fold(
-    estimator: str, group: SpeedGroup, base: LineParameters, budget: int,
-    others: Sequence[SpeedGroup], fold: int,
-) -> NDArray[np.float64]:  # fmt: skip
+def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
     """Tune on all passes of a speed but a fold, and return its errors and masses, (2, n), kg."""
+    group, budget = task.group, task.budget
     count = len(_folds(group))
     # In turn, so that a drift and every mass are in both halves.
     held_out = folds(group.masses, count) == fold
@@ -154,17 +200,15 @@ def _check_fold(
     )
     # Half the passes, half the evaluations: the check costs as much as what it checks.
     budget = max(budget // 2, 1) if count == 2 else budget
-    learned = _tune_speed(estimator, learn, base, budget, others)
-    parameters = _assemble(estimator, [learned], base).parameters
+    learned = _tune_speed(replace(task, group=learn, budget=budget))
+    parameters = _assemble(task.estimator, [learned], task.base).parameters
     estimates = estimates_of(check, parameters)
     return np.stack((learned.calibration.apply(estimates) - check.masses, check.masses))
 
 
-def _tune_speed(
-    estimator: str, group: SpeedGroup, base: LineParameters, budget: int,
-    others: Sequence[SpeedGroup],
-) -> TunedSpeed:  # fmt: skip
-    tunable = TUNABLES[estimator](group, base, others)
+def _tune_speed(task: _Task) -> TunedSpeed:
+    estimator, group, budget = task.estimator, task.group, task.budget
+    tunable = TUNABLES[estimator](group, task.base, task.others)
     masses = group.masses
     values, badness = tunable.search(
         lambda values: calibrated_index(tunable.estimates(values), masses), budget

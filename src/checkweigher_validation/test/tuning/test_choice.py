@@ -1,0 +1,98 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Which of several tuned estimators is chosen, and why, from held-out errors made by hand."""
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.tuning.calibration import Calibration, Uncertainty
+from checkweigher_validation.tuning.choice import SIMPLEST_FIRST, choose
+from checkweigher_validation.tuning.tuner import TUNABLES, Tuned, TunedSpeed
+
+PASSES = 100
+
+
+def tuned(name, *errors):
+    """Return an estimator with held-out errors of some passes at each speed, kg."""
+    speeds = tuple(
+        TunedSpeed(
+            speed, len(each), {}, Calibration(1.0, 0.0), Uncertainty(0.0, 0.0), 0.0, 0.0,
+            held_out_errors=tuple(each), masses=(0.1, 0.2) * (len(each) // 2),
+        )
+        for speed, each in enumerate(errors, start=1)
+    )  # fmt: skip
+    return name, Tuned(name, speeds, LineParameters())
+
+
+@pytest.fixture
+def noise():
+    """Return what disturbs every estimator alike, and what disturbs one alone, 1 mg each."""
+    return 1e-6 * np.random.default_rng(8).standard_normal((4, PASSES))
+
+
+def test_all_estimators_have_a_place_among_the_simple_ones():
+    assert set(SIMPLEST_FIRST) == set(TUNABLES)
+
+
+def test_the_smallest_index_on_held_out_passes_is_chosen(noise):
+    choice = choose(dict([tuned('hann', 2 * noise[0]), tuned('learned', noise[0])]))
+    assert choice.estimator == 'learned'
+    assert choice.reason == (
+        'learned: smallest A on held-out passes; that of hann is larger by 100 % +- 0 %'
+    )
+
+
+def test_a_simpler_one_is_chosen_where_the_difference_is_within_its_error(noise):
+    one, other = noise[0], noise[1]
+    one = one * np.std(other) / np.std(one)
+    choice = choose(dict([tuned('learned', one), tuned('hann', 1.01 * other)]))
+    assert choice.estimator == 'hann'
+    assert 'simpler than learned' in choice.reason
+
+
+def test_what_disturbs_both_alike_does_not_hide_a_difference(noise):
+    # 5 % more of the same: as clear as it is small.
+    choice = choose(dict([tuned('learned', noise[0]), tuned('hann', 1.05 * noise[0])]))
+    assert choice.estimator == 'learned'
+
+
+def test_a_simpler_one_that_is_no_worse_needs_no_excuse(noise):
+    choice = choose(dict([tuned('hann', noise[0]), tuned('learned', noise[0])]))
+    assert choice.estimator == 'hann'
+
+
+def test_a_factor_counts_the_same_at_a_slow_and_at_a_fast_belt(noise):
+    # Twice as good where all is small, a third worse where all is large.
+    choice = choose(
+        dict(
+            [
+                tuned('hann', noise[0], 300 * noise[1]),
+                tuned('learned', noise[0] / 2, 400 * noise[1]),
+            ]
+        )
+    )
+    assert choice.estimator == 'learned'
+
+
+def test_the_standard_error_is_that_of_the_errors_of_many_machines(noise):
+    # Two independent estimators, as good as each other: that the one is better by more than the
+    # standard error of the difference is to happen in about one of three cases.
+    random = np.random.default_rng(9)
+    chosen = [
+        choose(
+            dict(tuned(name, 1e-6 * random.standard_normal(PASSES)) for name in ('hann', 'learned'))
+        ).estimator
+        for _ in range(200)
+    ]
+    # Half of the time the simple one is the best anyway.
+    assert 0.1 < chosen.count('learned') / 200 < 0.25
+
+
+def test_one_alone_is_chosen(noise):
+    assert choose(dict([tuned('mean', noise[0])])).estimator == 'mean'
+
+
+def test_few_passes_will_do(noise):
+    choice = choose(dict([tuned('hann', noise[0, :4]), tuned('learned', noise[1, :4] / 10)]))
+    assert choice.estimator == 'learned'
