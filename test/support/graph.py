@@ -27,7 +27,7 @@ def wait_for(condition: Callable[[], bool], timeout: float = PATIENCE) -> None:
         time.sleep(0.01)
 
 
-def call(node: Node, kind: Any, name: str, **values: object) -> Any:
+def call(node: Node, kind: Any, name: str, /, **values: object) -> Any:
     """Call a service from a node that spins, and return the answer."""
     client = node.create_client(kind, name)
     wait_for(client.service_is_ready)

@@ -94,7 +94,7 @@ class Line:
     def listen(self, topic: ports.Port, callback: Callable[[Any], None]) -> None:
         self.operator.create_subscription(topic.type, topic.name, callback, topic.qos)
 
-    def call(self, kind: Any, name: str, **request: object) -> Any:
+    def call(self, kind: Any, name: str, /, **request: object) -> Any:
         return call(self.operator, kind, name, **request)
 
     def select(self, product: str) -> Any:

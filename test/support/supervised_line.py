@@ -14,7 +14,7 @@ import time
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
-from graph import heard
+from graph import call, heard
 from processes import children
 from rclpy.node import Node
 from running import PATIENCE
@@ -40,13 +40,13 @@ PARAMETERS = """
 class SupervisedLine:
     """A line under `run`, and what a listener has heard of it."""
 
-    def __init__(self, folder: Path, listener: Node) -> None:
+    def __init__(self, folder: Path, listener: Node, more: str) -> None:
         self.listener = listener
         self.verdicts = heard(listener, ports.VERDICT, latched=True)
         self.edges = heard(listener, ports.PHOTO_EYES)
         self.found: list[Any] = []
         parameters = folder / 'line.yaml'
-        parameters.write_text(PARAMETERS, encoding='utf-8')
+        parameters.write_text(PARAMETERS + more, encoding='utf-8')
         self.log = folder / 'log'
         with self.log.open('w', encoding='utf-8') as file:
             self.command = subprocess.Popen(
@@ -64,6 +64,10 @@ class SupervisedLine:
             if NODES[name] in Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8'):
                 return pid
         raise AssertionError(f'{name} does not run\n{self.log.read_text()}')
+
+    def call(self, kind: Any, name: str, /, **request: object) -> Any:
+        """Call a service of the line."""
+        return call(self.listener, kind, name, **request)
 
     def judge_until(self, decision: int, timeout: float = PATIENCE) -> int:
         """Collect verdicts until one of a decision comes; return when that was, ns."""
@@ -103,11 +107,11 @@ class SupervisedLine:
 
 
 @contextmanager
-def supervised_line(folder: Path) -> Iterator[SupervisedLine]:
-    """Run a line for as long as the block lasts."""
+def supervised_line(folder: Path, more: str = '') -> Iterator[SupervisedLine]:
+    """Run a line, with more parameters, for as long as the block lasts."""
     with spinning('running') as spinner:
         listener = Node('listener')
-        line = SupervisedLine(folder, listener)
+        line = SupervisedLine(folder, listener, more)
         spinner.add(listener)
         try:
             yield line

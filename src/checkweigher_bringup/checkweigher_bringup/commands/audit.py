@@ -44,6 +44,7 @@ def _as_json(found: 'Verification') -> dict[str, Any]:
         'problem': found.problem or None,
         'reason': found.reason or None,
         'torn_bytes': len(found.torn),
+        'unended': found.unended,
         'entries': [asdict(entry) for entry in found.entries],
     }
 
@@ -64,6 +65,8 @@ def _conclusion(found: 'Verification') -> str:
         return f'BROKEN: line {found.bad_line}: {found.problem}: {found.reason}'
     last = f', the last one has the hash {found.entries[-1].hash}' if count else ''
     torn = '; a last one was cut off by power loss' if found.torn else ''
+    if found.unended:
+        torn = '; the end of its line was cut off by power loss'
     return f'the chain is whole: {count} entries{last}{torn}'
 
 

@@ -234,7 +234,7 @@ def test_the_product_node_tells_of_its_recipe_and_its_log(spinner: Spinner, tmp_
     assert 'check that denoise, identifier and reject run' in hint
     told.wait('product: Audit log', Level.OK, str(log))
     log.unlink()
-    told.wait('product: Audit log', Level.ERROR, f'{log} is gone')
+    told.wait('product: Audit log', Level.ERROR, f'{log}: No such file or directory')
 
 
 class Status:

@@ -15,7 +15,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
-from graph import call, wait_for
+from graph import wait_for
 import pytest
 from supervised_line import SupervisedLine, supervised_line
 
@@ -66,7 +66,7 @@ class Campaign:
 
     def look(self) -> None:
         """Take what the driver knows of its stream."""
-        answer = call(self.line.listener, LineHistoryService, ports.LINE_HISTORY.name)
+        answer = self.line.call(LineHistoryService, ports.LINE_HISTORY.name)
         history: LineHistory = to_record(ports.LINE_HISTORY, answer)
         for edge in history.edges:
             if edge.eye is Eye.INFEED and edge.blocked:

@@ -3,7 +3,7 @@
 """The services by which a load cell is calibrated on a line that runs."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 from pathlib import Path
 import queue
@@ -28,6 +28,7 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.production.audit_trail import CALIBRATION
 from checkweigher_dsp.records import GRAMS, EyeEdge, LineHistory, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -80,7 +81,9 @@ class CalibrationServices:
         node.create_service(
             CalibrateSpan, ports.CALIBRATE_SPAN, self._on_span, callback_group=group
         )
-        node.create_service(FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish)
+        node.create_service(
+            FinishCalibration, ports.FINISH_CALIBRATION, self._on_finish, callback_group=group
+        )
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
@@ -198,7 +201,7 @@ class CalibrationServices:
         response.success, response.message = True, f'{points} readings forgotten'
         return response
 
-    def _on_finish(
+    async def _on_finish(
         self, request: FinishCalibration.Request, response: FinishCalibration.Response
     ) -> FinishCalibration.Response:
         for name in _FITTED:
@@ -209,7 +212,7 @@ class CalibrationServices:
             found = session.finish(
                 float(request.max_residual), history.edges, history.stamp, time.monotonic()
             )
-            version = write_version(path, self._source, found, session.points)
+            version = await self._write(session, path, found)
         except ValueError as error:
             response.message = str(error)
             self._node.warn(f'calibration: {error}')
@@ -226,6 +229,23 @@ class CalibrationServices:
         )
         self._node.get_logger().info(f'calibration: {response.message}')
         return response
+
+    async def _write(
+        self, session: CalibrationSession, path: Path, found: StaticCalibration
+    ) -> int:
+        """Write the next version of the file once the audit log has it; `ValueError` if not."""
+        before = session.load_cell
+        after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
+        change = CALIBRATION, ports.LOAD_CELL_INFO.name
+        if reason := await self._node.change_record.write(*change, asdict(after)):
+            raise CalibrationError(reason)
+        try:
+            if self._session is not session:
+                raise CalibrationError('the stream was started again meanwhile: begin again')
+            return write_version(path, self._source, found, session.points)
+        except ValueError:
+            await self._node.change_record.write(*change, asdict(before))
+            raise
 
 
 def _change(before: LoadCell, found: StaticCalibration) -> str:

@@ -12,11 +12,16 @@ class LineRecipe:
     """Parameters that the selected product sets, in all nodes of the line or in none.
 
     The coroutines raise RefusedError if a node does not take a parameter or does not answer.
-    `warn` takes a warning for the log of the node.
+    `announce` takes what is about to be set, by node; it raises if it must not be. `warn` takes a
+    warning for the log of the node.
     """
 
-    def __init__(self, line: LineParametersClient, warn: Callable[[str], object]) -> None:
+    def __init__(
+        self, line: LineParametersClient, announce: Callable[[dict[str, Values]], object],
+        warn: Callable[[str], object],
+    ) -> None:  # fmt: skip
         self._line = line
+        self._announce = announce
         self._warn = warn
         # Values before the first recipe that set them: products that leave them out get them back.
         self._base: dict[str, Values] = {}
@@ -48,6 +53,7 @@ class LineRecipe:
         base = await self._base_of(changes)
         await self._advise()
         whole = {node: {**base[node], **changes.get(node, {})} for node in NODES if node in base}
+        self._announce(whole)  # all at once: a log that is full in between leaves no half recipe
         await self._line.set(whole)
         self._base, self._set = base, whole
         self._restarted -= restarted

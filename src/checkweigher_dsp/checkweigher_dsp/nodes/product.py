@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
+import json
 from pathlib import Path
 from typing import Any, ClassVar
 
-from checkweigher_msgs.srv import NewBatch, ResetStatistics, SelectProduct
+from checkweigher_msgs.srv import NewBatch, RecordChange, ResetStatistics, SelectProduct
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
@@ -16,14 +18,19 @@ from checkweigher_dsp.nodes.line_recipe import LineRecipe
 from checkweigher_dsp.nodes.parameter_audit import ParameterAudit
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.production import audit_trail
-from checkweigher_dsp.production.audit_log import AuditError, AuditLog
+from checkweigher_dsp.production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
 from checkweigher_dsp.production.statistics import ProductionRecord
 from checkweigher_dsp.records import NANOSECONDS, LoadCell, MassEstimate, Verdict, ZeroChange
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
-from checkweigher_dsp.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
+from checkweigher_dsp.ros.line_parameters import (
+    LineNodes,
+    LineParametersClient,
+    RefusedError,
+    Values,
+)
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
 
@@ -65,8 +72,8 @@ class ProductNode(StageNode[ProductParameters]):
         self._production = ProductionRecord(self.parameters.batch)
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
-        self._recipe = LineRecipe(line, self.get_logger().warning)
         self._audit = ParameterAudit(self.get_namespace(), line, self._trail, self.warn)
+        self._recipe = LineRecipe(line, self._announce, self.get_logger().warning)
         self._statistics = self.output(ports.STATISTICS)
         self.subscribe(ports.VERDICT, self._on_verdict)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
@@ -83,7 +90,7 @@ class ProductNode(StageNode[ProductParameters]):
             self._start_timer = poll(self._select_at_start)
             poll(self._restore)
         if self._log is not None:
-            self.subscribe(ports.PARAMETER_EVENTS, self._audit.take_event)
+            self.create_service(RecordChange, ports.RECORD_CHANGE, self._on_change)
             self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
             self.subscribe(ports.ZERO_SETTING, self._on_zero_setting)
             own_group = MutuallyExclusiveCallbackGroup()
@@ -135,7 +142,7 @@ class ProductNode(StageNode[ProductParameters]):
         try:
             await self._recipe.set(product)
         except RefusedError as error:
-            self._trail.note(audit_trail.REFUSED, 'product', name, str(error))
+            self._trail.saw(audit_trail.REFUSED, 'product', name, str(error))
             raise
         self._production.product = product
         self.count('products selected')
@@ -169,8 +176,8 @@ class ProductNode(StageNode[ProductParameters]):
             product = await self._recipe.restore()
             for node in sorted(lost):
                 self.warn(f'{node} was started again: it has the parameters of {product!r} again')
-                self._trail.note(audit_trail.RESTORED, node, None, product)
-        except (AuditError, RefusedError) as error:
+                self._trail.saw(audit_trail.RESTORED, node, None, product)
+        except RefusedError as error:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     # Statistics
@@ -220,16 +227,44 @@ class ProductNode(StageNode[ProductParameters]):
         """Tell whether the log has to have parameters of some nodes before they are changed."""
         return self._log is not None and not self._audit.unread.isdisjoint(nodes)
 
+    def _announce(self, changes: dict[str, Values]) -> None:
+        if self._log is not None:
+            self._audit.announce(changes)
+
+    def _on_change(self, request: Any, response: Any) -> Any:
+        """Write down what a node of the line is about to change."""
+        try:
+            self._write_change(request.kind, request.subject, json.loads(request.new_value))
+            response.success = True
+        except (AuditError, ValueError, RecursionError) as error:
+            response.message = str(error)
+            self.warn(f'{request.subject}: {request.kind}: not written down, so refused: {error}')
+        return response
+
+    def _write_change(self, kind: str, subject: str, value: Any) -> None:
+        namespace, _, node = subject.rpartition('/')
+        here = namespace == self.get_namespace().rstrip('/')
+        if kind == audit_trail.PARAMETER and here and isinstance(value, dict):
+            self._audit.announce({node: value})
+        elif (kind, subject) == (audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name):
+            self._trail.state(kind, subject, value)
+        elif (kind, subject) == (audit_trail.ZERO, ports.ZERO):
+            self._trail.note(kind, subject, None, value)
+        else:
+            raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
+
     async def _read_started(self) -> None:
         self._notice_started()
+        with suppress(AuditError):  # the diagnostics tell
+            self._trail.catch_up()
         await self._audit.read_started()
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
         name = ports.LOAD_CELL_INFO.name
-        self._trail.state(audit_trail.CALIBRATION, name, asdict(load_cell))
+        self._trail.saw_state(audit_trail.CALIBRATION, name, asdict(load_cell))
 
     def _on_zero_setting(self, change: ZeroChange) -> None:
-        self._trail.state(audit_trail.ZERO, ports.ZERO_SETTING.name, asdict(change))
+        self._trail.saw_state(audit_trail.ZERO, ports.ZERO_SETTING.name, asdict(change))
 
     # Diagnostics
 
@@ -258,9 +293,15 @@ class ProductNode(StageNode[ProductParameters]):
             'nodes_to_be_read': len(self._audit.unread),
         }  # fmt: skip
         found = []
-        if not self._log.path.exists():
-            hint = 'it was moved or deleted under the running node: restore it and start it again'
-            found.append(Concern(Level.ERROR, f'{self._log.path} is gone', hint))
+        if trouble := self._log.trouble():
+            hint = 'changes are refused: restore log and LOG.head, and start product again'
+            found.append(Concern(Level.ERROR, trouble, hint))
+        elif self._trail.trouble:
+            hint = 'changes are refused: make room, or see to the disk'
+            found.append(Concern(Level.ERROR, self._trail.trouble, hint))
+        if self._log.size > 0.9 * MAX_LOG:
+            text = f'{self._log.path} has {self._log.size} bytes of {MAX_LOG} at most'
+            found.append(Concern(Level.WARN, text, 'name another file in audit_log'))
         return conclude('Audit log', f'written to {self._log.path}', found, values)
 
 

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.segmenter import SegmenterWatch
+from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -70,12 +71,17 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._zero_requests: list[Future] = []
         self._zero_timer = OneShotTimer(self, self._refuse_zero)
         # A group of its own: samples go on while an answer waits for them.
-        self.create_service(Trigger, 'zero', self._on_zero, callback_group=ReentrantCallbackGroup())
+        self.create_service(
+            Trigger, ports.ZERO, self._on_zero, callback_group=ReentrantCallbackGroup()
+        )
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
         """Zero on the next empty belt at rest; the answer comes when that is done."""
         if self._segmenter is None:
             response.message = 'no load_cell/info has come: not zeroed'
+            return response
+        if reason := await self.change_record.write(audit_trail.ZERO, ports.ZERO, 'requested'):
+            response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()
         # A source completes it in its own thread, while the executor may wait.

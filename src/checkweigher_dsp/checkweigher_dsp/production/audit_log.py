@@ -4,27 +4,35 @@
 
 One entry a line, JSON in one fixed form. An entry holds the SHA-256 of the entry before it and its
 own, over all its other fields; so a line that was changed, removed, inserted or moved breaks the
-chain. The number of the last entry stands in a second file, `LOG.head`, written after each entry:
-it shows that lines were cut off at the end. A power loss can leave the beginning of an entry that
-`LOG.head` never knew: such a torn end is no tampering, and the next entry records it.
+chain. The number of the last entry stands in a second file, `LOG.head`, written after each entry
+and when the log is begun: it shows that lines were cut off at the end. A power loss can leave the
+beginning of an entry that `LOG.head` never knew, or all of it but the end of its line: such a torn
+end is no tampering, and the next entry records it.
 
 The chain has no key. A person who may write both files can rewrite them from the changed entry on;
 a hash that was noted elsewhere shows that (`verify` with `known_hash`).
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+import errno
 import fcntl
 import hashlib
 import json
 import math
 import os
 from pathlib import Path
-import tempfile
+import re
 from typing import Any, Self
 
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
+# Bytes: parsed, a file of hostile entries takes 25 times its size.
+MAX_LOG = 2**25
+_MAX_LINE = 2**20
+_HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
+_MAX_HEAD = 200
 
 
 class AuditError(ValueError):
@@ -65,6 +73,7 @@ class Verification:
     problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut'; empty if the chain is whole
     reason: str = ''  # the fault in words
     torn: bytes = b''  # beginning of an entry at the end that was never finished
+    unended: bool = False  # the last entry has all but the end of its line
 
     @property
     def whole(self) -> bool:
@@ -79,68 +88,107 @@ def head_path(path: Path) -> Path:
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
     """Verify a log and the file beside it; `AuditError` if the log cannot be read."""
+    while True:  # until no entry has come in between
+        head = _read_head(path)
+        data = _read_file(path)
+        if _read_head(path) == head:
+            return verify(data, head, known_hash)
+
+
+def _read_file(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        if not path.is_file():
+            found = 'is no regular file' if path.exists() else os.strerror(errno.ENOENT)
+            raise AuditError(f'{path}: {found}')
+        with path.open('rb') as file:
+            data = file.read(MAX_LOG + 1)
     except OSError as error:
         raise AuditError(f'{path}: {error.strerror or error}') from None
-    try:
-        head = head_path(path).read_bytes()
-    except OSError:
-        head = b''
-    return verify(data, head, known_hash)
+    if len(data) > MAX_LOG:
+        raise AuditError(f'{path}: is larger than {MAX_LOG >> 20} MiB, so it is no audit log')
+    return data
+
+
+def _read_head(path: Path) -> bytes:
+    """Return what is in the head of a log, empty if there is none."""
+    with suppress(OSError):
+        if head_path(path).is_file():
+            with head_path(path).open('rb') as file:
+                return file.read(_MAX_HEAD)
+    return b''
 
 
 def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     """Verify a log by the file beside it (empty if there is none) and by a hash that it has."""
-    entries: list[Entry] = []
+    chain = _Chain()
     try:
-        torn = _follow_chain(data, entries)
-        _check_head(entries, torn, head)
-        if known_hash and known_hash not in {entry.hash for entry in entries}:
+        chain.follow(data)
+        _check_head(chain, head)
+        if known_hash and known_hash not in {entry.hash for entry in chain.entries}:
             reason = f'no entry has the hash {known_hash}: the log is not the one it was taken from'
-            raise _FaultError(len(entries) + 1, 'cut', reason)
+            raise _FaultError(chain.lines + 1, 'cut', reason)
     except _FaultError as fault:
-        return Verification(tuple(entries), *fault.args)
-    return Verification(tuple(entries), torn=torn)
+        return Verification(tuple(chain.entries), *fault.args)
+    return Verification(tuple(chain.entries), torn=chain.torn, unended=chain.unended)
 
 
 class _FaultError(Exception):
     """Line, problem and reason, as in `Verification`."""
 
 
-def _follow_chain(data: bytes, entries: list[Entry]) -> bytes:
-    """Append the entries of a log; return the bytes of an entry that was not finished."""
-    lines = data.split(b'\n')
-    parsed = [*map(_parse, lines[:-1]), None]  # behind the last end of line there is no entry
-    previous, torn = FIRST_PREVIOUS, b''
-    at = 0
-    while at < len(lines):
-        entry = parsed[at]
-        if entry is not None:
-            _check_place(at + 1, entry, len(entries) + 1, previous, torn)
-            entries.append(entry)
-            previous, torn = entry.hash, b''
-            at += 1
-            continue
-        end = next((n for n in range(at, len(lines)) if parsed[n]), len(lines))
-        torn = b'\n'.join(lines[at:end])
-        if end == len(lines) and _may_be_torn(torn, len(entries) + 1):
-            return torn
-        if end == len(lines) or not _records(parsed[end], torn):
-            raise _FaultError(at + 1, 'changed', 'it is no entry, or not as it was written')
-        at = end
-    return b''
+@dataclass
+class _Chain:
+    """A log as far as it has been followed, and what is left of an entry that was not finished."""
 
+    entries: list[Entry] = field(default_factory=list)  # those followed since the last `forget`
+    count: int = 0
+    last_hash: str = FIRST_PREVIOUS
+    lines: int = 0  # of these entries and of what was torn between them
+    torn: bytes = b''
+    unended: bool = False
 
-def _check_place(line: int, entry: Entry, expected: int, previous: str, torn: bytes) -> None:
-    number = entry.sequence
-    if entry.kind == TORN and not (torn and _records(entry, torn)):
-        raise _FaultError(line, 'removed', 'the torn entry that it records is not there before it')
-    if number > expected:
-        reason = f'entry {number} stands where entry {expected} should be'
-        raise _FaultError(line, 'removed', reason)
-    if number < expected or entry.previous != previous:
-        raise _FaultError(line, 'inserted', f'entry {number} does not follow the entry before it')
+    def follow(self, data: bytes) -> None:
+        """Take all that stands behind the last entry that has an end of line."""
+        lines = data.split(b'\n')
+        # Behind the last end of line there is no entry, or one that lacks nothing but that.
+        parsed = [*map(_parse, lines)]
+        self.torn, self.unended = b'', False
+        at = 0
+        while at < len(lines):
+            entry = parsed[at]
+            if entry is not None:
+                self._check_place(entry)
+                self.add(entry)
+                at += 1
+                self.unended = at == len(lines)
+                continue
+            end = next((n for n in range(at, len(lines)) if parsed[n]), len(lines))
+            self.torn = b'\n'.join(lines[at:end])
+            if end == len(lines) and _may_be_torn(self.torn, self.count + 1):
+                return
+            if end == len(lines) or not _records(parsed[end], self.torn):
+                reason = 'it is no entry, or not as it was written'
+                raise _FaultError(self.lines + 1, 'changed', reason)
+            self.lines += end - at
+            at = end
+
+    def _check_place(self, entry: Entry) -> None:
+        number, expected, line = entry.sequence, self.count + 1, self.lines + 1
+        if entry.kind == TORN and not _records(entry, self.torn):
+            reason = 'the torn entry that it records is not there before it'
+            raise _FaultError(line, 'removed', reason)
+        if number > expected:
+            reason = f'entry {number} stands where entry {expected} should be'
+            raise _FaultError(line, 'removed', reason)
+        if number < expected or entry.previous != self.last_hash:
+            reason = f'entry {number} does not follow the entry before it'
+            raise _FaultError(line, 'inserted', reason)
+
+    def add(self, entry: Entry) -> None:
+        """Take the next entry."""
+        self.entries.append(entry)
+        self.count, self.last_hash, self.torn = entry.sequence, entry.hash, b''
+        self.lines += 1
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
@@ -153,38 +201,39 @@ def _may_be_torn(end: bytes, expected: int) -> bool:
     return begun or not end.strip(b'\0') or (expected > 1 and not end.endswith(b'\n'))
 
 
-def _check_head(entries: list[Entry], torn: bytes, head: bytes) -> None:
+def _check_head(chain: _Chain, head: bytes) -> None:
     """Find entries that were cut off at the end; one more than the head knows is no harm."""
-    count = len(entries)
+    count, line = chain.count, chain.lines + 1
     if not head:
-        if count > 1:  # a power loss between the first entry and its head leaves one
-            reason = 'the file LOG.head is missing, so the number of entries is not known'
-            raise _FaultError(count + 1, 'cut', reason)
-        return
-    try:
-        known = json.loads(head)
-        sequence, digest = int(known['sequence']), str(known['hash'])
-        if _head_text(sequence, digest) != head:
-            raise ValueError
-    except (ValueError, TypeError, KeyError):
-        reason = 'the file LOG.head is not as it was written'
-        raise _FaultError(count + 1, 'changed', reason) from None
+        what = f'the log has {count} entries' if count else 'the log is empty'
+        reason = f'{what}, and the file LOG.head is missing, so it is not known how many there were'
+        raise _FaultError(line, 'cut', reason)
+    known = _HEAD.fullmatch(head)
+    if known is None:
+        raise _FaultError(line, 'changed', 'the file LOG.head is not as it was written')
+    sequence, digest = int(known[1]), known[2].decode()
     if sequence > count:
-        problem = 'changed' if torn.endswith(b'\n') else 'cut'
+        problem = 'changed' if chain.torn.endswith(b'\n') else 'cut'
         reason = f'the log ends with entry {count}, but went on to entry {sequence}'
-        raise _FaultError(count + 1, problem, reason)
-    if sequence < 1 or entries[sequence - 1].hash != digest:
-        reason = f'entry {sequence} is not the one that LOG.head knows'
-        raise _FaultError(max(sequence, 1), 'changed', reason)
+        raise _FaultError(line, problem, reason)
     if count - sequence > 1:
         reason = f'LOG.head knows {sequence} entries, the log has {count}'
-        raise _FaultError(sequence + 1, 'inserted', reason)
+        raise _FaultError(line - count + sequence, 'inserted', reason)
+    hashes = [FIRST_PREVIOUS, *(entry.hash for entry in chain.entries[-2:])]
+    if hashes[sequence - count - 1] != digest:
+        reason = f'entry {sequence} is not the one that LOG.head knows'
+        raise _FaultError(line - 1 - count + sequence, 'changed', reason)
+    if chain.unended and sequence == count:
+        reason = f'the end of line behind entry {count}, which LOG.head knows, is missing'
+        raise _FaultError(line - 1, 'cut', reason)
 
 
 class AuditLog:
     """A log that is open for appending, locked against other processes.
 
     `entries` are those of the file when it was opened, `last_hash` is that of the last one now.
+    Before each entry log and head are compared with what was left there: a log that was replaced,
+    cut or changed meanwhile is not written to.
 
     Raises
     ------
@@ -194,8 +243,12 @@ class AuditLog:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._chain = _Chain()
         try:
-            self._file = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+            if not path.exists() and not head_path(path).exists():
+                self._prepare_head(self._head_text())
+                self._replace_head()
+            self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
         except OSError as error:
             raise AuditError(f'{path}: {error.strerror or error}') from None
         try:
@@ -210,19 +263,29 @@ class AuditLog:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise AuditError(f'{self.path}: another process writes to this log') from None
-        found = read_log(self.path)
-        if not found.whole:
+        data, self._head = _read_file(self.path), _read_head(self.path)
+        try:
+            self._chain.follow(data)
+            _check_head(self._chain, self._head)
+        except _FaultError as fault:
+            line, problem, reason = fault.args
             raise AuditError(
-                f'{self.path}: line {found.bad_line}: {found.problem}: {found.reason}; keep this '
-                'log as it is and name another file'
-            )
-        self.entries = found.entries
-        self._count = len(found.entries)
-        self.last_hash = found.entries[-1].hash if found.entries else FIRST_PREVIOUS
-        self._torn = found.torn
-        # Where power was lost between an entry and its head, the head is one behind.
-        if self._count:
-            self._write_head()
+                f'{self.path}: line {line}: {problem}: {reason}; keep this log as it is and name '
+                'another file'
+            ) from None
+        self.entries, self._chain.entries = tuple(self._chain.entries), []
+        self._size, self._state = len(data), os.fstat(self._file)
+        self._altered = ''
+
+    @property
+    def last_hash(self) -> str:
+        """Hash of the last entry."""
+        return self._chain.last_hash
+
+    @property
+    def size(self) -> int:
+        """Size of the log, bytes; `MAX_LOG` at most."""
+        return self._size
 
     def __enter__(self) -> Self:
         return self
@@ -234,46 +297,111 @@ class AuditLog:
         """Close the log."""
         os.close(self._file)
 
+    def trouble(self) -> str:
+        """Return why nothing may be appended: what others did to the log; empty if nothing."""
+        own = os.fstat(self._file)
+        try:
+            there = self.path.stat()
+        except OSError as error:
+            return f'{self.path}: {error.strerror or error}: it was moved or deleted'
+        if not os.path.samestat(own, there):
+            return f'{self.path}: is another file than the one that was opened: it was replaced'
+        if own.st_size != self._size:
+            return f'{self.path}: has {own.st_size} bytes instead of {self._size}: it was changed'
+        if _read_head(self.path) != self._head:
+            return f'{head_path(self.path)}: was changed, moved or deleted'
+        if (own.st_mtime_ns, own.st_ctime_ns) != (self._state.st_mtime_ns, self._state.st_ctime_ns):
+            # A copy may have touched it; only its bytes tell.
+            chain = _Chain()
+            with suppress(AuditError, _FaultError):
+                chain.follow(_read_file(self.path))
+            same = (chain.last_hash, chain.torn) == (self.last_hash, self._chain.torn)
+            self._altered = '' if same else f'{self.path}: was changed'
+            self._state = own
+        return self._altered
+
     def append(
         self, time: str, source: str, kind: str, subject: str, old: object, new: object
     ) -> Entry:
         """Append an entry; once this returns, it is on the disk. `AuditError` if it cannot be."""
+        if trouble := self.trouble():
+            raise AuditError(f'{trouble}; restore it, and start the node product again')
         try:
-            if self._torn:
-                # First the end of the torn line, then its record: a reader needs both.
-                torn = _fingerprint(self._torn)
-                self._write((time, source, TORN, 'last entry', None, torn), b'\n')
+            self._finish(time, source)
             return self._write((time, source, kind, subject, plain(old), plain(new)))
         except OSError as error:
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
+    def _finish(self, time: str, source: str) -> None:
+        """Finish what a loss of power, a kill or a full disk has left unfinished."""
+        unended, torn = self._chain.unended, self._chain.torn
+        if unended:
+            self._put(b'\n')
+            self._chain.unended = False
+        if self._head != self._head_text():
+            os.fsync(self._file)
+            self._prepare_head(self._head_text())
+            self._replace_head()
+        if unended or torn:
+            # First the end of the torn line, then its record: a reader needs both.
+            record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
+            self._write(record, before=b'\n' if torn else b'')
+
     def _write(self, change: tuple[str, str, str, str, Any, Any], before: bytes = b'') -> Entry:
         """Write the entry of a change, behind some other bytes."""
-        entry = Entry(self._count + 1, *change, self.last_hash)
+        entry = Entry(self._chain.count + 1, *change, self.last_hash)
         entry = replace(entry, hash=entry.digest())
-        line = before + entry.line()
-        written = os.write(self._file, line)
-        if written < len(line):
-            self._torn = self._torn + line[:written]
-            raise OSError(0, 'the disk is full')
-        os.fsync(self._file)
-        self._count, self.last_hash, self._torn = entry.sequence, entry.hash, b''
-        self._write_head()
+        line = entry.line()
+        if len(line) > _MAX_LINE or self._size + len(line) > MAX_LOG:
+            raise AuditError(
+                f'{self.path}: no room for an entry of {len(line)} bytes: an entry may have '
+                f'{_MAX_LINE >> 20} MiB and a log {MAX_LOG >> 20} MiB; name another file'
+            )
+        # On a full disk the first thing that fails must not be the entry.
+        self._prepare_head(_head_text(entry.sequence, entry.hash))
+        self._put(before + line, self._replace_head)
+        self._chain.add(entry)
+        self._chain.entries.clear()
         return entry
 
-    def _write_head(self) -> None:
-        path = head_path(self.path)
-        number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
+    def _put(self, data: bytes, then: Callable[[], object] = lambda: None) -> None:
+        """Append bytes, all or none, and do what belongs to it."""
         try:
-            with open(number, 'wb') as file:
-                file.write(_head_text(self._count, self.last_hash))
-                file.flush()
-                os.fsync(file.fileno())
-            os.chmod(name, 0o644)
-            os.replace(name, path)
-        except BaseException:
-            os.unlink(name)
+            if os.write(self._file, data) < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._file)
+            then()
+            self._size += len(data)
+        except OSError:
+            try:
+                os.ftruncate(self._file, self._size)
+            except OSError:
+                self._altered = f'{self.path}: ends with an entry that could not be finished'
             raise
+        finally:
+            self._state = os.fstat(self._file)
+
+    def _head_text(self) -> bytes:
+        return _head_text(self._chain.count, self.last_hash)
+
+    def _prepare_head(self, text: bytes) -> None:
+        """Write the next head beside the one that is there."""
+        with open(_next_head(self.path), 'wb') as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        self._next = text
+
+    def _replace_head(self) -> None:
+        os.replace(_next_head(self.path), head_path(self.path))
+        self._head = self._next
+        # Where this fails, a loss of power may leave the head one entry behind, which is no harm.
+        with suppress(OSError):
+            folder = os.open(self.path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)
+            finally:
+                os.close(folder)
 
 
 def plain(value: object) -> Any:
@@ -291,12 +419,18 @@ def plain(value: object) -> Any:
 
 def _parse(line: bytes) -> Entry | None:
     """Return the entry of a line, None if the line is not byte for byte as it was written."""
+    if len(line) > _MAX_LINE:
+        return None
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash
     except (ValueError, TypeError, RecursionError):
         return None
     return entry if good and type(entry.sequence) is int else None
+
+
+def _next_head(path: Path) -> Path:
+    return path.with_name(path.name + '.head.next')
 
 
 def _records(entry: Entry | None, torn: bytes) -> bool:

@@ -6,9 +6,12 @@ The values that were last seen are found in the log itself. So a parameter file 
 while the line stood still is noticed at the next start.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
 
-from checkweigher_dsp.production.audit_log import AuditLog, Entry, plain
+from checkweigher_dsp.production.audit_log import AuditError, AuditLog, plain
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Verdict
 
@@ -21,7 +24,12 @@ class AuditTrail:
     """Changes, written to the log; a value that has not changed is not written.
 
     `source` is the node that writes; `clock` returns the time of an entry, ISO 8601, UTC. Without a
-    log nothing is written. All methods raise `AuditError` if the log cannot be written.
+    log nothing is written.
+
+    What is about to be done is written by a method that raises `AuditError` if it cannot be: then
+    it must not be done. What has been done already (`saw` and `saw_state`) is written as soon as
+    that is possible, with the time at which it was done. `trouble` is why the log cannot be written
+    at present, empty if it can.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -31,29 +39,70 @@ class AuditTrail:
         self._parameters: dict[str, dict[str, object]] = {}
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
+        self._owed: deque[tuple[str, str, str, object, object]] = deque(maxlen=1_000)
+        self._refused = 0
+        self.trouble = ''
         for entry in log.entries if log else ():
-            self._learn(entry)
+            self._learn(entry.kind, entry.subject, entry.new)
 
-    def _learn(self, entry: Entry) -> None:
-        if entry.kind == FOUND:
-            self._parameters.setdefault(entry.subject, {}).update(entry.new)
-        elif entry.kind == PARAMETER:
-            node, _, name = entry.subject.partition('.')
-            self._parameters.setdefault(node, {})[name] = entry.new
+    def _learn(self, kind: str, subject: str, new: Any) -> None:
+        node, _, name = subject.partition('.')
+        if kind in (FOUND, PARAMETER):
+            self._parameters.setdefault(node, {}).update({name: new} if name else new)
         else:
-            self._last[entry.kind, entry.subject] = entry.new
+            self._last[kind, subject] = new
 
     def note(self, kind: str, subject: str, old: object, new: object) -> None:
-        """Write down an action."""
-        if self._log:
-            entry = self._log.append(self._clock(), self._source, kind, subject, old, new)
-            self._learn(entry)
+        """Write down an action that is about to be done."""
+        if not self._log:
+            return
+        try:
+            self.catch_up()
+            self._append(self._clock(), kind, subject, old, new)
+        except AuditError:
+            self._refused += 1
+            raise
+        self._learn(kind, subject, plain(new))
+
+    def saw(self, kind: str, subject: str, old: object, new: object) -> None:
+        """Write down something that has been done."""
+        if not self._log:
+            return
+        self._learn(kind, subject, plain(new))
+        self._owed.append((self._clock(), kind, subject, old, new))
+        with suppress(AuditError):
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """Write down what could not be written when it was done, and how much was refused."""
+        while self._owed:
+            self._append(*self._owed[0])
+            self._owed.popleft()
+        if self._refused:
+            what = {'changes': self._refused, 'reason': self.trouble}
+            self._append(self._clock(), REFUSED, 'audit log', None, what)
+            self._refused = 0
+
+    def _append(self, time: str, kind: str, subject: str, old: object, new: object) -> None:
+        assert self._log is not None
+        try:
+            self._log.append(time, self._source, kind, subject, old, new)
+        except AuditError as error:
+            self.trouble = str(error)
+            raise
+        self.trouble = ''
 
     def state(self, kind: str, subject: str, value: object) -> None:
-        """Write down a state if it is not the last one."""
+        """Write down a state that is about to be, if it is not the last one."""
         old = self._last.get((kind, subject))
         if old != plain(value):
             self.note(kind, subject, old, value)
+
+    def saw_state(self, kind: str, subject: str, value: object) -> None:
+        """Write down a state that is, if it is not the last one."""
+        old = self._last.get((kind, subject))
+        if old != plain(value):
+            self.saw(kind, subject, old, value)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:
         """Write down the parameters of a node that differ from those that it had last."""
@@ -62,11 +111,12 @@ class AuditTrail:
         if new:
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
-    def parameter(self, node: str, name: str, value: object) -> None:
-        """Write down that a parameter of a running node was set."""
-        known = self._parameters.get(node, {})
-        if name not in known or known[name] != plain(value):
-            self.note(PARAMETER, f'{node}.{name}', known.get(name), value)
+    def parameters(self, node: str, values: Mapping[str, object]) -> None:
+        """Write down that parameters of a running node are about to be set."""
+        for name, value in values.items():
+            known = self._parameters.get(node, {})
+            if name not in known or known[name] != plain(value):
+                self.note(PARAMETER, f'{node}.{name}', known.get(name), value)
 
     def recipes(self, recipes: Mapping[str, Mapping[str, object]]) -> None:
         """Write down which recipes are new, changed or gone."""
@@ -80,4 +130,4 @@ class AuditTrail:
         # Another fault says nothing of the zero.
         if out != self._zero_out_of_range and (out or not verdict.reasons):
             self._zero_out_of_range = out
-            self.note(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)
+            self.saw(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)

@@ -163,9 +163,6 @@ DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'Passes, what was recorded, the file, and why something failed')
-PARAMETER_EVENTS = Port(
-    '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', None, STREAM,
-    'every node', ('product',), (), 'Parameters that were set')
 # The answer of the service of this name.
 LINE_HISTORY = Port(
     'line_history', 'checkweigher_msgs/srv/LineHistory_Response', records.LineHistory, STATE,
@@ -181,6 +178,7 @@ ALL = (
 PLAYED = ALL[:4]
 
 # Services of type std_srvs/srv/Trigger.
+ZERO = 'zero'
 RESET_STOP_REQUEST = 'reset_stop_request'
 RESET_OUTPUTS = 'reset_outputs'
 CALIBRATE_ZERO = 'calibrate_zero'
@@ -190,3 +188,4 @@ TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'
+RECORD_CHANGE = 'record_change'

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import time
-from typing import Generic
+from typing import Any, Generic
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.exceptions import InvalidParameterTypeException
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
 from rclpy.parameter import Parameter
 
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.production.audit_trail import PARAMETER
+from checkweigher_dsp.ros.change_record import ChangeRecord
 from checkweigher_dsp.ros.diagnostics import Diagnostics
 from checkweigher_dsp.ros.node_parameters import P, declare, ros_parameters
 from checkweigher_dsp.ros.outputs import Output
@@ -25,7 +28,8 @@ class StageNode(PortNode, Generic[P]):
     """A node around one stage of the line, named ``parameters.node``.
 
     Its parameters are fixed once it runs if they are `read_only`; `overrides` win over values from
-    the command line.
+    the command line. What is changed on the running node is first written to the audit log of the
+    lane, if there is one, by its `change_record`.
     """
 
     def __init__(
@@ -35,7 +39,8 @@ class StageNode(PortNode, Generic[P]):
             super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
-        self.diagnostics = Diagnostics(self, self.diagnose)
+        self.change_record = ChangeRecord(self)
+        self.diagnostics = Diagnostics(self, self._diagnose)
         try:
             self.parameters = declare(self, parameters, read_only=read_only)
         except ParameterError:
@@ -61,6 +66,10 @@ class StageNode(PortNode, Generic[P]):
         """Return how the aspects of this stage are at `now`, s of the monotonic clock."""
         return ()
 
+    def _diagnose(self, now: float) -> Iterable[Finding]:
+        self.change_record.look()
+        return self.diagnose(now)
+
     def received(self, port: Port) -> None:
         """Count a record that has come."""
         self.count(f'{port.name} received')
@@ -84,14 +93,60 @@ class StageNode(PortNode, Generic[P]):
         """Log a warning, the same one at most once a second, and show it in the diagnostics."""
         self.diagnostics.warn(text)
 
-    def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
+    def create_service(  # type: ignore[no-untyped-def]
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
+    ):
+        """Offer a service; those of rclpy that set parameters wait for the audit log."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = self._on_set_parameters
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    async def _on_set_parameters(self, request: Any, response: Any) -> Any:
+        changes = [Parameter.from_parameter_msg(each) for each in request.parameters]
+        if isinstance(response, SetParametersAtomically.Response):
+            response.result = await self._set_recorded(changes)
+        else:
+            response.results = [await self._set_recorded([change]) for change in changes]
+        return response
+
+    async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
+        """Set parameters, all or none, once the change is in the audit log."""
+        if changes and self._may_set(changes):
+            values = {change.name: change.value for change in changes}
+            subject = self.get_fully_qualified_name()
+            if reason := await self.change_record.write(PARAMETER, subject, values):
+                self.warn(f'{", ".join(values)}: not changed: {reason}')
+                return SetParametersResult(successful=False, reason=reason)
+        try:
+            return self.set_parameters_atomically(changes)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
+
+    def _may_set(self, changes: Sequence[Parameter]) -> bool:
+        """Tell whether rclpy and this node may take changes: what they refuse is no entry."""
+        for change in changes:
+            if not self.has_parameter(change.name):
+                return False
+            if self.describe_parameter(change.name).read_only:
+                return False
+        try:
+            self._changed(changes)
+        except ParameterError:
+            return False
+        return True
+
+    def _changed(self, changes: Sequence[Parameter]) -> P:
+        """Return the parameters with some changed; `ParameterError` if they cannot be used."""
         values = self.parameters.as_mapping()
         changed = {change.name: change.value for change in changes if change.name in values}
-        if not changed:
-            return SetParametersResult(successful=True)
+        return type(self.parameters).from_mapping({**values, **changed})
+
+    def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
         try:
-            self.parameters = type(self.parameters).from_mapping({**values, **changed})
+            changed = self._changed(changes)
         except ParameterError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        self.on_parameters()
+        if changed != self.parameters:
+            self.parameters = changed
+            self.on_parameters()
         return SetParametersResult(successful=True)

@@ -19,7 +19,7 @@ def session(path: Path, values: Mapping[str, object], *changes: tuple[str, objec
         trail = AuditTrail(log, '/lane1/product', lambda: TIME)
         trail.found(NODE, values)
         for name, value in changes:
-            trail.parameter(NODE, name, value)
+            trail.parameters(NODE, {name: value})
 
 
 def entries(path: Path) -> list[tuple[str, str, object, object]]:
