@@ -302,6 +302,7 @@ class TestEvaluation:
         kinds = {(row['tuned'], row['estimator'], row['part']) for row in rows}
         assert kinds == {
             ('1', 'attainable', 'test'), ('1', 'mean', 'train'), ('1', 'mean', 'test'),
+            ('1', 'chosen', 'train'), ('1', 'chosen', 'test'),
             ('0', 'attainable', 'test'), ('0', 'mean', 'test'),
         }  # fmt: skip
         masses = {row['mass_g'] for row in rows if row['part'] == 'train'}

@@ -231,7 +231,7 @@ def draw(seed: int) -> Machine:
         joint=_joint(streams['joint'], setup),
         floor=_floor(streams['floor']),
         amplifier=_amplifier(streams['amplifier']),
-        drift=Drift(streams['drift'].sign(2e-6, 5e-5), streams['drift'].ratio(2e-5, 2e-4)),
+        drift=Drift(streams['drift'].sign(3e-6, 5e-5), streams['drift'].ratio(2e-5, 2e-4)),
         creep=Creep(streams['creep'].sign(1e-4, 1e-3), streams['creep'].ratio(3.0, 60.0)),
         eyes=_eyes(streams['eyes']),
         variation=_variation(streams['variation']),
@@ -276,7 +276,7 @@ def _setup(draw: _Draw) -> Setup:
 def _rocking(draw: _Draw, platform: Mode) -> Rocking:
     frequency = platform.natural_frequency * draw.ratio(0.7, 2.0)
     mode = Mode(frequency, draw.ratio(0.02, 0.1), platform.moving_mass * draw.even(0.3, 1.0))
-    return Rocking(mode, draw.sign(1e-3, 1e-2))
+    return Rocking(mode, draw.sign(5e-4, 5e-3))
 
 
 def _transfer(draw: _Draw) -> Transfer:

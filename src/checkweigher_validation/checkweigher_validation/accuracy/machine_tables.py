@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimators on several machines, held against what is attainable on each: text, CSV and JSON."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 import io
@@ -20,19 +21,22 @@ from checkweigher_validation.accuracy.tables import (
     json_text,
 )
 
-ATTAINABLE = 'attainable'  # stands as an estimator in the results of each machine
+# Both stand as estimators in the results of each machine.
+ATTAINABLE = 'attainable'
+CHOSEN = 'chosen'  # by `tune`, of the tuned ones
 
 
 @dataclass(frozen=True, slots=True)
 class MachineResult:
     """Results on a machine of the family, by the seed that draws it: tuned, and untrained.
 
-    Both have the conditions of `ATTAINABLE` besides.
+    Both have the conditions of `ATTAINABLE` besides, the tuned ones those of `CHOSEN`.
     """
 
     machine: int
     tuned: Evaluation
     untrained: Evaluation
+    chosen: str  # name of the estimator that `tune` chooses on this machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +128,13 @@ def family_text(machines: Sequence[MachineResult], title: str) -> str:
             covered = ''.join(f'{_number(100 * share, 0):>8}' for share in row.coverages)
             trained = '' if math.isnan(row.trained) else f'{row.trained:>10.2f}'
             lines.append(f'{row.estimator:<16}{cells}{covered}{row.faults:>8}{trained}')
-    return '\n'.join(lines)
+    return '\n'.join((*lines, choices(machines)))
+
+
+def choices(machines: Sequence[MachineResult]) -> str:
+    """Return how often `tune` chooses which estimator."""
+    counts = Counter(each.chosen for each in machines).most_common()
+    return 'tune chooses ' + ', '.join(f'{name} on {count}' for name, count in counts)
 
 
 def family_csv(

@@ -3,7 +3,7 @@
 """The protocol of machines: estimators on machines of the family, which nobody modelled."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from joblib import delayed
 import numpy as np
@@ -18,11 +18,12 @@ from checkweigher_recording.simulation.simulator import (
 )
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
-from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, MachineResult
+from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, CHOSEN, MachineResult
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES
 from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.attainable import attainable_errors
+from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.tuner import Tuned, tune
 
@@ -136,10 +137,14 @@ def _weigh(
     untrained = [base.with_estimator(name) for name in tuned]
     attainable = tuple(one for run in runs for one in run.attainable)
     title = f'machine {machine}'
+    found = evaluate_batches([*trains, *tests], lines, n_jobs)
+    chosen = choose(tuned).estimator
+    best = (replace(one, estimator=CHOSEN) for one in found if one.estimator == chosen)
     return MachineResult(
         machine,
-        Evaluation(title, (*attainable, *evaluate_batches([*trains, *tests], lines, n_jobs)), ()),
+        Evaluation(title, (*attainable, *found, *best), ()),
         Evaluation(title, (*attainable, *evaluate_batches(tests, untrained, n_jobs)), ()),
+        chosen,
     )
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of estimators on machines of the family as one HTML page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -11,9 +11,10 @@ import numpy as np
 
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.machine_tables import (
-    ATTAINABLE,
+    CHOSEN,
     FamilyTable,
     MachineResult,
+    choices,
     family_tables,
     ratios,
 )
@@ -29,7 +30,7 @@ def render_machines(
 ) -> str:
     """Return the report as one HTML page that needs no other file; at least one machine."""
     tables = family_tables(machines)
-    looks = tuple(looks_of(tuple(row.estimator for row in tables[0].rows)).values())
+    looks = looks_of(tuple(row.estimator for row in tables[0].rows))
     shown = ([each.tuned for each in machines], [each.untrained for each in machines])
     with rc_context(STYLE):
         pictures = [
@@ -37,20 +38,26 @@ def render_machines(
             for table, evaluations in zip(tables, shown, strict=True)
         ]
     return environment().get_template('machines.html.j2').render(
-        title=title, provenance=provenance, looks=looks, findings=_findings(tables, looks),
+        title=title, provenance=provenance, looks=list(looks.values()),
+        findings=[*_findings(tables, looks), f'{choices(machines).capitalize()}.'],
         tables=list(zip(tables, pictures, strict=True)),
-        machines=[(each.machine, _by_speed(each.tuned, looks)) for each in machines],
+        machines=[
+            (each.machine, looks[each.chosen].label, _by_speed(each.tuned, looks))
+            for each in machines
+        ],
         levels=[f'{100 * level:.0f} %' for level in LEVELS],
         speed_label=speed_label, grams=grams, number=number,
     )  # fmt: skip
 
 
-def _findings(tables: Sequence[FamilyTable], looks: Sequence[Look]) -> list[str]:
+def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> list[str]:
     """Return a sentence on the best estimator of each table."""
     sentences = []
     for table in tables:
         mean, worst, label = min(
-            (*row.cells[-1], look.label) for row, look in zip(table.rows, looks, strict=True)
+            (*row.cells[-1], looks[row.estimator].label)
+            for row in table.rows
+            if row.estimator != CHOSEN
         )
         sentences.append(
             f'Smallest A over the attainable A, {table.title}: {label} with {number(mean, 2)} on '
@@ -59,32 +66,34 @@ def _findings(tables: Sequence[FamilyTable], looks: Sequence[Look]) -> list[str]
     return sentences
 
 
-def _by_speed(machine: Evaluation, looks: Sequence[Look]) -> list[tuple[str, list[float]]]:
+def _by_speed(machine: Evaluation, looks: Mapping[str, Look]) -> list[tuple[str, list[float]]]:
     """Return A in kg at each speed, first what is attainable, then by estimator."""
-    labels = ('attainable', *(look.label for look in looks))
     return [
         (
-            label,
+            looks[name].label if name in looks else name,
             [
                 average(machine.select(estimator=name, speed=speed, part='test')).index
                 for speed in machine.speeds
             ],
         )
-        for label, name in zip(labels, (ATTAINABLE, *machine.estimators[1:]), strict=True)
+        for name in machine.estimators
     ]
 
 
 def _ratios_picture(
-    table: FamilyTable, machines: Sequence[Evaluation], looks: Sequence[Look]
+    table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, Look]
 ) -> Picture:
-    figure = Figure(figsize=(9.6, 0.6 + 0.36 * len(looks)))
+    figure = Figure(figsize=(9.6, 0.6 + 0.36 * len(table.rows)))
     axes = figure.subplots()
-    for place, (row, look) in enumerate(zip(table.rows, looks, strict=True)):
+    for place, row in enumerate(table.rows):
         found = ratios(machines, row.estimator)
-        axes.plot(found, np.full(len(found), place), look.marker, color=stand_in(place), ms=5,
-                  mec=SURFACE, mew=0.6, alpha=0.7)  # fmt: skip
+        axes.plot(
+            found, np.full(len(found), place), looks[row.estimator].marker, ms=5,
+            color=stand_in(place), mec=SURFACE, mew=0.6, alpha=0.7,
+        )  # fmt: skip
         axes.plot([np.mean(found)] * 2, [place - 0.3, place + 0.3], color=INK, lw=1.4)
-    axes.set_yticks(range(len(looks)), [look.label for look in looks])
+    labels = [looks[row.estimator].label for row in table.rows]
+    axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()
     axes.set_xscale('log')

@@ -11,7 +11,12 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.errors import average, coverage
-from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, family_text, ratios
+from checkweigher_validation.accuracy.machine_tables import (
+    ATTAINABLE,
+    CHOSEN,
+    family_text,
+    ratios,
+)
 from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.machines_protocol import (
     MASSES,
@@ -56,7 +61,9 @@ def short():
 def test_machines_are_weighed_tuned_and_untrained(short):
     assert [each.machine for each in short] == [3]
     for each in short:
-        assert each.tuned.estimators == (ATTAINABLE, 'mean', 'fir_model')
+        assert each.tuned.estimators == (ATTAINABLE, 'mean', 'fir_model', CHOSEN)
+        assert each.chosen in ('mean', 'fir_model')
+        assert ratios([each.tuned], CHOSEN) == ratios([each.tuned], each.chosen)
         assert each.tuned.parts == ('test', 'train')
         assert each.untrained.parts == ('test',)
         for evaluation in (each.tuned, each.untrained):

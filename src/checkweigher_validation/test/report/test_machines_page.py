@@ -16,8 +16,9 @@ from checkweigher_validation.report.machines_page import render_machines
 def _page(make_evaluation):
     names = (ATTAINABLE, 'mean', 'gauss_markov')
     machine = MachineResult(
-        9, make_evaluation(estimators=names), make_evaluation(estimators=names, parts=('test',))
-    )
+        9, make_evaluation(estimators=names), make_evaluation(estimators=names, parts=('test',)),
+        chosen='mean',
+    )  # fmt: skip
     return render_machines([machine], 'Machines <9>', (('seed', '9 & 10'),))
 
 
@@ -53,4 +54,5 @@ def test_tables_and_figures_tell_of_both(page):
     assert all(
         ET.fromstring(found) is not None for found in re.findall(r'<svg.*?</svg>', page, re.S)
     )
-    assert 'machine 9' in words
+    assert 'machine 9, tune chooses Window mean' in words
+    assert 'Tune chooses mean on 1.' in words
