@@ -15,6 +15,7 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.production.prepackages import limits
 from checkweigher_dsp.records import GRAMS
+from checkweigher_recording.simulation.machine import CAUSES
 from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
@@ -78,13 +79,17 @@ def evaluate_family(arguments: argparse.Namespace) -> None:
     masses = tuple(mass / GRAMS for mass in arguments.mass) if arguments.mass else MASSES
     if not all(0 < mass <= CAPACITY for mass in masses):
         raise UserError(f'--mass: must be above 0 and up to {GRAMS * CAPACITY:g} g')
+    for cause in arguments.without:
+        if cause not in CAUSES:
+            raise UserError(f'--without {cause}: is none of {", ".join(CAUSES)}')
     if arguments.passes < FEWEST_PASSES:
         raise UserError(f'--passes {arguments.passes}: tuning takes at least {FEWEST_PASSES}')
     accuracy_class = _accuracy_class(arguments)
     first, last = arguments.seed, arguments.seed + arguments.count - 1
     protocol = MachinesProtocol(
-        tuple(range(first, last + 1)), arguments.passes, masses, arguments.further
-    )
+        tuple(range(first, last + 1)), arguments.passes, masses, arguments.further,
+        without=tuple(arguments.without),
+    )  # fmt: skip
     estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
     budget = arguments.budget or BUDGET
     machines = evaluate_machines(
@@ -92,9 +97,10 @@ def evaluate_family(arguments: argparse.Namespace) -> None:
         n_jobs=arguments.jobs or ALL_CORES,
     )  # fmt: skip
     trained = ', '.join(f'{GRAMS * mass:g}' for mass in masses)
-    title = f'Machines {first} to {last}, tuned on {arguments.passes} passes a speed'
+    less = f' without {", ".join(protocol.without)}' if protocol.without else ''
+    title = f'Machines {first} to {last}{less}, tuned on {arguments.passes} passes a speed'
     provenance = (
-        ('machines', f'simulated, profiles machine:{first} to machine:{last}'),
+        ('machines', f'simulated, profiles machine:{first} to machine:{last}{less}'),
         ('train', f'{arguments.passes} passes at each speed, of {trained} g in random order'),
         ('test', f'{PASSES} others'),
         ('attainable', f'ridge regression on {protocol.further} more passes of each speed'),

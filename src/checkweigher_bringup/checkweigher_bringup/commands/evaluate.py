@@ -29,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--further', type=int, default=1500, metavar='N',
         help='passes of each machine at each speed that teach what is attainable; fewer are faster '
         'and show less of it; default 1500')  # fmt: skip
+    add('--without', nargs='+', action='extend', metavar='CAUSE', default=[],
+        help='causes that the machines lack: transfer, bounce, rollers and so on')  # fmt: skip
     add('--mass', type=float, nargs='+', action='extend', metavar='G',
         help='masses that the machines are tuned on, g; default the five that test')  # fmt: skip
     how = parser.add_argument_group('how it is weighed')

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_recording.simulation.machine import PREFIX
 from checkweigher_recording.simulation.simulator import (
     Simulation,
     SimulationParameters,
@@ -37,7 +38,8 @@ FURTHER = 1500  # at each speed, to learn what is attainable
 class MachinesProtocol:
     """Machines by the seeds that draw them, speeds in m/s, and passes of each speed.
 
-    The products that train may have other masses, kg, than those that test.
+    The products that train may have other masses, kg, than those that test. The causes that
+    `without` names are taken from each machine.
     """
 
     machines: tuple[int, ...]
@@ -45,6 +47,7 @@ class MachinesProtocol:
     training_masses: tuple[float, ...] = MASSES
     further: int = FURTHER
     speeds: tuple[float, ...] = SPEEDS
+    without: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,14 +62,14 @@ class MachineRun:
 
 def passes_of(
     machine: int, speed: float, masses: Sequence[float], count: int, seed: int,
-    segmenter: SegmenterParameters,
+    segmenter: SegmenterParameters, without: tuple[str, ...] = (),
 ) -> tuple[KnownPass, ...]:  # fmt: skip
     """Simulate `count` passes of a machine at a speed, m/s, the masses in random order.
 
-    Each seed, from 0 on, gives other passes of the same machine.
+    Each seed, from 0 on, gives other passes of the same machine, less the causes `without`.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
-    profile = f'machine:{machine}'
+    profile = '-'.join((f'{PREFIX}{machine}', *without))
     parameters = SimulationParameters.from_mapping(
         own_values(profile)
         | {
@@ -82,9 +85,13 @@ def run_machine(
     protocol: MachinesProtocol, machine: int, speed: float, segmenter: SegmenterParameters
 ) -> MachineRun:
     """Simulate one machine at one speed, and learn what is attainable there."""
-    train = passes_of(machine, speed, protocol.training_masses, protocol.training, 0, segmenter)
-    test = passes_of(machine, speed, MASSES, PASSES, 1, segmenter)
-    further = passes_of(machine, speed, MASSES, protocol.further, 2, segmenter)
+    parts = (
+        (protocol.training_masses, protocol.training), (MASSES, PASSES), (MASSES, protocol.further)
+    )  # fmt: skip
+    train, test, further = (
+        passes_of(machine, speed, masses, count, seed, segmenter, protocol.without)
+        for seed, (masses, count) in enumerate(parts)
+    )
     whole = [each for each in test if each.whole]
     errors = attainable_errors([each for each in further if each.whole], whole)
     masses = np.array([each.mass for each in whole])

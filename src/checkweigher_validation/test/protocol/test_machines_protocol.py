@@ -46,6 +46,14 @@ def test_training_test_and_further_passes_are_apart():
     assert sum(one.count for one in run.attainable) == 120
 
 
+def test_a_machine_may_lack_causes():
+    whole, less = (
+        passes_of(3, 1.0, MASSES, 10, 1, SEGMENTER, without) for without in ((), ('bounce',))
+    )
+    assert [each.window.t1 for each in whole] == [each.window.t1 for each in less]
+    assert whole[5].window.counts.tobytes() != less[5].window.counts.tobytes()
+
+
 def test_training_passes_may_be_of_one_mass():
     protocol = MachinesProtocol((3,), 5, (0.1,), further=40)
     run = run_machine(protocol, 3, 1.5, SEGMENTER)
