@@ -30,10 +30,11 @@ _LOOKS = {
     'fir_model': Look('FIR model', 'h', '#b4569a', '#db8cc4'),
     'gauss_markov': Look('Gauss-Markov', 'X', '#0058a3', '#7d9bff'),
     'learned': Look('Learned', '*', '#a3123a', '#ff6f91'),
+    'chosen': Look('Chosen by tune', '<', '#7a5230', '#c79a6f'),  # one of the others, see CHOSEN
 }
 
 # For estimators that have no look of their own.
-_OTHERS = (('<', '#7a5230', '#c79a6f'), ('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
+_OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
 def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
