@@ -8,6 +8,7 @@ import queue
 from typing import Any
 
 from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
+from full_disk import file_size_limit
 from graph import call, wait_for
 import pytest
 from rclpy.node import Node
@@ -81,6 +82,10 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         refused = technician.finish(max_residual=1e-9)
         assert not refused.success
         assert 'off the line' in refused.message
+        with file_size_limit(log.stat().st_size + 10):
+            refused = technician.finish(max_residual=1e-4)
+        assert not refused.success
+        assert 'not in the audit log' in refused.message
         assert not path.exists()
         done = technician.finish(max_residual=1e-4)
 

@@ -40,7 +40,7 @@ class AuditTrail:
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
         self._owed: deque[tuple[str, str, str, object, object]] = deque(maxlen=1_000)
-        self._refused = 0
+        self._refused, self._reason = 0, ''  # changes since the last entry, and why the last
         self.trouble = ''
         for entry in log.entries if log else ():
             self._learn(entry.kind, entry.subject, entry.new)
@@ -59,8 +59,8 @@ class AuditTrail:
         try:
             self.catch_up()
             self._append(self._clock(), kind, subject, old, new)
-        except AuditError:
-            self._refused += 1
+        except AuditError as error:
+            self._refused, self._reason = self._refused + 1, str(error)
             raise
         self._learn(kind, subject, plain(new))
 
@@ -79,8 +79,8 @@ class AuditTrail:
             self._append(*self._owed[0])
             self._owed.popleft()
         if self._refused:
-            what = {'changes': self._refused, 'reason': self.trouble}
-            self._append(self._clock(), REFUSED, 'audit log', None, what)
+            text = f'{self._refused} changes, for the log could not be written: {self._reason}'
+            self._append(self._clock(), REFUSED, 'audit log', None, text)
             self._refused = 0
 
     def _append(self, time: str, kind: str, subject: str, old: object, new: object) -> None:

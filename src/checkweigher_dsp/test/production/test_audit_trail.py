@@ -3,14 +3,20 @@
 """The audit trail: each change once, with the value before it, across restarts."""
 
 from collections.abc import Mapping
+import errno
 import math
+import os
 from pathlib import Path
 
-from checkweigher_dsp.production.audit_log import AuditLog, read_log
+from full_disk import file_size_limit
+import pytest
+
+from checkweigher_dsp.production.audit_log import AuditError, AuditLog, read_log
 from checkweigher_dsp.production.audit_trail import AuditTrail
 
 TIME = '2026-01-01T00:00:00.000000+00:00'
 NODE = '/lane1/reject'
+FULL = os.strerror(errno.EFBIG)
 
 
 def session(path: Path, values: Mapping[str, object], *changes: tuple[str, object]) -> None:
@@ -72,4 +78,27 @@ def test_a_calibration_is_written_when_it_is_another(tmp_path: Path):
     assert entries(path) == [
         ('calibration', 'load_cell/info', None, {'counts_per_kg': 5e5}),
         ('calibration', 'load_cell/info', {'counts_per_kg': 5e5}, {'counts_per_kg': 4e5}),
+    ]
+
+
+def test_what_happened_while_the_disk_was_full_is_written_later_with_its_own_time(tmp_path: Path):
+    path, times = tmp_path / 'audit.log', iter(range(100))
+    with AuditLog(path) as log:
+        trail = AuditTrail(log, '/product', lambda: f'at {next(times)}')
+        with file_size_limit(10):
+            for _ in range(2):  # what is latched comes again
+                trail.saw_state('calibration', 'load_cell/info', {'counts_per_kg': 5e5})
+            with pytest.raises(AuditError, match=FULL):
+                trail.parameters(NODE, {'lower_limit': 0.1})
+            trail.saw('restored', 'reject', None, 'nuts')
+            assert FULL in trail.trouble
+        trail.parameters(NODE, {'lower_limit': 0.2})
+        assert trail.trouble == ''
+    found = read_log(path)
+    assert found.whole
+    assert [(entry.time, entry.kind, entry.new) for entry in found.entries] == [
+        ('at 0', 'calibration', {'counts_per_kg': 5e5}),
+        ('at 1', 'restored', 'nuts'),
+        ('at 2', 'refused', f'1 changes, for the log could not be written: {path}: {FULL}'),
+        ('at 3', 'parameter', 0.2),
     ]
