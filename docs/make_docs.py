@@ -36,6 +36,7 @@ from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.stage_node import GraphParameters
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / 'src/checkweigher_msgs/msg'
@@ -53,6 +54,7 @@ NODES: dict[str, type[Parameters]] = {
 # The parameter sets by the title of their section, each with what its names begin with.
 SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{node: ('', parameters) for node, parameters in NODES.items()},
+    'every node': ('', GraphParameters),
     'dynamic_setting, commissioning': ('', DynamicSettingParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
     **{

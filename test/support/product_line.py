@@ -64,10 +64,11 @@ class Line:
         self.recipes.write_text(RECIPES, encoding='utf-8')
         self.log = folder / 'audit.log'
         # Without deadlines, for a bag comes faster than its time.
-        self.for_reject = {'deadlines': False, 'needs_product': needs_product}
+        own = {'allowed_publishers': 'operator'}
+        self.for_reject = {'deadlines': False, 'needs_product': needs_product, **own}
         self.stages = {name: self.make(name) for name in STAGE_NODES if name != without}
         self.product = ProductNode(
-            {'recipes': str(self.recipes), 'audit_log': str(self.log), **parameters}
+            {'recipes': str(self.recipes), 'audit_log': str(self.log), **own, **parameters}
         )
         self.operator = Node('operator')
         self.verdicts: queue.SimpleQueue[Any] = queue.SimpleQueue()

@@ -46,7 +46,7 @@ class RejectLine:
             ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
         )
         spinner.add(self.node)
-        self.reject = RejectNode(parameters)
+        self.reject = RejectNode({'allowed_publishers': '*', **parameters})
         spinner.add(self.reject)
         wait_for(lambda: self.edges.get_subscription_count() > 0)
         info = to_message(ports.LOAD_CELL_INFO, CELL, stamp=START)

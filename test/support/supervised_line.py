@@ -20,7 +20,7 @@ from rclpy.node import Node
 from running import PATIENCE
 from verdicts import assert_one_verdict_each
 
-from checkweigher_bringup.spinning import spinning
+from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.ports import NODES
@@ -40,8 +40,8 @@ PARAMETERS = """
 class SupervisedLine:
     """A line under `run`, and what a listener has heard of it."""
 
-    def __init__(self, folder: Path, listener: Node, more: str) -> None:
-        self.listener = listener
+    def __init__(self, folder: Path, listener: Node, spinner: Spinner, more: str) -> None:
+        self.listener, self.spinner = listener, spinner
         self.verdicts = heard(listener, ports.VERDICT, latched=True)
         self.edges = heard(listener, ports.PHOTO_EYES)
         self.found: list[Any] = []
@@ -111,7 +111,7 @@ def supervised_line(folder: Path, more: str = '') -> Iterator[SupervisedLine]:
     """Run a line, with more parameters, for as long as the block lasts."""
     with spinning('running') as spinner:
         listener = Node('listener')
-        line = SupervisedLine(folder, listener, more)
+        line = SupervisedLine(folder, listener, spinner, more)
         spinner.add(listener)
         try:
             yield line

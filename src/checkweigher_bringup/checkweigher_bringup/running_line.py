@@ -25,6 +25,7 @@ from checkweigher_bringup.spinning import (
 )
 from checkweigher_bringup.supervision import CANNOT_START, Action, Supervision
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.graph.place import Place
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
@@ -100,6 +101,8 @@ def run_line(
         }
         with spinning(namespace) as spinner:
             node = _Listener()
+            # Held to the end, so that of two that start at once one goes on.
+            place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
             if node.count_drivers():
@@ -109,6 +112,7 @@ def run_line(
                 return _supervise(processes, node, asked)
             finally:
                 _end(processes)
+                place.free()
 
 
 def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequence[int]) -> int:

@@ -3,6 +3,7 @@
 """The driver node: sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 import time
 from typing import Any
 
@@ -17,8 +18,15 @@ from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import EyeEdge, Reference, StopRequest, StreamState, Verdict
+from checkweigher_dsp.reasons import Reason, StopReason
+from checkweigher_dsp.records import (
+    Decision,
+    EyeEdge,
+    Reference,
+    StopRequest,
+    StreamState,
+    Verdict,
+)
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
@@ -58,9 +66,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
         )
         self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
-        self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
+        self.subscribe(ports.VERDICT, self._on_verdict, needed=False, doubted=_rejected)
         self.subscribe(ports.VERDICT, self.stream.hear_number, qos=ports.VERDICT.qos, needed=False)
-        self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
+        self._requests = self.subscribe(
+            ports.STOP_REQUEST, self._on_stop_request, doubted=self._stop_alone
+        )
         self.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._on_line_history)
         if self._outputs.exist:
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
@@ -154,6 +164,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         ready = request is None or request.reason is not StopReason.NOT_READY
         self.stream.hear_reject(ready=ready)
 
+    def _stop_alone(self, request: StopRequest | None) -> StopRequest | None:
+        """Take a stop from any node, and from a stranger no leave to run."""
+        return request or self._requests.refuse_doubted(request)
+
     def _note(self, event: Event) -> None:
         """Take an event that is about to be sent."""
         self._watch.add(time.monotonic(), event)
@@ -197,6 +211,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._watch.look(source.trouble, source.figures())
         found = self._watch.findings(now, time.time() - time.monotonic())
         return [*found, self._outputs.finding()]
+
+
+def _rejected(verdict: Verdict) -> Verdict:
+    """Return a verdict that may be a stranger's as the fault that it is."""
+    return replace(verdict, decision=Decision.FAULT, reasons=(Reason.FOREIGN_PUBLISHER.value,))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

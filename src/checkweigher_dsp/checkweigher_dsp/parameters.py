@@ -172,7 +172,7 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
 
 def _is_common(name: str) -> bool:
     """Return whether any ROS node may have a parameter of this name."""
-    return name == 'use_sim_time' or name.startswith('qos_overrides.')
+    return name in ('use_sim_time', 'allowed_publishers') or name.startswith('qos_overrides.')
 
 
 def read_parameter_file(

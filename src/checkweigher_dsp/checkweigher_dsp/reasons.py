@@ -41,6 +41,7 @@ class Reason(_Hinted):
     ZERO_OUT_OF_RANGE = 'ZeroOutOfRange'
     NO_PRODUCT = 'NoProduct'
     OVERLOAD = 'Overload'
+    FOREIGN_PUBLISHER = 'ForeignPublisher'
 
 
 class StopReason(_Hinted):
@@ -81,6 +82,7 @@ _HINTS = {
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
     Reason.OVERLOAD: 'the load was above the capacity of the load cell; check both and calibration',
+    Reason.FOREIGN_PUBLISHER: 'a node that is no part of this line publishes its topics; stop it',
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',

@@ -7,15 +7,15 @@ time that is not known is None. A number that is not known is NaN. How a record 
 message follows from names and types of the fields: see `checkweigher_dsp.ros.conversion`.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.reasons import Reason, StopReason
 
 GRAMS = 1000.0  # in a kilogram
 NANOSECONDS = 1_000_000_000
@@ -249,6 +249,17 @@ class MassEstimate:
     def weighed(self) -> bool:
         """Whether there is a mass."""
         return not self.reasons
+
+
+_Weighed = TypeVar('_Weighed', WeighWindow, MassEstimate)
+
+
+def foreign(record: _Weighed) -> _Weighed:
+    """Return what may be a stranger's as the fault that it is: nothing in it can be trusted."""
+    reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *record.reasons)))
+    if isinstance(record, WeighWindow):
+        return replace(record, reasons=reasons)
+    return replace(record, reasons=reasons, mass=math.nan, std_dev=math.nan)
 
 
 @dataclass(frozen=True, slots=True)

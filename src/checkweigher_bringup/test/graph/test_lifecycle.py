@@ -124,6 +124,9 @@ def test_a_source_that_cannot_be_opened_leaves_the_driver_unconfigured(spinner: 
     manager = Manager(node, 'driver')
     assert not manager.change(CONFIGURE)
     assert manager.state() == 'unconfigured'
+
+
+def test_a_source_that_cannot_be_opened_ends_a_driver_that_starts_itself(spinner: Spinner):
     with pytest.raises(ParameterError, match='there is no such'):
         DriverNode({'source': 'bag', 'bag.path': '/nowhere'})
 

@@ -153,6 +153,7 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
     assert counted['late estimates'] == '1'
     assert line.verdicts.empty()
     publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
+    line.pass_item(2)  # the mass is ahead of the edges
     assert line.verdict().decision == Verdict.ACCEPT
 
 

@@ -9,7 +9,7 @@ from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParamet
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.records import WeighWindow, foreign
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -23,7 +23,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
         self.on_parameters()
-        self.subscribe(ports.DENOISED_WINDOW, self._on_window)
+        self.subscribe(ports.DENOISED_WINDOW, self._on_window, doubted=foreign)
 
     def on_parameters(self) -> None:
         """Begin to use a changed estimator."""

@@ -24,6 +24,7 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
     Verdict,
+    foreign,
 )
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters
@@ -32,6 +33,7 @@ from checkweigher_dsp.rejection.timing import StreamClock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.connections import has_matched_all
 from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_dsp.ros.graph.makers import Makers
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
 from checkweigher_dsp.ros.outputs import Output
@@ -61,6 +63,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._recall: Recall | None = None
         # After the publisher of the verdicts: see `_driver_hears`.
         self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
+        answers = f'rr{self.resolve_service_name(ports.LINE_HISTORY.name)}Reply'
+        self._historians = Makers(
+            self, answers, 'driver', lambda: self.allowed_publishers, stage=False, mangled=False
+        )
         self._status_topic = self.resolve_topic_name(ports.DRIVER_STATUS.name)
         self._eyes_topic = self.resolve_topic_name(ports.PHOTO_EYES.name)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
@@ -70,8 +76,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._timer = OneShotTimer(self, self._tick)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
-        self.subscribe(ports.PHOTO_EYES, self._on_edge)
-        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
+        self._eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge, doubted=self._doubt)
+        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate, doubted=foreign)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
         self.begin()
 
@@ -139,7 +145,15 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if self._active:
             self._show_stop_request()
 
+    def _doubt(self, edge: EyeEdge) -> EyeEdge:
+        """Take an edge that may be a stranger's: there are items, and no mass of them is known."""
+        self._stage.doubted = True
+        return edge
+
     def _on_edge(self, edge: EyeEdge) -> None:
+        if self._stage.doubted and not self._eyes.doubted:
+            self._stage.restart(self._now())  # of what is on the belt no edge is sure
+            self._stage.doubted = False
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
@@ -162,8 +176,11 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._wake()
 
     def _take_estimate(self, estimate: MassEstimate) -> None:
-        late = self._stage.late_estimates
+        late, unknown = self._stage.late_estimates, self._stage.unknown_estimates
         self._publish(self._stage.take(estimate, self._now()))
+        if self._stage.unknown_estimates > unknown:
+            self.count(Reason.UNKNOWN_ITEM)
+            self.warn(f'item {estimate.item_id}: UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
@@ -202,7 +219,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         the client: DDS tells of them in that order. A verdict that others heard and the driver did
         not would be given once more by the next reject node.
         """
-        if not self._history.service_is_ready():
+        self._historians.look()
+        if self._historians.strangers or not self._history.service_is_ready():
             return False
         if self._verdicts.takers:
             return True
@@ -285,9 +303,6 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             if not verdict.estimate_id:
                 self.count(Reason.NO_ESTIMATE)
                 self.warn(f'item {verdict.item_id}: NoEstimate: {Reason.NO_ESTIMATE.hint}')
-            elif Reason.UNKNOWN_ITEM in verdict.reasons:
-                self.count(Reason.UNKNOWN_ITEM)
-                self.warn(f'item {verdict.item_id}: UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
             if verdict.late:
                 self.count('late verdicts')
                 self.warn(f'item {verdict.item_id}: its verdict came after its reject time')

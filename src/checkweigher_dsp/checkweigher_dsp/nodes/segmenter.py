@@ -23,6 +23,7 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
     WeighWindow,
+    foreign,
 )
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
@@ -61,9 +62,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._status = self.output(ports.SEGMENTER_STATUS)
         self._zero_settings = self.output(ports.ZERO_SETTING)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
-        self._events = (
-            self.subscribe(ports.LOAD_CELL_SAMPLES, self._on_event),
-            self.subscribe(ports.PHOTO_EYES, self._on_event),
+        self._doubted = False  # whether samples or edges may be those of a stranger
+        self._events = tuple(
+            self.subscribe(port, self._on_event, doubted=self._doubt)
+            for port in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES)
         )
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
         self._answer_timer = OneShotTimer(self, self._answer)
@@ -113,20 +115,28 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         while self._early:
             self._take(self._early.popleft())
 
-    def _start(self) -> None:
+    def _doubt(self, event: SampleBlock | EyeEdge) -> SampleBlock | EyeEdge:
+        """Take what may be a stranger's: the items go on, and none of them is weighed."""
+        self._doubted = True
+        return event
+
+    def _start(self, why: Reason = Reason.SOURCE_RESTARTED) -> None:
         """Begin a new stream; what is on the belt of the one before is a fault."""
         if self._load_cell is None:
             return
         self._watch.begin_stream(time.monotonic(), self._load_cell)
         count = 0
         if self._segmenter is not None:
-            self._publish(self._segmenter.give_up(Reason.SOURCE_RESTARTED))
+            self._publish(self._segmenter.give_up(why))
             self._items_before += self._segmenter.items
             count = self._segmenter.item_count
             self._answer_zero(False, 'the stream was started again: not zeroed')
         self._segmenter = Segmenter(self._load_cell, self.parameters, count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
+        if self._doubted and not any(entry.doubted for entry in self._events):
+            self._start(Reason.FOREIGN_PUBLISHER)  # also zero and noise may be made up
+            self._doubted = False
         if self._segmenter is None:
             self._early.append(event)
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
@@ -219,7 +229,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._publish_status(StreamState.FINISHED)
 
     def _publish(self, windows: list[WeighWindow]) -> None:
-        for window in windows:
+        for window in map(foreign, windows) if self._doubted else windows:
             self._windows.send(window)
             self.count('windows')
             if self._segmenter is not None:

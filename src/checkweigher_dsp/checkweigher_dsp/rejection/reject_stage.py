@@ -21,6 +21,7 @@ from checkweigher_dsp.records import (
     LineHistory,
     MassEstimate,
     Verdict,
+    foreign,
 )
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
@@ -34,6 +35,7 @@ _MAX_EARLY = 10_000
 _PLAYED_AGAIN = 4  # edges, as many as an item has
 _MAX_STAMPS = 4_000
 _MAX_LATEST = 400
+_MAX_AHEAD = 100
 _Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
 
 
@@ -41,8 +43,7 @@ _Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
 class _Stream:
     """State of one stream by its edges; stamps and times of arrival in ns."""
 
-    first: int | None = None  # the oldest and the youngest stamp
-    newest: int | None = None
+    newest: int | None = None  # the youngest stamp
     came: int | None = None  # when the youngest edge came
     held: list[_Arrival] = field(default_factory=list)  # edges that came before, long ago
     arrivals: ArrivalClock = field(default_factory=ArrivalClock)
@@ -51,8 +52,6 @@ class _Stream:
         """Take an edge; return when it should have come."""
         self.held.clear()
         stamp = edge.stamp
-        if self.first is None or stamp < self.first:
-            self.first = stamp
         if self.newest is None or stamp >= self.newest:
             self.newest, self.came = stamp, now
         return None if now is None else self.arrivals.came(stamp, now)
@@ -87,12 +86,18 @@ class RejectStage:
         Estimates that came after the verdict on their item, or twice; they change nothing.
     late_verdicts : int
         Verdicts after their reject time.
+    unknown_estimates : int
+        Estimates of what the eyes never showed; they have no verdict.
+    doubted : bool
+        Whether edges may be made up: no item that they show can be weighed.
     """
 
     def __init__(self, parameters: RejectParameters, weigh_length: float | None = None) -> None:
         self.parameters = parameters
         self.late_estimates = 0
         self.late_verdicts = 0
+        self.unknown_estimates = 0
+        self.doubted = False
         self.weigh_length = weigh_length
         self._items = RejectItems()
         self._tracker: ItemTracker | None = None
@@ -100,6 +105,7 @@ class RejectStage:
         self._early: deque[_Arrival] = deque(maxlen=_MAX_EARLY)
         self._latest: deque[_Arrival] = deque(maxlen=_MAX_LATEST)
         self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
+        self._ahead: list[MassEstimate] = []  # whose edges have not come yet
         if weigh_length is not None:
             self._tracker = self._new_tracker(weigh_length, 0)
 
@@ -122,12 +128,13 @@ class RejectStage:
         count = self._tracker.count if self._tracker is not None else 0
         self._tracker = self._new_tracker(weigh_length, count)
         while self._early:
-            self.add_edge(*self._early.popleft())
+            self._follow(*self._early.popleft())
 
     def restart(self, now: int | None = None) -> None:
         """Begin a new stream: what is on the belt will not reach the outfeed eye in it."""
         if self._tracker is not None:
-            for item in self._tracker.give_up(Reason.SOURCE_RESTARTED):
+            doubted = Reason.FOREIGN_PUBLISHER
+            for item in self._tracker.give_up(doubted if self.doubted else Reason.SOURCE_RESTARTED):
                 self._see(item, now)
             self._tracker.forget()
         self._items.restart()
@@ -149,6 +156,14 @@ class RejectStage:
             if self._tracker.knows(edge):
                 return self._hold(edge, now)
             self.restart(now)
+        self._follow(edge, now)
+        ahead, self._ahead = self._ahead, []
+        caught_up = [verdict for each in ahead for verdict in self.add_estimate(each, now)]
+        return [*caught_up, *self.advance(now)]
+
+    def _follow(self, edge: EyeEdge, now: int | None = None) -> None:
+        """Take an edge of this stream."""
+        assert self._tracker is not None
         came = self._stream.saw(edge, now)
         self._latest.append((edge, now))
         self._stamps[edge.stamp] = None
@@ -156,7 +171,6 @@ class RejectStage:
             self._stamps.popitem(last=False)
         for item in self._tracker.add(edge):
             self._see(item, came)
-        return self.advance(now)
 
     def _hold(self, edge: EyeEdge, now: int | None) -> list[Verdict]:
         """Pass over an old edge that comes again, unless so many do that all are played again."""
@@ -168,19 +182,25 @@ class RejectStage:
         return [verdict for again in held for verdict in self.add_edge(*again)]
 
     def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
-        """Take an estimate and return the verdict on its item, if there was none yet."""
+        """Take an estimate and return the verdict on its item, if there was none yet.
+
+        One of what the eyes have not shown waits for its edges; if they never come, no product was
+        there, and there is no verdict.
+        """
         self._learn_transit(estimate)
         item = self._items.find_pending(estimate)
         if item is None:
             if self._items.has_judged(estimate):
                 self.late_estimates += 1
                 return []
+            stamps = edges_of(estimate).values()
+            if not any(stamp in self._stamps for stamp in stamps):
+                self._wait_for_edges(estimate, max(stamps, default=None))
+                return []
             item = RejectItem(estimate.t1, estimate.t2, estimate.t3)
             self._items.pending.append(item)
-            if estimate.weighed and not self._may_be_there(estimate):
-                estimate = replace(
-                    estimate, reasons=(Reason.UNKNOWN_ITEM.value,), mass=math.nan, std_dev=math.nan
-                )
+        if self.doubted or Reason.FOREIGN_PUBLISHER in item.reasons:
+            estimate = foreign(estimate)
         return [self._give(item, judge(estimate, self.parameters), now, estimate)]
 
     def _learn_transit(self, estimate: MassEstimate) -> None:
@@ -229,7 +249,7 @@ class RejectStage:
             self._tracker = self._new_tracker(self.weigh_length, 0)
             self._stream = _Stream(held=self._stream.held, arrivals=self._stream.arrivals)
             for edge in missed:
-                self.add_edge(edge)
+                self._follow(edge)
             if now is not None:
                 self._stream.came = now - (history.stamp - max(edge.stamp for edge in missed))
             self._latest.clear()
@@ -288,6 +308,8 @@ class RejectStage:
         if self._items.has_seen(seen):
             return
         reasons = tuple(reason.value for reason in seen.faults)
+        if self.doubted:
+            reasons = (Reason.FOREIGN_PUBLISHER.value, *reasons)
         item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
         item.reject_at = self.parameters.reject_time(seen.t3, self._speed(seen))
         if now is not None:
@@ -307,16 +329,16 @@ class RejectStage:
             return math.nan
         return self.weigh_length * NANOSECONDS / transit
 
-    def _may_be_there(self, estimate: MassEstimate) -> bool:
-        """Tell whether the eyes showed the item, or may have done so before this stage listened."""
-        stamps = edges_of(estimate).values()
-        if not stamps:
-            return False
-        first, newest = self._stream.first, self._stream.newest
-        if first is None or newest is None:
-            return True
-        looked = first <= min(stamps) and max(stamps) <= newest
-        return not looked or any(stamp in self._stamps for stamp in stamps)
+    def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
+        """Keep an estimate that is ahead of its edges, unless they should have come by now."""
+        newest = self._stream.newest
+        if last is not None and (newest is None or newest - self._lateness < last):
+            self._ahead.append(estimate)
+        else:
+            self.unknown_estimates += 1
+        if len(self._ahead) > _MAX_AHEAD:
+            del self._ahead[0]
+            self.unknown_estimates += 1
 
     def _without_estimate(self, item: RejectItem) -> Verdict:
         return Verdict(

@@ -1,3 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 """The rim to ROS: ports, stage nodes, outputs, diagnostics. Only this room knows rclpy."""
+
+import os
+
+# Before rclpy makes a context. A node that reaches a line by DDS can stop it and change its limits:
+# those of other computers reach it only where that is wanted.
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

@@ -48,6 +48,7 @@ class Connections:
             if partner:
                 values[f'{end.port.name} {other}s'] = count
             found += self._clashes(end, needed=bool(partner) and count == 0)
+            found += self._foreign(end, now)
             if started and partner and count == 0:
                 level = Level.ERROR if isinstance(end, Input) else Level.WARN
                 hint = f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
@@ -58,6 +59,14 @@ class Connections:
             hint = 'check which node publishes there and with which version of the messages'
             found.append(Concern(Level.WARN, text, hint))
         return conclude('Connections', 'all there', found, values)
+
+    def _foreign(self, end: Input | Output, now: float) -> Iterator[Concern]:
+        """Yield the strangers that publish a topic of the line."""
+        passed = end.look(now)
+        if who := ', '.join(end.strangers) or ('a node that has gone again' if passed else ''):
+            text = f'ForeignPublisher: {who} publishes {end.topic_name} beside {end.port.maker}'
+            hint = 'stop it, or name it in allowed_publishers if it belongs to the line'
+            yield Concern(Level.ERROR, text, hint)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
         """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""

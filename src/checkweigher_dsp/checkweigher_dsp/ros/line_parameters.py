@@ -11,6 +11,9 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.ros.graph.makers import Makers, full_name
+from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 from checkweigher_dsp.ros.node_parameters import ros_parameters
 
 Values = dict[str, object]
@@ -37,6 +40,7 @@ class LineParametersClient:
         self._patience = patience
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, AsyncParameterClient] = {}
+        self._servers: dict[str, Makers] = {}
 
     def ready(self, node: str) -> bool:
         """Return whether the services of a node are there."""
@@ -44,11 +48,13 @@ class LineParametersClient:
 
     async def get_all(self, node: str) -> Values:
         """Return all parameters of a node; `RefusedError` if it does not answer."""
+        self._check_server(node)
         listed = await self._answer(node, self._client(node).list_parameters())
         return await self.get(node, list(listed.result.names))
 
     async def get(self, node: str, names: list[str]) -> Values:
         """Return some parameters of a node; `RefusedError` if it does not have them all."""
+        self._check_server(node)
         answer = await self._answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
             raise RefusedError(f'{node}: does not have all of {", ".join(names)}')
@@ -84,10 +90,24 @@ class LineParametersClient:
         return ''
 
     async def _set_one(self, node: str, values: Values) -> None:
+        self._check_server(node)
         parameters = ros_parameters(values)
         answer = await self._answer(node, self._client(node).set_parameters_atomically(parameters))
         if not answer.result.successful:
             raise RefusedError(f'{node}: {answer.result.reason}')
+
+    def _check_server(self, node: str) -> None:
+        """Refuse a node that another one answers for: the first answer would count."""
+        if node not in self._servers:
+            space = self._node.get_namespace().rstrip('/')
+            topic = f'rr{space}/{node}/get_parametersReply'
+            self._servers[node] = Makers(
+                self._node, topic, node, lambda: set(), stage=True, mangled=False
+            )
+        self._servers[node].look()
+        if who := ', '.join(self._servers[node].strangers):
+            text = f'{node}: {Reason.FOREIGN_PUBLISHER}: another node answers for it, {who}'
+            raise RefusedError(text)
 
     async def _answer(self, node: str, future: Future) -> Any:
         timer = self._node.create_timer(self._patience, future.cancel, callback_group=self._group)
@@ -120,9 +140,13 @@ class LineNodes:
     def started(self) -> set[str]:
         """Return the nodes that have been started since the last call."""
         found = set()
+        domain = self._node.context.get_domain_id()
         for each in self._node.get_publishers_info_by_topic('/parameter_events'):
             identity = bytes(each.endpoint_gid)
-            if identity not in self._known and each.node_namespace == self._node.get_namespace():
+            if identity in self._known or each.node_namespace != self._node.get_namespace():
+                continue
+            name = full_name(each)
+            if is_held(domain, name, identity[:PARTICIPANT]) or not is_held(domain, name):
                 self._known.add(identity)
                 found.add(each.node_name)
         return found

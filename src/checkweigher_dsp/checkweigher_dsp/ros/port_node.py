@@ -15,7 +15,16 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.ros.outputs import LOCK, Callback, HeldOutput, Input, Output, disconnect
+from checkweigher_dsp.ros.graph.makers import Makers
+from checkweigher_dsp.ros.outputs import (
+    LOCK,
+    Callback,
+    Doubted,
+    HeldOutput,
+    Input,
+    Output,
+    disconnect,
+)
 from checkweigher_dsp.ros.ports import Port
 
 
@@ -44,12 +53,18 @@ class PortNode(Node):
         return self.outputs[-1]
 
     def subscribe(
-        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
-    ) -> Input:
+        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None,
+        needed: bool = True, doubted: Doubted | None = None,
+    ) -> Input:  # fmt: skip
         """Have a callback called with each record of a port; see `Input`."""
-        entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
+        qos = qos or port.stage_qos
+        entry = Input(self, port, callback, qos, needed=needed, doubted=doubted)
         self.inputs.append(entry)
         return entry
+
+    def watch_of(self, topic: str, port: Port) -> Makers | None:
+        """Return a watch of who publishes a topic, None to take it from any node."""
+        return None
 
     def received(self, port: Port) -> None:
         """Note that a record has come."""
@@ -71,14 +86,21 @@ class PortNode(Node):
     ) -> Subscription:
         """Subscribe; bytes that are no message and what the callback raises are not fatal.
 
-        rclpy would raise the former out of its executor, and keep the callback group taken.
+        rclpy would raise the former out of its executor, and keep the callback group taken. A
+        callback of two arguments gets the information on the message, too.
         """
+        informed = len(inspect.signature(callback).parameters) == 2
 
-        def take(data: bytes) -> Any:
-            return callback(deserialize_message(data, msg_type))
+        def convert(data: bytes, info: Any) -> Any:
+            message = deserialize_message(data, msg_type)
+            return callback(message, info) if informed else callback(message)
 
-        guarded = self._guarded(take, f'refused a message on {topic}')
-        return super().create_subscription(msg_type, topic, guarded, *args, raw=True, **options)
+        guarded = self._guarded(convert, f'refused a message on {topic}')
+
+        def take(data: bytes, info: Any) -> None:  # rclpy looks at its arguments
+            guarded(data, info)
+
+        return super().create_subscription(msg_type, topic, take, *args, raw=True, **options)
 
     def _guarded(self, callback: Callable[..., Any], what: str) -> Callable[..., Any]:
         """Return a callback whose exceptions are told of by `fail`."""

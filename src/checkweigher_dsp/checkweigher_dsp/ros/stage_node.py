@@ -3,8 +3,9 @@
 """What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 import time
-from typing import Any, Generic
+from typing import Any, ClassVar, Generic
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -12,16 +13,29 @@ from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclared
 from rclpy.parameter import Parameter
 
 from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.production.audit_trail import PARAMETER
 from checkweigher_dsp.ros.change_record import ChangeRecord
 from checkweigher_dsp.ros.diagnostics import Diagnostics
+from checkweigher_dsp.ros.graph.makers import ANY, Makers
+from checkweigher_dsp.ros.graph.place import Place, participant_of
 from checkweigher_dsp.ros.node_parameters import P, declare, ros_parameters
 from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.ports import Port
+from checkweigher_dsp.ros.ports import NODES, Port
 
 Overrides = dict[str, object]
+
+
+@dataclass(frozen=True)
+class GraphParameters(Parameters):
+    """Whom a node trusts; each node of the line has these parameters."""
+
+    node: ClassVar[str] = '**'
+
+    allowed_publishers: str = parameter(
+        '', 'nodes that may publish what the line does, separated by spaces; * for all'
+    )
 
 
 class StageNode(PortNode, Generic[P]):
@@ -39,6 +53,14 @@ class StageNode(PortNode, Generic[P]):
             super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
+        self._place: Place | None = None
+        try:
+            self._place = Place(self.context.get_domain_id(), self.get_fully_qualified_name())
+            self._place.sign(participant_of(self))
+            declare(self, GraphParameters, read_only=False)
+        except ParameterError:
+            self.destroy_node()
+            raise
         self.change_record = ChangeRecord(self)
         self.diagnostics = Diagnostics(self, self._diagnose)
         try:
@@ -47,6 +69,26 @@ class StageNode(PortNode, Generic[P]):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_parameters)
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and let another one take its place."""
+        super().destroy_node()
+        if self._place is not None:
+            self._place.free()
+
+    @property
+    def allowed_publishers(self) -> set[str]:
+        """Full names of the nodes that may publish beside the makers of the topics."""
+        names = str(self.get_parameter('allowed_publishers').value).split()
+        inside = self.get_namespace().rstrip('/')
+        return {each if each.startswith(('/', ANY)) else f'{inside}/{each}' for each in names}
+
+    def watch_of(self, topic: str, port: Port) -> Makers | None:
+        """Return a watch of who publishes a topic of the line."""
+        if port.maker not in (*NODES, 'machine'):
+            return None
+        stage = port.maker not in ('driver', 'machine')
+        return Makers(self, topic, port.maker, lambda: self.allowed_publishers, stage=stage)
 
     def start(self) -> None:
         """Begin to tell how the node is."""

@@ -209,7 +209,7 @@ def test_the_same_recording_again_is_a_stream_of_new_items():
     assert {v.decision for v in verdicts} == {Decision.ACCEPT}
 
 
-def test_a_mass_of_what_the_eyes_did_not_show_is_a_fault():
+def test_a_mass_of_what_the_eyes_did_not_show_has_no_verdict():
     stage = RejectStage(PARAMETERS, BELT)
     for number in (1, 2):
         for edge in _item(number)[0]:
@@ -218,11 +218,27 @@ def test_a_mass_of_what_the_eyes_did_not_show_is_a_fault():
 
     verdicts = [*stage.add_estimate(stranger), *stage.add_estimate(_item(2)[1])]
 
-    assert [v.reasons for v in verdicts] == [('UnknownItem',), ()]
-    assert math.isnan(verdicts[0].mass)
-    assert stage.add_estimate(MassEstimate(9, None, None, None, mass=0.15))[0].decision is (
-        Decision.FAULT
+    assert [v.t3 for v in verdicts] == [_item(2)[1].t3]
+    assert stage.add_estimate(MassEstimate(9, None, None, None, mass=0.15)) == []
+    for number in range(200):  # of times to come, and so they might be ahead of their edges
+        assert stage.add_estimate(_item(1000 + number)[1]) == []
+    assert _play(stage, [(_item(3)[1].t3, edge) for edge in _item(3)[0]])[0][1].reasons == (
+        'NoEstimate',
     )
+    assert stage.unknown_estimates >= 101
+
+
+def test_no_mass_is_known_of_items_whose_edges_are_doubted():
+    stage = RejectStage(PARAMETERS, BELT)
+    verdicts = []
+    for number in (1, 2, 3):
+        edges, estimate = _item(number)
+        stage.doubted = number == 2
+        for what in (*edges, estimate):
+            verdicts += stage.take(what)
+
+    assert [v.reasons for v in verdicts] == [(), ('ForeignPublisher',), ()]
+    assert math.isnan(verdicts[1].mass)
 
 
 @pytest.mark.parametrize('number', [0, 2**64 - 1])
