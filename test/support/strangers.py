@@ -23,6 +23,9 @@ from checkweigher_dsp.ros.ports import Port
 FALSE = 0.9  # kg, of forged estimates: no product of the line has that
 FORGED = 10**6  # added to the numbers of forged verdicts
 _PERIOD = 0.02  # s
+_EVENTS = Port(
+    '/parameter_events', 'rcl_interfaces/msg/ParameterEvent', None, ports.STREAM, '', (), (), ''
+)
 
 
 class Stranger(Node):
@@ -142,7 +145,7 @@ def parameter_events(stranger: Stranger) -> None:
     change = ParameterMessage(name='upper_limit', value=value)
     node = f'{stranger.get_namespace()}/reject'
     message = ParameterEvent(node=node, changed_parameters=[change])
-    stranger.send(ports.PARAMETER_EVENTS, message)
+    stranger.send(_EVENTS, message)
 
 
 def types_that_are_none(stranger: Stranger) -> None:

@@ -16,6 +16,7 @@ from checkweigher_msgs.srv import NewBatch, ResetStatistics
 from graph import wait_for
 from product_line import Line
 import pytest
+from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from running import BAGS, PATIENCE, run_command
@@ -62,23 +63,20 @@ def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path
     ]
 
 
-def test_the_audit_log_believes_no_parameter_event(
-    spinner: Spinner, tmp_path: Path
-):
+def test_the_audit_log_believes_no_parameter_event(spinner: Spinner, tmp_path: Path):
     line = Line(spinner, tmp_path)
     wait_for(lambda: 'reject' not in line.product._audit.unread)
-    events = line.operator.create_publisher(
-        ports.PARAMETER_EVENTS.type, ports.PARAMETER_EVENTS.name, ports.PARAMETER_EVENTS.qos
-    )
-    wait_for(lambda: events.get_subscription_count() > 0)
+    events = line.operator.create_publisher(ParameterEvent, '/parameter_events', 1000)
     names = ('upper_limit', 'no_such_parameter')
     for number in range(300):
         false = [Parameter(name, value=float(number)).to_parameter_msg() for name in names]
         for node in ('reject', 'nobody'):
-            said = ports.PARAMETER_EVENTS.type(node=f'/lane1/{node}', changed_parameters=false)
+            said = ParameterEvent(node=f'/lane1/{node}', changed_parameters=false)
             events.publish(said)
     limit = Parameter('upper_limit', value=0.5).to_parameter_msg()
-    assert line.call(SetParameters, 'reject/set_parameters', parameters=[limit]).results[0].successful
+    assert (
+        line.call(SetParameters, 'reject/set_parameters', parameters=[limit]).results[0].successful
+    )
     wait_for(lambda: bool(line.entries('parameter')))
     assert [(e.subject, e.old, e.new) for e in line.entries('parameter')] == [
         ('/lane1/reject.upper_limit', 'inf', 0.5)
