@@ -7,10 +7,10 @@ import time
 
 from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 
-# s, in which the driver is found by its status, then its service, then its answer comes. Without it
-# an item may have a verdict already, and a number another item: rather than that, what waits too
-# long for the rejector is a FAULT. Drivers of others have no such status and no such service.
-_NO_DRIVER, _NO_SERVICE, _NO_ANSWER = 1.0, 5.0, 30.0
+# s, in which a driver that has a status answers. Without the answer an item may have a verdict
+# already, and a number another item: rather than that, what waits too long for the rejector is a
+# FAULT. Where edges come and no status, the driver is one of another make, without the service.
+_NO_ANSWER, _NO_STATUS, _NO_EDGES = 30.0, 1.0, 5.0
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
 
 
@@ -46,17 +46,18 @@ class Recall:
         """Take the answer, None if there will be none."""
         self.history, self._answered = history, time.monotonic()
 
-    def is_over(self, weigh_length: float | None, *, driver_may_come: bool) -> bool:
+    def is_over(self, weigh_length: float | None, *, status: bool, edges: bool) -> bool:
         """Tell whether nothing has to be kept back any more, with the answer or without.
 
-        Without a `weigh_length` edges are no items.
+        Without a `weigh_length` edges are no items. `status` and `edges` tell whether anyone
+        publishes these.
         """
         if self._began is None:
             return False
         now = time.monotonic()
         if self._answered is None:
-            patience = _NO_SERVICE if driver_may_come else _NO_DRIVER
-            return now - self._began > (_NO_ANSWER if self.asked else patience)
+            patience = _NO_ANSWER if status else _NO_STATUS if edges else _NO_EDGES
+            return now - self._began > patience
         if self.history is None or not self.history.edges:
             return True
         # From the first edge on that has come, none is missing: before that, some may be due.

@@ -206,10 +206,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             recall.asked = True
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
-        # An edge of a driver that has a status is not heard of before that.
-        foreign = self.count_publishers(self._eyes_topic) > 0
-        may_come = self.count_publishers(self._status_topic) > 0 or not foreign
-        if recall.is_over(self._stage.weigh_length, driver_may_come=may_come):
+        status, edges = map(self.count_publishers, (self._status_topic, self._eyes_topic))
+        if recall.is_over(self._stage.weigh_length, status=status > 0, edges=edges > 0):
             self._settle(recall.history)
 
     def _driver_hears(self) -> bool:
