@@ -16,6 +16,7 @@ from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
+    ErrorSum,
     ItemResult,
     summary,
     table_row,
@@ -58,7 +59,7 @@ class Table:
     def __init__(self, origin: int | None = None) -> None:
         self._origin = origin
         self._decisions: Counter[Decision] = Counter()
-        self._errors: list[float] = []  # g
+        self._errors = ErrorSum()  # g; a line runs for months
         if origin is not None:
             print(TABLE_HEADER, flush=True)
 
@@ -74,8 +75,9 @@ class Table:
             self._origin = first.t1 or first.t3 or 0
             print(TABLE_HEADER)
         self._decisions.update(result.verdict.decision for result in results)
-        errors = (GRAMS * result.error for result in results)
-        self._errors += [error for error in errors if not math.isnan(error)]
+        for result in results:
+            if not math.isnan(result.error):
+                self._errors.add(GRAMS * result.error)
         rows = ''.join(f'{table_row(result, self._origin)}\n' for result in results)
         print(rows, end='', flush=True)
 

@@ -22,7 +22,7 @@ NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
 
 MAX_MASS = 1e6  # kg
-MAX_WINDOW = 2**18  # samples of a window, or of a message
+MAX_WINDOW = 2**16  # samples of a window, or of a message
 
 Stamp = Annotated[int, 'ns']  # on the clock of the samples
 

@@ -10,6 +10,7 @@ from operator import attrgetter
 from checkweigher_dsp.records import EyeEdge
 
 _STAMP = attrgetter('stamp')
+_MOST = 100_000  # edges for which no samples come
 
 
 class EdgeQueue:
@@ -28,7 +29,9 @@ class EdgeQueue:
         self._newest: int | None = None  # stamp of an edge by this clock
 
     def add(self, edge: EyeEdge) -> None:
-        """Take an edge."""
+        """Take an edge; where far too many wait for samples, pass it over."""
+        if len(self._edges) + len(self._strays) >= _MOST:
+            return
         if self._newest is not None and edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
             return
@@ -54,6 +57,12 @@ class EdgeQueue:
         popped = list(takewhile(condition, self._edges))
         del self._edges[: len(popped)]
         return popped
+
+    def drop_after(self, stamp: int) -> None:
+        """Forget edges later than a time, ns: no sample will reach them soon enough."""
+        if self._newest is not None and self._newest > stamp:
+            self._edges = [edge for edge in self._edges if edge.stamp <= stamp]
+            self._newest = self._edges[-1].stamp if self._edges else None
 
     def pop_all(self) -> list[EyeEdge]:
         """Return all edges."""

@@ -43,6 +43,11 @@ class ItemTracker:
         return self._belt.count
 
     @property
+    def newest(self) -> int | None:
+        """Stamp of the youngest edge, ns; None if there is none by this clock."""
+        return self._eyes.newest
+
+    @property
     def is_empty(self) -> bool:
         """Whether no item is on the belt and both eyes are clear, by what they have shown."""
         belt = self._belt

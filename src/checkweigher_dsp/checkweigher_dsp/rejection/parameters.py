@@ -14,6 +14,8 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
 SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time', 'edge_lateness')
 
+_SLOWEST, _FASTEST = 1e-3, 100.0  # m/s; other speeds are of no belt, and not known
+
 _delay = partial(parameter, unit='s', minimum=0, maximum=10)
 _length = partial(parameter, unit='m', minimum=0)
 _speed = partial(parameter, unit='m/s', minimum=0)
@@ -107,7 +109,7 @@ class RejectParameters(Parameters):
         t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s: the
         leading edge is at the outfeed eye at t3.
         """
-        if t3 is None or not speed > 0:
+        if t3 is None or not _SLOWEST <= speed <= _FASTEST:
             return None
         way = round(NANOSECONDS * (self.rejector_distance / speed))
         return t3 + way - round(NANOSECONDS * self.actuator_delay)

@@ -56,6 +56,7 @@ def _with_text(message: Any, request: records.StopRequest) -> records.StopReques
 
 _WEIGHED = 1  # of MassEstimate.status
 _RUN = 1  # of StopRequest.state; 0 is STOP
+_MAX_TEXT, _MAX_ENTRIES = 10_000, 10_000  # characters; entries of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
@@ -206,8 +207,12 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is tuple:
         kind = get_args(hint)[0]
         if kind in _PORTS:
-            return lambda messages: tuple(to_record(_PORTS[kind], each) for each in messages)
-        return lambda values: tuple(map(kind, values))
+            read: _Get = partial(to_record, _PORTS[kind])
+        else:
+            read = _short if kind is str else kind
+        return lambda values: tuple(map(read, _bounded(values, _MAX_ENTRIES)))
+    if hint is str:
+        return _short
     if issubclass(hint, Enum) and unknown is not None:
         members = {member.value: member for member in hint}
         return lambda value: members.get(value, unknown)
@@ -239,8 +244,19 @@ def _dtype(hint: Any) -> np.dtype[Any]:
     return np.dtype(get_args(get_args(hint)[1])[0])
 
 
+def _bounded(field: Any, most: int) -> Any:
+    """Return a field of a message; ValueError if it is longer than one of the line ever is."""
+    if len(field) > most:
+        raise ValueError(f'{len(field)} in a field of a message, at most {most}')
+    return field
+
+
+def _short(field: str) -> str:
+    return str(_bounded(field, _MAX_TEXT))
+
+
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return the values of a field, not to be written to: other nodes may have the same message."""
-    values: NDArray[Any] = np.frombuffer(field, dtype)
+    values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False
     return values

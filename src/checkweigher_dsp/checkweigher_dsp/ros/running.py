@@ -3,6 +3,8 @@
 """Processes of nodes: from the command line to the signal that ends them."""
 
 from collections.abc import Callable, Sequence
+import contextlib
+import ctypes
 import inspect
 import signal
 import sys
@@ -21,6 +23,9 @@ from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_dsp.terminal import one_line
 
+# Of glibc: from this size on memory goes back to the system at once. By itself the limit rises with
+# what is freed, and a process keeps what one large message took.
+_MMAP_THRESHOLD, _LARGE = -3, 2**20  # name in malloc.h; bytes
 _FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
 
 
@@ -54,6 +59,8 @@ def run_all(
     spinner: Spinner | None = None
     try:
         end_with_parent()
+        with contextlib.suppress(AttributeError):  # of another C library
+            ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
         # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.

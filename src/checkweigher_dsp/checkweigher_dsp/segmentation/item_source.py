@@ -30,6 +30,7 @@ class ItemSource:
         self._zero = zero
         self._moment = round(parameters.zero_moment * load_cell.sample_rate)
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
+        self._sample_lateness = round(NANOSECONDS * parameters.sample_lateness)
         self._queue = EdgeQueue(self._lateness)
         self.tracker = ItemTracker(
             round(NANOSECONDS * parameters.debounce_time),
@@ -49,10 +50,27 @@ class ItemSource:
         buffer, tracker = self._buffer, self.tracker
         tracker.begin(buffer.origin)
         self._queue.admit_strays()  # these samples are of the clock of those before
-        items = self._reached()
+        items = self._forget_future() + self._reached()
         now = buffer.last_stamp if tracker.overdue_after is not None else None
         if now is not None:
             items += [item.snapshot() for item in tracker.expire(now - self._lateness)]
+        return items
+
+    def _forget_future(self) -> list[Item]:
+        """Drop edges of a time that samples reach later than any may come; return what that costs.
+
+        If such edges were tracked already, by edges of a time even later, no true edge would be
+        the youngest any more.
+        """
+        last, newest = self._buffer.last_stamp, self.tracker.newest
+        if last is None:
+            return []
+        limit = last + self._sample_lateness
+        self._queue.drop_after(limit)
+        if newest is None or newest <= limit:
+            return []
+        items = self.give_up(Reason.CLOCK_JUMP)
+        self.tracker.forget()
         return items
 
     def give_up_before(self, limit: int) -> list[Item]:

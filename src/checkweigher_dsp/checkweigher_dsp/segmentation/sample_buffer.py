@@ -20,6 +20,7 @@ _ROUNDING = 1  # ns
 # A block of the first second that comes so much later than its time is no block that was late.
 _BEGINNING = 1.0  # s
 _UNDER_WAY = 2.0  # s
+_AHEAD = 0.25  # s of samples that go on behind the newest ones, after which these were none
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,7 @@ class SampleBuffer:
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
         self._first = 0  # index of the first sample of all
+        self._behind = (0, 0)  # samples passed over, each block after the other, and their end
 
     @property
     def last_stamp(self) -> int | None:
@@ -83,14 +85,17 @@ class SampleBuffer:
         """Tell whether the source has started again: later in time, but not in index.
 
         Or with the indices that the stream began with, too late for a block that was under way:
-        that is a recording played in a loop, at any time.
+        that is a recording played in a loop, at any time. Or it goes on far behind the newest
+        samples, which then were of nothing that has happened yet.
         """
         if self.empty or block.first_index >= self.end:
             return False
         later = block.stamp > self.stamp_at(self.end) - NANOSECONDS / (2 * self.sample_rate)
         beginning = block.first_index < self._first + _BEGINNING * self.sample_rate
         behind = self.end - block.first_index - len(block.counts)
-        return later or (beginning and behind > _UNDER_WAY * self.sample_rate)
+        passed_over, end = self._behind
+        goes_on = block.first_index == end and passed_over >= _AHEAD * self.sample_rate
+        return later or ((beginning or goes_on) and behind > _UNDER_WAY * self.sample_rate)
 
     def append(self, block: SampleBlock) -> None:
         """Take a block; samples between it and the last one are remembered as lost."""
@@ -100,7 +105,9 @@ class SampleBuffer:
         first_new = max(self.end, block.first_index)
         counts = block.counts[first_new - block.first_index :]
         if len(counts) == 0:
+            self._pass_over(block)
             return
+        self._behind = (0, 0)
         lost = first_new - self.end
         if lost > 0:
             self._gaps.append((self.end, first_new))
@@ -113,6 +120,11 @@ class SampleBuffer:
             self._push(np.zeros(lost, np.int32))
         self._push(counts)
         self._forget()
+
+    def _pass_over(self, block: SampleBlock) -> None:
+        passed_over, end = self._behind
+        before = passed_over if block.first_index == end else 0
+        self._behind = before + len(block.counts), block.first_index + len(block.counts)
 
     def _is_on_clock(self, block: SampleBlock) -> bool:
         """Tell whether the blocks before say the same time of a block, but for rounding.

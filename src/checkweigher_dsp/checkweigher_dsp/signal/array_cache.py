@@ -8,15 +8,15 @@ from functools import wraps
 from typing import Any, TypeVar
 
 R = TypeVar('R')
-_MOST = 2**25  # bytes in one cache
-_LARGEST = 2**23  # bytes of one entry: a longer window is rare, and computed again
+_MOST = 2**23  # bytes in one cache
+_LARGEST = 2**21  # bytes of one entry: a longer window is rare, and computed again
 
 
 def array_cache(function: Callable[..., R]) -> Callable[..., R]:
-    """Cache the arrays that a function returns, up to 32 MB: ``lru_cache`` counts no bytes.
+    """Cache the arrays that a function returns, up to 8 MB: ``lru_cache`` counts no bytes.
 
     The arguments are positional and hashable, the result is an array or a tuple with arrays. One
-    of more than 8 MB is made each time.
+    of more than 2 MB is made each time.
     """
     entries: OrderedDict[Hashable, tuple[R, int]] = OrderedDict()
     held = 0

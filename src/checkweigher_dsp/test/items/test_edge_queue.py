@@ -52,3 +52,11 @@ def test_what_is_ahead_of_the_samples_is_of_a_clock_that_goes_forward():
 
     assert _stamps(queue.pop_of_new_clock(200, forward=True)) == [205]
     assert _stamps(queue.pop_all()) == [89, 95]
+
+
+def test_what_no_sample_reaches_soon_enough_is_dropped():
+    queue = _queue(95, 2_000_000, 100)
+    queue.drop_after(150)
+    queue.add(_edge(101))
+
+    assert _stamps(queue.pop_while(lambda edge: True)) == [95, 101]

@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
+    MAX_WINDOW,
     Decision,
     Eye,
     EyeEdge,
@@ -222,3 +223,18 @@ def test_a_line_that_may_run_is_no_stop_request():
     stop = to_message(ports.STOP_REQUEST, StopRequest(StopReason.NOT_READY, 0, None, 'text'))
     assert (stop.state, stop.reason) == (stop.STOP, 'NotReady')
     assert stop.hint == f'{StopReason.NOT_READY.hint}: text'
+
+
+@pytest.mark.parametrize(
+    ('port', 'values'),
+    [
+        (ports.LOAD_CELL_SAMPLES, {'counts': [0] * (MAX_WINDOW + 1)}),
+        (ports.WEIGH_WINDOW, {'denoised': [0.0] * (MAX_WINDOW + 1)}),
+        (ports.WEIGH_WINDOW, {'reasons': ['Saturation'] * 10_001}),
+        (ports.WEIGH_WINDOW, {'reasons': ['x' * 10_001]}),
+        (ports.LOAD_CELL_INFO, {'model': 'x' * 10_001}),
+    ],
+)
+def test_what_is_too_long_for_a_line_is_refused(port, values):
+    with pytest.raises(ValueError, match='in a field of a message, at most'):
+        to_record(port, port.type(**values))

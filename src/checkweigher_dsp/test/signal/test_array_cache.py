@@ -13,7 +13,7 @@ def test_a_short_array_is_made_once_and_a_long_one_each_time():
     ramp = array_cache(np.arange)
 
     assert ramp(MEGABYTE) is ramp(MEGABYTE)
-    assert ramp(9 * MEGABYTE) is not ramp(9 * MEGABYTE)
+    assert ramp(3 * MEGABYTE) is not ramp(3 * MEGABYTE)
 
 
 def test_what_was_not_used_for_longest_is_forgotten():
@@ -24,7 +24,7 @@ def test_what_was_not_used_for_longest_is_forgotten():
         made.append(size)
         return np.arange(size), np.arange(size), 'text'
 
-    sizes = [4 * MEGABYTE - 2 * number for number in range(5)]  # 8 MB each, for 32
+    sizes = [MEGABYTE - number for number in range(5)]  # 2 MB each, for 8
     for size in (*sizes[:4], sizes[0], sizes[4], sizes[0], sizes[1]):
         ramps(size)
 

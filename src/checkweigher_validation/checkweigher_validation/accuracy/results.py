@@ -3,13 +3,11 @@
 """Results of items, joined with their references: the table, the CSV and the summary."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 import csv
 from dataclasses import dataclass
 import math
 from typing import TextIO
-
-import numpy as np
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import (
@@ -157,15 +155,38 @@ def table_row(result: ItemResult, origin: int) -> str:
     )
 
 
-def summary(decisions: Mapping[Decision, int], errors: Sequence[float]) -> str:
+class ErrorSum:
+    """Number, mean, standard deviation and largest of errors, without keeping them."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = self.largest = 0.0
+        self._squares = 0.0  # of the distances from the mean
+
+    def add(self, error: float) -> None:
+        """Take a further error, by the update of Welford, Technometrics 4 (1962) 419."""
+        self.count += 1
+        before = error - self.mean
+        self.mean += before / self.count
+        self._squares += before * (error - self.mean)
+        if abs(error) > abs(self.largest):
+            self.largest = error
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation; NaN of fewer than two."""
+        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan
+
+
+def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
     """Return one line on all items: how many had each decision, and the errors in g."""
     count = sum(decisions.values())
     parts = [f'{count} item{"" if count == 1 else "s"}']
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]
-    if errors:
-        parts.append(f'mean error {np.mean(errors):+.3f} g')
-    if len(errors) > 1:
-        parts.append(f'standard deviation {np.std(errors, ddof=1):.3f} g')
-    if errors:
-        parts.append(f'largest error {max(errors, key=abs):+.3f} g')
+    if errors.count:
+        parts.append(f'mean error {errors.mean:+.3f} g')
+    if errors.count > 1:
+        parts.append(f'standard deviation {errors.std_dev:.3f} g')
+    if errors.count:
+        parts.append(f'largest error {errors.largest:+.3f} g')
     return ', '.join(parts)

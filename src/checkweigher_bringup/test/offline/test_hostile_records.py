@@ -1,0 +1,293 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Records that no machine sends, in the middle of a line, and parameters at their limits."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+import math
+import os
+import random
+import re
+import tracemalloc
+from typing import Any
+
+from lines import simulated
+import numpy as np
+import pytest
+
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.parameters import ParameterError, describe
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.records import (
+    MAX_WINDOW,
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    MassEstimate,
+    SampleBlock,
+    WeighWindow,
+)
+from checkweigher_dsp.rejection.reject_stage import RejectStage
+from checkweigher_dsp.segmentation.segmenter import Segmenter
+from checkweigher_recording.recording import Recording
+
+EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
+DAY = 86_400 * NANOSECONDS
+MASS, SPACING = 0.2, 0.5
+# Of the line: what comes in between, near the time at which it comes.
+Hostile = list[SampleBlock | EyeEdge]
+Maker = Callable[[random.Random, SampleBlock], Hostile]
+
+
+@pytest.fixture(scope='module')
+def line() -> Recording:
+    return simulated(speed=1.0, masses=(MASS,), count=24, spacing=SPACING)
+
+
+def blocks(count: int, ahead: float = 0.0, index: int | None = None, later: int = 0) -> Maker:
+    """Return what makes a block of `count` samples, `ahead` s in index and time.
+
+    `index` replaces its index, `later` is added to its stamp, ns.
+    """
+
+    def make(chance: random.Random, last: SampleBlock) -> Hostile:
+        counts = np.random.default_rng(chance.randrange(2**32)).integers(-(2**23), 2**23, count)
+        first = last.first_index + round(960 * ahead) if index is None else index
+        stamp = last.stamp + round(ahead * NANOSECONDS) + later
+        return [SampleBlock(stamp, first, counts.astype(np.int32))]
+
+    return make
+
+
+def many_blocks(chance: random.Random, last: SampleBlock) -> Hostile:
+    times = [chance.gauss(0, 1) for _ in range(200)]
+    return [block for time in times for block in blocks(50, time)(chance, last)]
+
+
+def edges(count: int, spread: float, centre: int = 0) -> Maker:
+    """Return what makes edges at random times, within `spread` ns around a time."""
+
+    def make(chance: random.Random, last: SampleBlock) -> Hostile:
+        times = (last.stamp + centre + round(chance.uniform(-spread, spread)) for _ in range(count))
+        return [EyeEdge(time, Eye(chance.randrange(2)), chance.random() < 0.5) for time in times]
+
+    return make
+
+
+def chatter(chance: random.Random, last: SampleBlock) -> Hostile:
+    return [EyeEdge(last.stamp + 1000 * k, Eye(k // 2 % 2), k % 2 == 0) for k in range(2000)]
+
+
+KINDS: dict[str, Maker] = {
+    'a long block': blocks(MAX_WINDOW),
+    'a block 1 s ahead': blocks(10, 1.0),
+    'a block 5 s ahead': blocks(1000, 5.0),
+    'a block 1,000 s ahead': blocks(1000, 1000.0),
+    'a block of index 0': blocks(1000, index=0),
+    'a block of index 2^63': blocks(1000, index=2**63),
+    'a block of the next century': blocks(100, later=36_500 * DAY),
+    'a block of the last one': blocks(100, later=-36_500 * DAY),
+    'a block an hour old': blocks(100, later=-DAY // 24),
+    'an empty block': blocks(0),
+    'many blocks': many_blocks,
+    'edges around now': edges(1000, 0.5 * NANOSECONDS),
+    'edges of the next hour': edges(1000, NANOSECONDS, DAY // 24),
+    'edges of the last hour': edges(1000, NANOSECONDS, -DAY // 24),
+    'edges of any time': edges(1000, 1e18),
+    'chatter': chatter,
+}
+CLAIMED = {'a block 1 s ahead': 1.0, 'edges around now': 0.5, 'many blocks': 3.5}  # s, time of them
+
+
+@dataclass
+class Tally:
+    """What came of lines with hostile records."""
+
+    tried: int = 0
+    lost: Counter[int] = field(default_factory=Counter)  # lines by number of whole products lost
+    escaped: int = 0
+    doubled: int = 0
+
+
+def run(recording: Recording, make: Maker, seed: int) -> tuple[list[Weighing], int]:
+    """Weigh a line with hostile records in the middle; return the items and when they came."""
+    chance = random.Random(seed)
+    stages = WeighingLine(
+        recording.load_cell, LineParameters(identifier=IdentifierParameters(estimator='mean'))
+    )
+    weighings: list[Weighing] = []
+    came = recording.blocks[0].stamp + round(chance.uniform(4.0, 5.0) * NANOSECONDS)
+    done = False
+    for event in recording:
+        if isinstance(event, SampleBlock) and event.stamp > came and not done:
+            done = True
+            for hostile in make(chance, event):
+                weighings += stages.add(hostile)
+        if isinstance(event, SampleBlock | EyeEdge):
+            weighings += stages.add(event)
+    return weighings + stages.finish(), came
+
+
+def check(recording: Recording, kind: str, seed: int, tally: Tally) -> None:
+    """Run one line: after the time that the records claim, the second whole product is weighed."""
+    weighings, came = run(recording, KINDS[kind], seed)
+    good = {
+        each.verdict.t3
+        for each in weighings
+        if each.verdict.decision is Decision.ACCEPT and abs(each.estimate.mass - MASS) < 0.02 * MASS
+    }
+    accepted = sum(each.verdict.decision is Decision.ACCEPT for each in weighings)
+    numbers = [each.verdict.item_id for each in weighings]
+    claimed = came + round(CLAIMED.get(kind, 0.0) * NANOSECONDS)
+    entries = [e.stamp for e in recording.edges if e.eye == Eye.INFEED and e.blocked]
+    exits = [e.stamp for e in recording.edges if e.eye == Eye.OUTFEED and e.blocked]
+    whole = [t3 for t1, t3 in zip(entries, exits, strict=True) if t1 > claimed]
+    lost = [number for number, t3 in enumerate(whole) if t3 not in good]
+    tally.tried += 1
+    tally.lost[len(lost)] += 1
+    tally.escaped += accepted - len(good)
+    tally.doubled += len(numbers) - len(set(numbers))
+    assert len(whole) >= 10
+    assert lost in ([], [0]), f'{kind}, seed {seed}: {lost} of {len(whole)}'
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_the_second_whole_product_after_hostile_records_is_weighed(line: Recording, kind: str):
+    tally = Tally()
+
+    check(line, kind, 1, tally)
+
+    assert (tally.escaped, tally.doubled) == (0, 0)
+
+
+@pytest.mark.soak
+def test_many_hostile_records(line: Recording):
+    tally = Tally()
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    for seed in range(EXAMPLES or 50):
+        for kind in KINDS:
+            check(line, kind, seed, tally)
+    after = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    print(f'\n{tally}; memory {before / 1e6:.1f} MB before, {after / 1e6:.1f} MB after')
+    assert (tally.escaped, tally.doubled) == (0, 0)
+    assert after - before < 10e6
+
+
+NUMBERS = (0.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf, 960.0, 1e9)
+STAMPS = (0, 1, -1, 2**62, -(2**62), 1_700_000_000 * NANOSECONDS, 40_000 * DAY, None)
+
+
+def spoilt(record: Any, chance: random.Random, counts: int) -> Any:
+    """Return a window or an estimate with senseless fields."""
+    values: dict[str, Any] = {}
+    for entry in fields(record):
+        old = getattr(record, entry.name)
+        if chance.random() < 0.6:
+            continue
+        if entry.name in ('t1', 't2', 't3', 'stamp'):
+            values[entry.name] = chance.choice(STAMPS[:-1] if entry.name == 'stamp' else STAMPS)
+        elif isinstance(old, float):
+            values[entry.name] = chance.choice(NUMBERS)
+        elif isinstance(old, int):
+            values[entry.name] = chance.choice([0, 1, -1, counts, 2**31, 2**63])
+        elif isinstance(old, np.ndarray):
+            values[entry.name] = np.full(chance.choice([0, 1, 7, counts]), 1, old.dtype)
+    return replace(record, **values)
+
+
+@pytest.fixture(scope='module')
+def windows(line: Recording) -> list[WeighWindow]:
+    segmenter = Segmenter(line.load_cell, LineParameters().segmenter)
+    events = (event for event in line if isinstance(event, SampleBlock | EyeEdge))
+    return [window for event in events for window in segmenter.take(event)][:10]
+
+
+def test_no_window_ends_a_stage_and_the_next_ten_are_weighed(windows: list[WeighWindow]):
+    chance = random.Random(1)
+    for estimator in ESTIMATORS:
+        denoiser = Denoiser(DenoiseParameters())
+        identifier = Identifier(IdentifierParameters(estimator=estimator))
+        expected = identifier.estimate_all(denoiser.denoise_all(windows))
+        for _ in range(EXAMPLES or 15):
+            window = spoilt(chance.choice(windows), chance, MAX_WINDOW + 1)
+            estimate = identifier.estimate(denoiser.denoise(window))
+            assert estimate.reasons or math.isfinite(estimate.mass), window
+        found = identifier.estimate_all(denoiser.denoise_all(windows))
+        assert [each.mass for each in found] == [each.mass for each in expected]
+
+
+def test_no_estimate_ends_the_reject_stage_and_the_next_ten_are_judged(windows: list[WeighWindow]):
+    chance = random.Random(2)
+    stage = RejectStage(LineParameters().reject, 0.2)
+    model = MassEstimate(1, 1, 2, 3, mass=0.2, std_dev=1e-3)
+    now = 0
+    for _ in range(EXAMPLES or 300):
+        now += NANOSECONDS // 1000
+        stage.take(spoilt(model, chance, 10), now)
+        time, eye = chance.choice(STAMPS[:-1]), Eye(chance.randrange(2))
+        stage.take(EyeEdge(time, eye, chance.random() < 0.5), now)
+    for number, window in enumerate(windows, 5000):
+        estimate = replace(
+            model, item_id=number, t1=window.t1, t2=window.t2, t3=window.t3, line_speed=1.0
+        )
+        for stamp, eye, blocked in ((window.t1, 0, True), (window.t2, 0, False),
+                                    (window.t3, 1, True)):  # fmt: skip
+            assert stamp is not None
+            stage.take(EyeEdge(stamp, Eye(eye), blocked), now)
+        decisions = [verdict.decision for verdict in stage.take(estimate, now)]
+        assert decisions == [Decision.ACCEPT]
+
+
+def at_limits(chance: random.Random) -> dict[str, object]:
+    """Return some numbers of the stages at the ends of their ranges."""
+    values: dict[str, object] = {}
+    for node in ('segmenter', 'denoise', 'identifier', 'reject'):
+        entries = getattr(LineParameters(), node).entries()
+        for name in chance.sample(sorted(entries), min(len(entries), chance.randrange(1, 6))):
+            default, allowed = entries[name].default, describe(entries[name])
+            limit = chance.choice([allowed.minimum, allowed.maximum])
+            if isinstance(default, bool | str) or not math.isfinite(limit):
+                continue
+            kind = int if isinstance(default, int) else float
+            whole = (kind(limit),) * len(default) if isinstance(default, tuple) else kind(limit)
+            values[f'{node}.{name}'] = whole
+    values['identifier.estimator'] = chance.choice(list(ESTIMATORS))
+    return values
+
+
+def weigh_at_limits(recording: Recording, count: int) -> Counter[str]:
+    """Weigh a line with parameters at their limits; return how often it was refused, or weighed."""
+    told: Counter[str] = Counter()
+    for seed in range(count):
+        values = at_limits(random.Random(seed))
+        try:
+            stages = WeighingLine(recording.load_cell, LineParameters().with_values(values))
+        except ParameterError as error:
+            told['refused' if re.fullmatch('.{,300}', str(error)) else f'{error}'] += 1
+            continue
+        weighings = stages.weigh_all(e for e in recording if isinstance(e, SampleBlock | EyeEdge))
+        for each in weighings:
+            assert each.estimate.reasons or math.isfinite(each.estimate.mass), values
+        told['run'] += 1
+        told['items'] += len(weighings)
+    return told
+
+
+def test_parameters_at_their_limits_are_refused_or_work():
+    told = weigh_at_limits(simulated(speed=1.0, masses=(MASS,), count=3), EXAMPLES or 60)
+
+    assert told.keys() == {'refused', 'run', 'items'}
+
+
+@pytest.mark.soak
+def test_many_parameters_at_their_limits():
+    line = simulated(speed=1.0, masses=(MASS,), count=5)
+    told = weigh_at_limits(line, EXAMPLES or 3000)
+    print(f'\n{dict(told)}')
+    assert told.keys() == {'refused', 'run', 'items'}
