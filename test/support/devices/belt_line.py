@@ -45,7 +45,7 @@ PARAMETERS = """
     outputs: modbus
     aed: {{port: {link}, sample_rate: 600.0, counts_per_kg: 5.0e+5, zero_counts: 100000.0,
           capacity: 7.2, weigh_length: 0.2}}
-    modbus: {{host: 127.0.0.1, port: {port}, poll_period: 0.005, max_uncertainty: 0.05,
+    modbus: {{host: 127.0.0.1, port: {port}, poll_period: 0.005, max_uncertainty: 0.02,
              longest_gap: 0.4}}
     modbus_outputs: {{host: 127.0.0.1, port: {port}, stop: 1, watchdog: 0 {outputs}}}
     rejector: {{pulse: 0.15, late_tolerance: 0.1, watchdog_time: {watchdog} {rejector}}}
@@ -57,7 +57,7 @@ class BeltLine:
 
     def __init__(
         self, folder: Path, node: Node, *, processes: bool, wiring: str = 'reject',
-        outputs: str = '', rejector: str = '', watchdog: float = 0.6,
+        outputs: str = '', rejector: str = '', watchdog: float = 0.6, spacing: float = 0.25,
     ) -> None:  # fmt: skip
         with socket.socket() as probe:
             probe.bind(('127.0.0.1', 0))
@@ -70,7 +70,7 @@ class BeltLine:
             [
                 *(sys.executable, str(MACHINE), '--port', str(self.port), '--link', str(link)),
                 *('--log', str(self.events_file), '--wiring', wiring),
-                *('--watchdog', str(watchdog)),
+                *('--watchdog', str(watchdog), '--spacing', str(spacing)),
             ],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip

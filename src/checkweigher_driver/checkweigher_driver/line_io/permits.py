@@ -13,13 +13,17 @@ from checkweigher_driver.line_io.reject_pulses import BeltTime
 
 
 class Permits:
-    """The permissions; `margin` at both ends and the shortest `pause` between them in ns."""
+    """The permissions; `margin` at both ends and the shortest `pause` between them in ns.
+
+    One that was not given before its item is there is not given at all: it would be the next one's.
+    """
 
     def __init__(self, belt: BeltTime, margin: int, pause: int) -> None:
         self._belt = belt
         self._margin = margin
         self._pause = pause
         self._windows: list[tuple[int, int]] = []  # begin and end, in the time of the belt
+        self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:
         """Let an item pass that is at the rejector from `arrival` on; False if it is there already.
@@ -47,7 +51,14 @@ class Permits:
         """Tell whether an item may pass."""
         here = self._belt.at(now)
         self._windows = [(begin, end) for begin, end in self._windows if end > here]
-        return any(begin <= here < end for begin, end in self._windows)
+        current = next((begin for begin, _ in self._windows if begin <= here), None)
+        if current is None:
+            self._given = False
+        elif not self._given:
+            self._given = here <= current + self._margin
+            if not self._given:
+                self._windows = [each for each in self._windows if each[0] != current]
+        return self._given
 
     def next_change(self, now: int) -> int | None:
         """Return when `given` changes next, ns; None if nothing is to come."""

@@ -33,6 +33,14 @@ def test_an_item_that_is_at_the_rejector_already_is_not_permitted():
     assert on(made) == []
 
 
+def test_a_permission_that_nobody_asked_for_in_time_is_not_given():
+    made, _ = permits()
+    made.permit(500 * MS, 200 * MS, 0)
+    assert not made.given(530 * MS)
+    assert not made.given(540 * MS)
+    assert made.next_change(540 * MS) is None
+
+
 def test_no_two_permissions_touch():
     made, _ = permits()
     made.permit(720 * MS, 200 * MS, 0)
