@@ -125,6 +125,12 @@ class BeltLine:
         """Return the masses of the products that `passed` or were `ejected`."""
         return [entry[3] for entry in self.events() if entry[1] == event]
 
+    def recorded(self) -> list[str]:
+        """Return what is on the belt by the record of the driver."""
+        (record,) = (self.folder / 'state' / 'checkweigher').iterdir()
+        items: list[str] = json.loads(record.read_bytes().split(b'\n')[0])[1]
+        return items
+
     def runs(self) -> bool:
         """Tell whether the belt runs."""
         states = [entry[1] for entry in self.events() if entry[1] in ('run', 'stop', 'watchdog')]
