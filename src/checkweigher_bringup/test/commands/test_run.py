@@ -5,12 +5,17 @@
 from collections.abc import Iterator
 from pathlib import Path
 import signal
+import subprocess
+import sys
+import time
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 import pytest
 from running import run_command
 from supervised_line import SupervisedLine, supervised_line
+
+from checkweigher_dsp.ros.ports import NODES
 
 
 @pytest.fixture
@@ -41,3 +46,32 @@ def test_a_line_that_cannot_start_ends_with_its_reason(tmp_path: Path):
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert 'there is no such' in line
+
+
+def test_of_two_lines_that_start_at_once_one_goes_on(tmp_path: Path):
+    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--namespace', 'twice']
+    pipe = subprocess.PIPE
+    runs = [subprocess.Popen([*words, *more], stdout=pipe, stderr=pipe, text=True)
+            for more in ((), ('--processes',))]  # fmt: skip
+    try:
+        while all(run.poll() is None for run in runs):
+            time.sleep(0.05)
+        refused, goes_on = sorted(runs, key=lambda run: run.poll() is None)
+        assert refused.returncode == 2
+        assert 'runs here already' in refused.communicate()[1].splitlines()[-1]
+        assert goes_on.stdout.readline().split()[0] == 'item'
+        assert 'ACCEPT' in goes_on.stdout.readline()
+        # A node beside those of the line, however it is started.
+        done = subprocess.run(
+            [sys.executable, '-m', NODES['reject'], '--ros-args', '-r', '__ns:=/twice'],
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert done.returncode == 2
+        assert done.stderr.count('\n') == 1
+        assert '/twice/reject runs here already' in done.stderr
+        goes_on.send_signal(signal.SIGINT)
+        assert goes_on.wait(timeout=60) == 130
+    finally:
+        for run in runs:
+            run.kill()
+            run.communicate()

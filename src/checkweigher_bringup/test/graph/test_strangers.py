@@ -6,12 +6,26 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 import time
+from typing import Any
 
 from checkweigher_msgs.msg import Verdict
-from graph import wait_for
+from graph import play, wait_for
 import pytest
+from rclpy.node import Node
 from strangers import ATTACKS, FORGED, Attack, Stranger
 from supervised_line import SupervisedLine, supervised_line
+
+from checkweigher_bringup.listening import ResultListener
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.nodes.denoise import DenoiseNode
+from checkweigher_dsp.nodes.reject import RejectNode
+from checkweigher_dsp.nodes.segmenter import SegmenterNode
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import StopRequest
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import to_message, to_record
 
 MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg, of the simulator's products
 CLOSE = 0.005  # kg
@@ -55,7 +69,7 @@ class Campaign:
         own = [verdict for verdict in (*during, *self.line.found) if verdict.item_id < FORGED]
         wrong = [verdict for verdict in own if _is_wrong(verdict)]
         if not any('verdict' in attack.name for attack in attacks):
-            assert not wrong, (attacks, wrong)
+            assert not wrong, (attacks, [(v.item_id, v.mass, v.late) for v in wrong])
             numbers = Counter(verdict.item_id for verdict in own)
             assert max(numbers.values()) == 1, (attacks, numbers)
         log = self.line.log.read_text(encoding='utf-8')
@@ -105,3 +119,69 @@ def test_fifty_kinds_of_strangers(tmp_path: Path):
             print(f'{attack.name}: {time.monotonic() - began:.0f} s', flush=True)
         assert line.end() == 130
     print(f'\n{len(ATTACKS)} kinds: {dict(campaign.counts)}')
+
+
+class OwnIdentifier(Node):
+    """A user's node in the place of the identifier."""
+
+    def __init__(self) -> None:
+        super().__init__('my_identifier')
+        self._identifier = Identifier(IdentifierParameters())
+        port = ports.MASS_ESTIMATE
+        self._estimates = self.create_publisher(port.type, port.name, port.qos)
+        port = ports.DENOISED_WINDOW
+        self.create_subscription(port.type, port.name, self._on_window, port.stage_qos)
+
+    def _on_window(self, message: Any) -> None:
+        estimate = self._identifier.estimate(to_record(ports.DENOISED_WINDOW, message))
+        self._estimates.publish(to_message(ports.MASS_ESTIMATE, estimate))
+
+
+@pytest.mark.parametrize('allowed', ['my_identifier', ''])
+def test_a_node_in_the_place_of_a_stage_works_if_it_is_allowed(allowed: str):
+    with spinning('own') as spinner:
+        listener = ResultListener('listener', from_start=False)
+        reject = RejectNode({'deadlines': False, 'allowed_publishers': allowed})
+        for node in (SegmenterNode(), DenoiseNode(), OwnIdentifier(), reject, listener):
+            spinner.add(node)  # one by one, so that everything goes over DDS
+        reasons = {weighing.verdict.reasons for weighing in play(spinner, listener)}
+    assert reasons == {() if allowed else ('ForeignPublisher',)}
+
+
+class StoppedDriver(DriverNode):
+    """A driver that shows the requests that it takes and those that it refuses."""
+
+    def __init__(self) -> None:
+        self.taken: list[StopRequest | None] = []
+        self.refused: list[str] = []
+        super().__init__({'autostart': False})
+
+    def _on_stop_request(self, request: StopRequest | None) -> None:
+        super()._on_stop_request(request)
+        self.taken.append(request)
+
+    def refuse(self, port: ports.Port, error: Exception) -> None:
+        super().refuse(port, error)
+        self.refused.append(str(error))
+
+
+def test_leave_to_run_comes_from_reject_alone():
+    with spinning('stopped') as spinner:
+        driver, reject, stranger = StoppedDriver(), Node('reject'), Node('stranger')
+        for node in (driver, reject, stranger):
+            spinner.add(node)
+        port = ports.STOP_REQUEST
+        own = reject.create_publisher(port.type, port.name, port.qos)
+        wait_for(own.get_subscription_count)
+        stop = StopRequest(StopReason.TOO_MANY_REJECTS, 7)
+        own.publish(to_message(port, stop))
+        wait_for(lambda: driver.taken == [stop])
+        other = stranger.create_publisher(port.type, port.name, port.qos)
+        wait_for(other.get_subscription_count)
+        other.publish(to_message(port, None))
+        wait_for(lambda: bool(driver.refused))
+        assert driver.taken == [stop]
+        own.publish(to_message(port, None))
+        wait_for(lambda: len(driver.refused) == 2)  # which of the two it comes from is not known
+        spinner.remove(stranger)
+        wait_for(lambda: driver.taken == [stop, None])

@@ -90,14 +90,13 @@ class Makers:
         """Return whether a message that came at `received`, ns, may be that of a stranger."""
         if self._matched is None:
             return False
-        status = self._matched.take_event()
-        if self.strangers or status.total_count_change or status.current_count_change:
-            self.look()
-            passed = self._count_passed(status)
-            if passed:
-                self.passed = time.monotonic()
-            if passed or self.strangers:
-                self._doubted_until = time.time_ns()
+        self.look()
+        # DDS counts a connection after it has made it: the list knows before, the count afterwards.
+        passed = self._count_passed(self._matched.take_event())
+        if passed:
+            self.passed = time.monotonic()
+        if passed or self.strangers:
+            self._doubted_until = time.time_ns()
         if time.time_ns() < self._doubted_until:
             self._doubted_until = 0  # the clock was set back
         return received <= self._doubted_until
