@@ -22,3 +22,10 @@ def children(pid: int) -> list[int]:
     """Return the processes that a process has started and that have not ended."""
     threads = Path(f'/proc/{pid}/task').iterdir()
     return [int(child) for path in threads for child in (path / 'children').read_text().split()]
+
+
+def resident_memory(pid: int, field: str = 'VmRSS') -> int:
+    """Return the memory of a process in kB, or with 'VmHWM' the most that it had."""
+    status = Path(f'/proc/{pid}/status').read_text(encoding='ascii')
+    fields = dict(line.split(':', 1) for line in status.splitlines())
+    return int(fields[field].split()[0])

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 import gc
+import os
 from pathlib import Path
 import sys
 import time
@@ -13,7 +14,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import StreamStatus
 import numpy as np
-from processes import LINE, parameter_file
+from processes import LINE, parameter_file, resident_memory
 import pytest
 from rclpy.node import Node
 
@@ -35,6 +36,9 @@ SETTLED = 7_000  # items, 80 s: results are kept for 1,000, and the reject stage
 # kB from then to the end. An entry in a dict that is kept of each of 18,000 items is 1,800,
 # a record 9,000; an allocator that takes another piece now and then comes to some hundreds.
 MAX_GROWTH = 1_500
+# Two hours: CHECKWEIGHER_SOAK_SECONDS=7200.
+SECONDS, LONG_RATE = float(os.environ.get('CHECKWEIGHER_SOAK_SECONDS', '300')), 10.0
+MOST_MEMORY = 1_000_000  # kB
 PATIENCE = 60.0  # s without a verdict
 PERIOD = 1.0  # s, between two looks at the memory
 
@@ -73,9 +77,7 @@ class Memory:
         """Note what each process has now."""
         self.items.append(items)
         for name, process in self._processes.items():
-            status = Path(f'/proc/{process.pid}/status').read_text(encoding='ascii')
-            fields = dict(line.split(':', 1) for line in status.splitlines())
-            self.resident[name].append(int(fields['VmRSS'].split()[0]))
+            self.resident[name].append(resident_memory(process.pid))
 
     def growth(self, name: str) -> int:
         """Return the growth from the settled line to the end, kB."""
@@ -99,13 +101,15 @@ class Memory:
 
 
 @contextmanager
-def line(folder: Path, count: int, *, one_process: bool) -> Iterator[dict[str, Process]]:
+def line(
+    folder: Path, count: int, rate: float, *, one_process: bool
+) -> Iterator[dict[str, Process]]:
     """Run the line on the simulator, faster than real time."""
     source = {f'simulator.{name}': value for name, value in CLOSE.items()}
     file = parameter_file(
         folder / 'parameters.yaml',
         {
-            'driver': {'rate': RATE, 'simulator.count': count, **source},
+            'driver': {'rate': rate, 'simulator.count': count, **source},
             'reject': {'deadlines': False},
         },
     )
@@ -128,13 +132,15 @@ def offline(count: int) -> Iterator[Verdict]:
         yield result.verdict
 
 
-def shift(folder: Path, count: int, *, one_process: bool) -> tuple[list[Verdict], Memory]:
+def shift(
+    folder: Path, count: int, rate: float = RATE, *, one_process: bool
+) -> tuple[list[Verdict], Memory]:
     """Run the line to its end and return its verdicts in order of entry."""
     begin = time.monotonic()
     with spinning() as spinner:
         witness = Witness()
         spinner.add(witness)
-        with line(folder, count, one_process=one_process) as processes:
+        with line(folder, count, rate, one_process=one_process) as processes:
             memory = Memory(processes)
             judged, heard = 0, time.monotonic()
             while not witness.finished:
@@ -216,3 +222,16 @@ def test_no_node_keeps_an_object_of_each_item():
     )
     assert (judged[1:] == 1).all()
     assert slope < 0.1  # what is kept of each item is at least 1
+
+
+@pytest.mark.soak
+def test_hours_at_ten_times_the_pace(tmp_path: Path):
+    spacing, speed = float(str(CLOSE['spacing'])), float(str(CLOSE['speed']))
+    count = round(SECONDS * LONG_RATE * speed / spacing)
+
+    _, memory = shift(tmp_path, count, LONG_RATE, one_process=False)
+
+    print(memory.report())
+    for name, resident in memory.resident.items():
+        assert max(resident) < MOST_MEMORY, memory.report()
+        assert memory.growth(name) < 0.1 * resident[-1], f'{name} grows\n{memory.report()}'
