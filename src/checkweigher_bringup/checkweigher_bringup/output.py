@@ -36,9 +36,9 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 
 
 def warn_unfinished(recording: Recording) -> None:
-    """Print a line on stderr if a recording is only the beginning of one."""
-    if recording.unfinished:
-        print(one_line(recording.unfinished), file=sys.stderr, flush=True)
+    """Print a line on stderr if a recording is only the beginning of one, or may be damaged."""
+    for text in filter(None, (recording.unfinished, recording.doubt)):
+        print(one_line(text), file=sys.stderr, flush=True)
 
 
 def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:

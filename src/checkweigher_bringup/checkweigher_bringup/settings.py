@@ -4,6 +4,7 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
+import math
 from pathlib import Path
 import re
 
@@ -47,9 +48,9 @@ def check_namespace(name: str) -> str:
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:
-    """Raise UserError if a number that one of the options gives is not above 0."""
+    """Raise UserError if a number that one of the options gives is not above 0 and finite."""
     for name in names:
         given = getattr(arguments, name)
         for value in given if isinstance(given, list) else [given]:
-            if value is not None and not value > 0:
-                raise UserError(f'--{name.replace("_", "-")} {value}: must be above 0')
+            if value is not None and not 0 < value < math.inf:
+                raise UserError(f'--{name.replace("_", "-")} {value}: must be above 0 and finite')

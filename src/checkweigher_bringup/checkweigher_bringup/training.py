@@ -68,7 +68,7 @@ def _read_bag(
     recording = read_bag(bag, lane, progress=progress)
     events = chain(recording.references, join_recording(recording))
     passes = known_passes(recording.load_cell, events, segmenter)
-    return recording.load_cell, passes, recording.unfinished
+    return recording.load_cell, passes, recording.unfinished or recording.doubt
 
 
 def train(

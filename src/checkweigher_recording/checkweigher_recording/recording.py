@@ -14,6 +14,8 @@ from checkweigher_dsp.records import EyeEdge, LoadCell, Reference, SampleBlock
 
 Event = SampleBlock | EyeEdge | Reference
 
+_AT_A_TIME = 1 << 14  # blocks
+
 
 def canonical_order(event: Event) -> tuple[float, ...]:
     """Return the key that sorts events: by stamp, at equal stamps edge, reference, samples.
@@ -42,6 +44,8 @@ class Recording:
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
     # How far it was read, in one line, if it is the beginning of a recording that broke off.
     unfinished: str = ''
+    # Why it may hold what was not recorded, in one line.
+    doubt: str = ''
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
@@ -78,6 +82,13 @@ class BlockColumns(Sequence[SampleBlock]):
         """Position in `counts` of the first sample of each block."""
         return np.cumsum(self.lengths) - self.lengths
 
+    @property
+    def size(self) -> int:
+        """Bytes that the columns take."""
+        return sum(
+            column.nbytes for column in (self.stamps, self.first_indices, self.lengths, self.counts)
+        )
+
     @classmethod
     def of(cls, blocks: Sequence[SampleBlock]) -> 'BlockColumns':
         """Return blocks, in their order, as columns."""
@@ -106,11 +117,15 @@ class BlockColumns(Sequence[SampleBlock]):
         if np.array_equal(order, np.arange(len(self))):
             return self
         lengths = self.lengths[order]
-        moved = self.begins[order] - (np.cumsum(lengths) - lengths)
-        places = np.repeat(moved, lengths) + np.arange(np.sum(lengths))
-        return BlockColumns(
-            self.stamps[order], self.first_indices[order], lengths, self.counts[places]
-        )
+        ends = np.cumsum(lengths)
+        moved = self.begins[order] - (ends - lengths)
+        counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
+        for first in range(0, len(order), _AT_A_TIME):  # the places take more than the samples
+            some = slice(first, first + _AT_A_TIME)
+            begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
+            places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
+            counts[begin:end] = self.counts[places]
+        return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
     def in_canonical_order(self) -> 'BlockColumns':
         """Return the blocks by stamp and first index; those of equal ones stay in their order."""
@@ -124,8 +139,10 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for stamp, first, begin, end in zip(*(column.tolist() for column in columns), strict=True):
-            yield SampleBlock(stamp, first, self.counts[begin:end])
+        for number in range(0, len(self), _AT_A_TIME):  # as Python's, the numbers take four times
+            some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
+            for stamp, first, begin, end in zip(*some, strict=True):
+                yield SampleBlock(stamp, first, self.counts[begin:end])
 
     @overload
     def __getitem__(self, number: int) -> SampleBlock: ...

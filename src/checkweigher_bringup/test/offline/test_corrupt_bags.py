@@ -3,23 +3,22 @@
 """Damaged bags: one line that says so, or the right masses; never other ones."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import csv
 import os
 from pathlib import Path
 import random
 import shutil
 
+from hostile_bags import Damage, as_sqlite, doubled, flipped, removed, zeroed
 from lines import simulated
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin
-from rosbags.rosbag2 import Writer as Bag
 from running import run_command
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.bags.definitions import BagError, typestore
+from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.accuracy.results import weigh
@@ -28,8 +27,6 @@ EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 PARAMETERS = LineParameters().with_estimator('mean')
 CUTS = 200
 CHUNK = 4096  # bytes, so that the file has several
-
-Damage = Callable[[bytes, random.Random], bytes]
 
 
 def masses_of(path: Path) -> list[tuple[object, ...]]:
@@ -94,37 +91,6 @@ def copy(request: pytest.FixtureRequest, bag: Path, tmp_path: Path) -> tuple[Pat
     return path, path
 
 
-def flipped(data: bytes, chance: random.Random) -> bytes:
-    """Return the data with one to three bits flipped."""
-    damaged = bytearray(data)
-    for _ in range(chance.choice([1, 1, 1, 2, 3])):
-        damaged[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
-    return bytes(damaged)
-
-
-def _range(data: bytes, chance: random.Random) -> tuple[int, int]:
-    begin = chance.randrange(len(data))
-    return begin, min(len(data), begin + chance.choice([1, 8, 40, 512, 4096]))
-
-
-def zeroed(data: bytes, chance: random.Random) -> bytes:
-    """Return the data with zeros in a range, as a lost sector leaves them."""
-    begin, end = _range(data, chance)
-    return data[:begin] + bytes(end - begin) + data[end:]
-
-
-def doubled(data: bytes, chance: random.Random) -> bytes:
-    """Return the data with a range twice."""
-    begin, end = _range(data, chance)
-    return data[:end] + data[begin:]
-
-
-def removed(data: bytes, chance: random.Random) -> bytes:
-    """Return the data without a range."""
-    begin, end = _range(data, chance)
-    return data[:begin] + data[end:]
-
-
 def record_bounds(data: bytes) -> Iterator[int]:
     """Yield where the records of an MCAP file begin."""
     position = 8
@@ -179,14 +145,7 @@ def test_a_cut_bag_is_refused(copy: tuple[Path, Path], whole: list[tuple[object,
 def test_a_cut_sqlite_bag_is_refused_or_gives_the_right_masses(
     bag: Path, whole: list[tuple[object, ...]], tmp_path: Path
 ):
-    path = tmp_path / 'sqlite'
-    with Reader(bag) as reader, Bag(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as new:
-        known = {
-            c.id: new.add_connection(c.topic, c.msgtype, typestore=typestore())
-            for c in reader.connections
-        }
-        for connection, stamp, data in reader.messages():
-            new.write(known[connection.id], stamp, data)
+    path = as_sqlite(bag, tmp_path / 'sqlite')
     assert outcome(path, whole) == 'right'
     (file,) = path.glob('*.db3')
     data = file.read_bytes()

@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.ros import conversion
 from checkweigher_dsp.ros.ports import ALL, Port
+from checkweigher_recording.bags.bounds import LARGEST_DEFINITION
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
 _STORE = get_typestore(Stores.EMPTY)
@@ -99,6 +100,11 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
         raise BagError(
             f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
             f'{port.message_type}'
+        )
+    if len(connection.msgdef.data) > LARGEST_DEFINITION:
+        raise BagError(
+            f'{path}: topic {connection.topic} has a definition of {len(connection.msgdef.data)} '
+            f'bytes; the most is {LARGEST_DEFINITION}'
         )
     here = typestore([port]).hash_rihs01(port.message_type)
     for there in (connection.digest, _type_hash(connection.msgdef, port)):

@@ -14,20 +14,24 @@ from checkweigher_recording.bags.definitions import deserialize, typestore
 from checkweigher_recording.recording import BlockColumns
 
 _LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
-_BATCH_SIZE = 4096  # messages that are kept until they are decoded together
+# Messages that are kept until they are decoded together, and their bytes.
+_BATCH_SIZE, _BATCH_BYTES = 4096, 1 << 24
 
 
 class SampleDecoder:
     """Decode messages of type LoadCellSamples."""
 
     def __init__(self) -> None:
+        self.size = 0  # bytes, of the blocks that were decoded
         self._messages: list[bytes] = []
+        self._bytes = 0
         self._decoded: list[BlockColumns] = []
 
     def add(self, message: bytes) -> None:
         """Take a message; an exception says that this one, or one before, cannot be decoded."""
         self._messages.append(message)
-        if len(self._messages) == _BATCH_SIZE:
+        self._bytes += len(message)
+        if len(self._messages) == _BATCH_SIZE or self._bytes > _BATCH_BYTES:
             self._decode_batch()
 
     def blocks(self) -> BlockColumns:
@@ -36,7 +40,7 @@ class SampleDecoder:
         return BlockColumns.concatenate(self._decoded)
 
     def _decode_batch(self) -> None:
-        messages, self._messages = self._messages, []
+        messages, self._messages, self._bytes = self._messages, [], 0
         sizes = np.fromiter(map(len, messages), np.int64, len(messages))
         parts: list[BlockColumns] = []
         numbers = np.zeros(0, np.int64)  # of the messages whose blocks are in `parts`
@@ -51,6 +55,7 @@ class SampleDecoder:
         )
         order = np.argsort(np.append(numbers, rest))
         self._decoded.append(BlockColumns.concatenate(parts).take(order))
+        self.size += self._decoded[-1].size
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:

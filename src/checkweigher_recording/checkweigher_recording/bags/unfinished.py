@@ -2,17 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording without an end, because its recorder was killed: the messages that are there."""
 
+from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from itertools import zip_longest
+from mmap import ACCESS_READ, MADV_DONTNEED, mmap
+import os
 from pathlib import Path
 import re
 
-from mcap.data_stream import RecordBuilder
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd, Footer, McapRecord, Message, Schema
-from mcap.stream_reader import MAGIC_SIZE, StreamReader
+from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema
+from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -20,12 +23,20 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
+from checkweigher_dsp.input_files import open_input
+from checkweigher_recording.bags.bounds import (
+    LARGEST_FILE,
+    LARGEST_RECORD,
+    MOST_DEFINITIONS,
+    decompress,
+)
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import MAGIC
+from checkweigher_recording.bags.integrity import RECORD_HEAD as _HEAD_SIZE
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
-_HEAD_SIZE = 9  # bytes, opcode and length of a record
 _LONGEST = 1 << 20  # bytes of a record that is neither chunk nor index
+_PAGE = 1 << 26  # bytes of a file that are in memory at a time, about
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,
@@ -115,12 +126,16 @@ class _Part:
     def __init__(self, path: Path) -> None:
         self.ended = False
         self.damage = ''
-        self._data = path.read_bytes()
-        self._places: list[tuple[int, int]] = []  # begin and end of records with messages
+        with open_input(path, LARGEST_FILE) as file:
+            # An empty file cannot be mapped.
+            empty = not os.fstat(file.fileno()).st_size
+            self._data = b'' if empty else mmap(file.fileno(), 0, access=ACCESS_READ)
+        self._places = array('Q')  # begin and end of each record with messages
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
-        if not self._data.startswith(MAGIC[: len(self._data)]):
+        self._definitions = 0  # bytes
+        if not MAGIC.startswith(self._data[: len(MAGIC)]):
             raise BagError(f'{path}: not an MCAP file: its first bytes are others')
         try:
             self._scan()
@@ -133,8 +148,8 @@ class _Part:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages."""
-        for begin, end in self._places:
-            for record in _records(self._data[begin:end]):
+        for begin, end in zip(self._places[::2], self._places[1::2], strict=True):
+            for record in _records(self._record(begin, end)):
                 if isinstance(record, Message):
                     yield record
 
@@ -154,18 +169,30 @@ class _Part:
         if bad_chunk and self.ended:
             raise _DamageError(f'wrong check sum of the chunk at byte {bad_chunk}')
 
+    def _record(self, begin: int, end: int) -> bytes:
+        if end - begin > LARGEST_RECORD:
+            raise _DamageError(f'a record of {end - begin} bytes at byte {begin}')
+        if isinstance(self._data, mmap) and begin // _PAGE != end // _PAGE:
+            self._data.madvise(MADV_DONTNEED)
+        return self._data[begin:end]
+
     def _take(self, begin: int, end: int) -> None:
         """Take what stands in a record: all or nothing."""
-        records = _records(self._data[begin:end])
+        records = _records(self._record(begin, end))
         channels = {record.id: record for record in records if isinstance(record, Channel)}
         counts = Counter(record.channel_id for record in records if isinstance(record, Message))
         if not counts.keys() <= self._channels.keys() | channels.keys():
             raise _DamageError('a message without its channel')
+        for record in records:
+            if isinstance(record, Schema | Channel):
+                self._definitions += len(str(record))
+        if self._definitions > MOST_DEFINITIONS:
+            raise _DamageError('too many topics')
         self._schemas |= {record.id: record for record in records if isinstance(record, Schema)}
         self._channels |= channels
         self._counts += counts
         if counts:
-            self._places.append((begin, end))
+            self._places.extend((begin, end))
         self.ended = any(isinstance(record, DataEnd) for record in records)
 
     def _connection(self, channel: Channel) -> Connection:
@@ -182,9 +209,9 @@ class _Part:
         )  # fmt: skip
 
 
-def _places(data: bytes) -> Iterator[tuple[int, int]]:
+def _places(data: bytes | mmap) -> Iterator[tuple[int, int]]:
     """Yield begin and end of each whole record of the data section."""
-    position, written = MAGIC_SIZE, len(data.rstrip(b'\0'))
+    position, written = MAGIC_SIZE, _written(data)
     while position + _HEAD_SIZE <= len(data):
         begin, position = position, position + _HEAD_SIZE
         length = int.from_bytes(data[begin + 1 : position], 'little')
@@ -201,7 +228,15 @@ def _places(data: bytes) -> Iterator[tuple[int, int]]:
             return
 
 
-def _is_record(data: bytes, begin: int, length: int, size: int) -> bool:
+def _written(data: bytes | mmap) -> int:
+    """Return the length of the data without the zeros at their end."""
+    end = len(data)
+    while end and not (last := data[max(end - _PAGE, 0) : end].rstrip(b'\0')):
+        end = max(end - _PAGE, 0)
+    return max(end - _PAGE, 0) + len(last) if end else 0
+
+
+def _is_record(data: bytes | mmap, begin: int, length: int, size: int) -> bool:
     """Tell whether the length that a record states agrees with the lengths inside it.
 
     A wrong length would hide all records behind it: the file would seem to be cut there. Of `data`
@@ -235,6 +270,11 @@ def _records(record: bytes) -> list[McapRecord]:
 
     A wrong check sum, or bytes that cannot be parsed, raise an exception.
     """
+    if record[0] == Opcode.CHUNK:
+        chunk = Chunk.read(ReadDataStream(BytesIO(record[_HEAD_SIZE:])))
+        chunk.data = decompress(chunk.compression, chunk.data, chunk.uncompressed_size)
+        chunk.compression = ''
+        return breakup_chunk(chunk, validate_crc=True)
     # A reader wants an end.
     builder = RecordBuilder()
     Footer(0, 0, 0).write(builder)

@@ -5,12 +5,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 import json
-import math
 from pathlib import Path
 from typing import Any
 
 from checkweigher_dsp.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
+
+_LARGEST, _LARGEST_NUMBER = 16 << 20, 1e15  # bytes; of a row, a mass or a rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +37,13 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
         If the file cannot be read or does not hold that.
     """
     try:
-        content = json.loads(read_text(path, 'utf-8'))
+        content = json.loads(read_text(path, 'utf-8', _LARGEST))
     except json.JSONDecodeError as error:
         raise CsvError(f'{path}:{error.lineno}: not JSON: {error.msg}') from None
     except RecursionError:
         raise CsvError(f'{path}: not an edges file: nested too deeply') from None
+    except ValueError as error:  # a number of thousands of digits
+        raise CsvError(f'{path}: not an edges file: {error}') from None
     if not isinstance(content, dict):
         raise CsvError(f'{path}: not an edges file: no object with a list for each eye')
     switches = tuple(
@@ -92,4 +95,6 @@ def _sample_rate(path: Path, content: dict[str, Any]) -> float | None:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -_LARGEST_NUMBER < value < _LARGEST_NUMBER  # NaN is not

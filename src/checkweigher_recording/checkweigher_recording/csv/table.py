@@ -2,13 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Columns of numbers from a CSV file, and the lines of errors in it."""
 
-from collections.abc import Mapping
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from checkweigher_dsp.input_files import read_input
+
+_LARGEST, _MOST_LINES = 100 << 20, 4_000_000  # bytes; an hour at 1 kHz
 
 
 class CsvError(ValueError):
@@ -21,11 +26,11 @@ class Table:
 
     path: Path
     columns: dict[str, NDArray[np.float64]]
-    _line_numbers: list[int]
+    _line_numbers: 'array[int]'  # from 0
 
     def place(self, row: int) -> str:
         """Return file and line number of a row from 0, for error messages."""
-        return f'{self.path}:{self._line_numbers[row]}'
+        return f'{self.path}:{self._line_numbers[row] + 1}'
 
 
 def read_table(
@@ -41,28 +46,29 @@ def read_table(
     CsvError
         If the file cannot be read, lacks a column or holds something that is not a number.
     """
-    text = read_text(path, 'utf-8-sig').splitlines()
-    lines = {number: line for number, line in enumerate(text, 1) if line.strip()}
-    if not lines:
+    lines = read_text(path, 'utf-8-sig', _LARGEST).splitlines()
+    if len(lines) > _MOST_LINES:
+        raise CsvError(f'{path}: more than {_MOST_LINES} lines; cut it into shorter logs')
+    numbers = array('q', (number for number, line in enumerate(lines) if line.strip()))
+    if not numbers:
         raise CsvError(f'{path}: empty')
-    first = min(lines)
-    cells = _cells(lines[first], delimiter)
+    cells = _cells(lines[numbers[0]], delimiter)
     header = [] if all(_is_number(cell, decimal) for cell in cells) else cells
     if header:
-        del lines[first]
+        del numbers[0]
     places = [_column(path, use, name, header, len(cells)) for use, name in columns.items()]
-    values = _parse(path, lines, places, delimiter, decimal)
-    table = Table(path, dict(zip(columns, values.T, strict=True)), list(lines))
+    values = _parse(path, lines, numbers, places, delimiter, decimal)
+    table = Table(path, dict(zip(columns, values.T, strict=True)), numbers)
     broken = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(broken):
         raise CsvError(f'{table.place(int(broken[0]))}: a value is not finite')
     return table
 
 
-def read_text(path: Path, encoding: str) -> str:
-    """Read a text file; CsvError if that is not possible."""
+def read_text(path: Path, encoding: str, largest: int) -> str:
+    """Read a text file of at most so many bytes; CsvError if that is not possible."""
     try:
-        return path.read_text(encoding=encoding)
+        return read_input(path, largest).decode(encoding)
     except OSError as error:
         raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
     except UnicodeDecodeError as error:
@@ -72,7 +78,10 @@ def read_text(path: Path, encoding: str) -> str:
 def _cells(line: str, delimiter: str | None) -> list[str]:
     if delimiter is None:
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    except csv.Error:
+        return [line]  # a cell without an end, which is no number
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -100,21 +109,25 @@ def _column(path: Path, use: str, name: str, header: list[str], width: int) -> i
 
 
 def _parse(
-    path: Path, lines: Mapping[int, str], places: list[int], delimiter: str | None, decimal: str
-) -> NDArray[np.float64]:
-    """Return the columns at some places of lines, by their numbers: (n, m) float64."""
-    if not lines:
+    path: Path, lines: Sequence[str], numbers: 'array[int]', places: list[int],
+    delimiter: str | None, decimal: str,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return the columns at some places of the lines with these numbers: (n, m) float64."""
+    if not numbers:
         raise CsvError(f'{path}: no rows below the header')
-    rows = [line.replace(decimal, '.') for line in lines.values()]
+
+    def rows() -> Iterator[str]:
+        return (lines[number].replace(decimal, '.') for number in numbers)
+
     try:
         return np.loadtxt(
-            rows, delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
+            rows(), delimiter=delimiter, usecols=places, ndmin=2, comments=None, quotechar='"'
         )
     except ValueError as error:
         # The error counts rows, not lines, and from another one on.
-        for number, row in zip(lines, rows, strict=True):
+        for number, row in zip(numbers, rows(), strict=True):
             if problem := _problem(_cells(row, delimiter), places):
-                raise CsvError(f'{path}:{number}: {problem}') from None
+                raise CsvError(f'{path}:{number + 1}: {problem}') from None
         raise CsvError(f'{path}: {error}') from None
 
 
