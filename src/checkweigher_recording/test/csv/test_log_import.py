@@ -230,7 +230,10 @@ def test_an_edges_file_that_cannot_be_used(tmp_path, changes, message):
     assert str(caught.value).startswith(str(edges))
 
 
-@pytest.mark.parametrize(('text', 'message'), [('{', ':1: not JSON'), ('[]', 'not an edges file')])
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [('{', ':1: not JSON'), ('[]', 'not an edges file'), ('[' + '9' * 6000 + ']', 'digits')],
+)
 def test_an_edges_file_that_is_none(tmp_path, text, message):
     edges = tmp_path / 'log.edges.json'
     edges.write_text(text)
