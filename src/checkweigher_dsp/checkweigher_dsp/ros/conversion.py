@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cache, partial
-import math
 from operator import attrgetter
 from typing import Any, cast, get_args, get_origin, get_type_hints
 
@@ -44,7 +43,7 @@ class _Form:
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
     """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
-    weighed = message.status == _WEIGHED and not math.isnan(estimate.mass)
+    weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 

@@ -201,8 +201,9 @@ def test_what_is_not_known_of_a_fault_stays_unknown():
 
 def test_a_message_that_was_not_filled_in_is_no_mass_and_no_acceptance():
     assert to_record(ports.MASS_ESTIMATE, messages.MassEstimate()).reasons == ('Unknown',)
-    weighed = messages.MassEstimate(status=1, mass=float('nan'))
-    assert to_record(ports.MASS_ESTIMATE, weighed).reasons == ('Unknown',)
+    for mass in (float('nan'), float('inf'), 1e308, 0.0, -0.1):
+        weighed = messages.MassEstimate(status=1, mass=mass)
+        assert to_record(ports.MASS_ESTIMATE, weighed).reasons == ('Unknown',)
     assert to_record(ports.VERDICT, messages.Verdict()).decision is Decision.FAULT
     assert to_record(ports.VERDICT, messages.Verdict(decision=99)).decision is Decision.FAULT
     assert to_record(ports.STOP_REQUEST, messages.StopRequest()).reason is StopReason.UNKNOWN
