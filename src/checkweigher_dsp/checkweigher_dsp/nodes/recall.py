@@ -11,6 +11,7 @@ from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 # already, and a number another item: rather than that, what waits too long for the rejector is a
 # FAULT. Where edges come and no status, the driver is one of another make, without the service.
 _NO_ANSWER, _NO_STATUS, _NO_EDGES = 30.0, 1.0, 5.0
+_LOST_ANSWER = 2.0  # s, after which the driver is asked again
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
 
 
@@ -19,12 +20,12 @@ class Recall:
     """One question to the driver, and what comes while the answer is not there."""
 
     driver_heard: bool = False  # it has said what stream this is
-    asked: bool = False
     ended: bool = False  # the driver has said that the stream is over
     # What is kept back, edges with the time at which they came.
     edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
     estimates: list[MassEstimate] = field(default_factory=list)
     history: LineHistory | None = None  # the answer
+    _asked: float | None = None
     _began: float | None = None
     _answered: float | None = None
 
@@ -41,6 +42,17 @@ class Recall:
     def begin(self) -> None:
         """Keep back what comes from now on."""
         self._began = time.monotonic() if self._began is None else self._began
+
+    @property
+    def may_ask(self) -> bool:
+        """Whether the driver is to be asked, or asked again: DDS loses an answer at times."""
+        if not self.driver_heard or self._answered is not None:
+            return False
+        return self._asked is None or time.monotonic() - self._asked > _LOST_ANSWER
+
+    def ask(self) -> None:
+        """Take that the driver is asked."""
+        self._asked = time.monotonic()
 
     def answer(self, history: LineHistory | None) -> None:
         """Take the answer, None if there will be none."""

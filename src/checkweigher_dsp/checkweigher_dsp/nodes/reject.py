@@ -202,8 +202,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         recall = self._recall
         if recall is None:
             return
-        if recall.driver_heard and not recall.asked and self._driver_hears():
-            recall.asked = True
+        if recall.may_ask and self._driver_hears():
+            recall.ask()
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
         status, edges = map(self.count_publishers, (self._status_topic, self._eyes_topic))
