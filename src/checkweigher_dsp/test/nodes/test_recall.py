@@ -136,6 +136,7 @@ def test_what_is_judged_before_the_answer_comes_does_not_push_up_the_numbers_of_
     edges = tuple(what for _, what in timed if isinstance(what, EyeEdge))
     estimates = [what for _, what in timed if isinstance(what, MassEstimate)]
     stage = RejectStage(PARAMETERS, BELT)
+    assert [v for edge in edges[16:] for v in stage.add_edge(edge)] == []
     (judged,) = stage.add_estimate(estimates[4])
 
     missed = stage.recall(LineHistory(1, edges[-1].stamp, 0, edges))
