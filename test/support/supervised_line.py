@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A line under the command `run`, each node in a process of its own."""
+"""A line under the command `run`, in one process or in one for each node."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -40,7 +40,9 @@ PARAMETERS = """
 class SupervisedLine:
     """A line under `run`, and what a listener has heard of it."""
 
-    def __init__(self, folder: Path, listener: Node, spinner: Spinner, more: str) -> None:
+    def __init__(
+        self, folder: Path, listener: Node, spinner: Spinner, more: str, *, processes: bool
+    ) -> None:
         self.listener, self.spinner = listener, spinner
         self.verdicts = heard(listener, ports.VERDICT, latched=True)
         self.edges = heard(listener, ports.PHOTO_EYES)
@@ -51,8 +53,9 @@ class SupervisedLine:
         with self.log.open('w', encoding='utf-8') as file:
             self.command = subprocess.Popen(
                 [
-                    *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--processes'),
+                    *(sys.executable, '-m', 'checkweigher_bringup.cli', 'run'),
                     *('--namespace', 'running', '--params', str(parameters)),
+                    *(['--processes'] if processes else []),
                 ],
                 stdout=file,
                 stderr=file,
@@ -107,11 +110,13 @@ class SupervisedLine:
 
 
 @contextmanager
-def supervised_line(folder: Path, more: str = '') -> Iterator[SupervisedLine]:
+def supervised_line(
+    folder: Path, more: str = '', *, processes: bool = True
+) -> Iterator[SupervisedLine]:
     """Run a line, with more parameters, for as long as the block lasts."""
     with spinning('running') as spinner:
         listener = Node('listener')
-        line = SupervisedLine(folder, listener, spinner, more)
+        line = SupervisedLine(folder, listener, spinner, more, processes=processes)
         spinner.add(listener)
         try:
             yield line

@@ -183,8 +183,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _look_after_machine(self) -> None:
         """Report trouble of the machine when it changes; stop the line that gets no verdicts."""
-        name = self.resolve_topic_name(ports.STOP_REQUEST.name)
-        if self._outputs.exist and self.count_publishers(name) == 0:
+        if self._outputs.exist and not self._requests.has_maker():
             self._outputs.lose_request()
         self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
 

@@ -12,6 +12,7 @@ from checkweigher_msgs.msg import Verdict
 from graph import play, wait_for
 import pytest
 from rclpy.node import Node
+from running import PATIENCE
 from strangers import ATTACKS, FORGED, Attack, Stranger
 from supervised_line import SupervisedLine, supervised_line
 
@@ -19,13 +20,14 @@ from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import StopRequest
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message, to_record
+from checkweigher_dsp.ros.conversion import stamp_from, to_message, to_record
 
 MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg, of the simulator's products
 CLOSE = 0.005  # kg
@@ -44,6 +46,7 @@ class Campaign:
         self.line = line
         self.spinner = line.spinner
         self.counts: Counter[str] = Counter()
+        self.stamps: set[int] = set()  # of edges, ns
         line.judge_until(Verdict.ACCEPT)
 
     def run(self, attacks: Sequence[Attack], seconds: float) -> None:
@@ -83,11 +86,24 @@ class Campaign:
     def _recover(self) -> None:
         """Wait for the second item that is weighed, and demand that those after it are."""
         for _ in range(2):
-            self.line.judge_until(Verdict.ACCEPT)
-        begin = len(self.line.found)
-        for _ in range(GOOD):
-            self.line.judge_until(Verdict.ACCEPT)
-        assert len(self.line.found) == begin + GOOD, self.line.found[begin:]
+            while self._next().decision != Verdict.ACCEPT:
+                pass
+        last = [self._next() for _ in range(GOOD)]
+        assert {verdict.decision for verdict in last} == {Verdict.ACCEPT}, (
+            [list(verdict.reasons) for verdict in last],
+            self.line.log.read_text(encoding='utf-8')[-2000:],
+        )
+
+    def _next(self) -> Any:
+        """Return the next verdict that is not made up."""
+        while True:
+            verdict = self.line.verdicts.get(timeout=PATIENCE)[1]
+            while not self.line.edges.empty():
+                edge = self.line.edges.get()[1]
+                self.stamps.add(stamp_from(edge.header.stamp))
+            if verdict.item_id < FORGED and stamp_from(verdict.t1) in self.stamps:
+                self.line.found.append(verdict)
+                return verdict
 
 
 def _is_wrong(verdict: Verdict) -> bool:
@@ -110,8 +126,9 @@ def test_no_product_is_accepted_by_what_a_stranger_says(tmp_path: Path):
 
 
 @pytest.mark.soak
-def test_fifty_kinds_of_strangers(tmp_path: Path):
-    with supervised_line(tmp_path) as line:
+@pytest.mark.parametrize('processes', [True, False])
+def test_each_kind_of_stranger(tmp_path: Path, processes: bool):
+    with supervised_line(tmp_path, processes=processes) as line:
         campaign = Campaign(line)
         for attack in ATTACKS:
             began = time.monotonic()
@@ -181,7 +198,24 @@ def test_leave_to_run_comes_from_reject_alone():
         other.publish(to_message(port, None))
         wait_for(lambda: bool(driver.refused))
         assert driver.taken == [stop]
+        finding = driver.diagnostics.connections.finding(time.monotonic())
+        text = 'ForeignPublisher: /stopped/stranger publishes /stopped/stop_request beside reject'
+        assert (finding.level, finding.text) == (Level.ERROR, text)
         own.publish(to_message(port, None))
         wait_for(lambda: len(driver.refused) == 2)  # which of the two it comes from is not known
         spinner.remove(stranger)
         wait_for(lambda: driver.taken == [stop, None])
+
+
+def test_a_node_names_the_strangers_on_what_it_makes():
+    with spinning('deceived') as spinner:
+        reject, stranger = RejectNode(), Node('stranger')
+        spinner.add(reject)
+        spinner.add(stranger)
+        stranger.create_publisher(ports.VERDICT.type, ports.VERDICT.name, ports.VERDICT.qos)
+
+        def told() -> str:
+            return reject.diagnostics.connections.finding(time.monotonic()).text
+
+        text = 'ForeignPublisher: /deceived/stranger publishes /deceived/verdict beside reject'
+        wait_for(lambda: told() == text)

@@ -207,6 +207,13 @@ class Input:
             self.subscribe()
         return now - watch.passed < MINUTE
 
+    def has_maker(self) -> bool:
+        """Return whether there is a maker; a stranger is none."""
+        if self.subscription is None or self._publishers is None:
+            return self.count() > 0
+        self._publishers.look()
+        return self._publishers.present
+
     def let_go(self) -> None:
         """Let go of the subscription, which is about to be destroyed."""
         if self._publishers is not None:

@@ -54,6 +54,8 @@ class Makers:
     ----------
     strangers : tuple of str
         Full names of the strangers at the last look.
+    present : bool
+        Whether the maker, or a node that is allowed, was there at the last look.
     passed : float
         When one has come and gone between two looks, s of the monotonic clock.
     """
@@ -70,6 +72,7 @@ class Makers:
         self._mangled = mangled
         self._domain = int(node.context.get_domain_id())
         self.strangers: tuple[str, ...] = ()
+        self.present = False
         self.passed = -float('inf')
         self._proved: set[bytes] = set()  # gids of the maker, also of one that has died since
         self._alone = b''  # gid of what is taken for the maker
@@ -111,8 +114,10 @@ class Makers:
         self._listed = set(listed)
         own = self._own(listed)
         allowed = self._allowed()
-        others = {full_name(each) for gid, each in listed.items() if gid not in own}
-        self.strangers = () if ANY in allowed else tuple(sorted(others - allowed))
+        others = [full_name(each) for gid, each in listed.items() if gid not in own]
+        strange = [] if ANY in allowed else [name for name in others if name not in allowed]
+        self.strangers = tuple(sorted(set(strange)))
+        self.present = len(strange) < len(listed)
 
     def _find(self) -> _Listed:
         find = self._node.get_publishers_info_by_topic
