@@ -20,6 +20,8 @@ LARGEST_ERROR = 0.03  # relative to the reference, without calibration from trai
 # g, scatter of the passes of one mass; the paper reports 0.04 and 0.2 for its own machine.
 SCATTER = {30: 0.06, 90: 0.3}
 
+REAL_ERROR = 0.4  # g, root mean square of untrained real passes of 0.1 to 1.2 kg
+
 REAL_PASSES = Path(
     os.environ.get('CHECKWEIGHER_REAL_PASSES', ROOT.parent / 'shared' / 'real_passes')
 )
@@ -72,6 +74,37 @@ def test_passes_of_a_real_belt_scale(
             continue
         reference = float(row['reference_g'])
         assert float(row['mass_g']) == pytest.approx(reference, rel=LARGEST_ERROR)
+
+
+@pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
+def test_passes_of_a_real_belt_scale_behind_its_empty_belt(
+    checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
+):
+    """Weigh untrained what the recordings hold up to t3, each behind its own empty belt.
+
+    They begin just before t1, and have their empty belt after t4, from when it is at rest.
+    """
+    errors = []
+    for log in sorted(REAL_PASSES.glob('*.csv')):
+        head, *samples = log.read_text().split()
+        edges = json.loads(log.with_suffix('.edges.json').read_text())
+        first = next(index for index, blocked in edges['ftc1'] if blocked)
+        last = max(index for index, _ in edges['ftc2'])
+        empty = samples[last + 80 :]
+        moved = tmp_path / log.name
+        moved.write_text('\n'.join((head, *empty, *samples[first : last + 1])))
+        for eye in ('ftc1', 'ftc2'):
+            edges[eye] = [[max(at - first + len(empty), 0), blocked] for at, blocked in edges[eye]]
+            edges[eye] = [[0, 0]] + [edge for edge in edges[eye] if edge[0] >= len(empty)]
+        moved.with_suffix('.edges.json').write_text(json.dumps(edges))
+        checkweigher(
+            *('import', moved, '--edges', moved.with_suffix('.edges.json')),
+            *('--output', tmp_path / log.stem, '--slope', '5.19142051e-4'),
+            *('--offset', '-4874.38', '--weigh-length', '0.73'),
+        )
+        (row,) = rows('weigh', tmp_path / log.stem)
+        errors.append(float(row['mass_g']) - float(row['reference_g']))
+    assert statistics.fmean(error**2 for error in errors) < REAL_ERROR**2
 
 
 def begins_blocked(log: Path) -> bool:

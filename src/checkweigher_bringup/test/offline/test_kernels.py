@@ -12,6 +12,7 @@ from running import BAGS
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
+from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
@@ -43,7 +44,7 @@ def _windows(recording):
 @pytest.mark.parametrize('speed', [0.5, 0.8, 1.5])
 def test_a_window_weighs_what_pywavelets_and_filterpy_make_of_it(speed, table):
     windows = _windows(simulated(speed=speed, count=3, seed=3))
-    parameters, known = TABLES[table], IdentifierParameters().iswd_eksi
+    parameters, known = TABLES[table], IswdEksiParameters(doubt=False)
     estimator = ESTIMATORS['iswd_eksi'](known)
 
     for window in windows:

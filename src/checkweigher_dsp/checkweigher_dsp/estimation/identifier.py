@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import math
 from typing import ClassVar
 
-import numpy as np
-
 from checkweigher_dsp.denoising.window_batch import is_consistent
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.aeksi import AeksiParameters
@@ -17,7 +15,7 @@ from checkweigher_dsp.estimation.estimators.averages import HannParameters, Mean
 from checkweigher_dsp.estimation.estimators.base import (
     EstimatorParameters,
     LoadEstimate,
-    raw_samples,
+    is_in_window,
 )
 from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
@@ -28,11 +26,6 @@ from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, WeighWindow
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
-
-# How far an average may be off the plain mean of a window: standard deviations of its samples, and
-# the share of the load that is lost where the platform is not that of the parameters.
-_SPREAD = 2.0
-_BIAS = 0.02
 
 
 @dataclass(frozen=True)
@@ -130,7 +123,7 @@ class Identifier:
         mass = known.at('gain', speed) * load.mass + known.at('offset', speed)
         variance = self._variance(window, load, mass)
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
-        if not (self._has_converged(load, mass, variance) and _is_in_window(load, window)):
+        if not (self._has_converged(load, mass, variance) and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
         if mass <= 0:
             return self._record(window, (Reason.NO_LOAD.value,), zero=zero)
@@ -163,14 +156,3 @@ class Identifier:
         if not math.isnan(load.a1) and not is_stable(load.a1, load.a2):
             return False
         return math.sqrt(variance) <= self._parameters.max_relative_std_dev * abs(mass)
-
-
-def _is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
-    """Tell whether the samples of the window lie around a load.
-
-    An estimator that knows how a load comes on is misled where it did not come on like that: where
-    the belt stopped, or something else left meanwhile that no eye had seen.
-    """
-    samples = raw_samples(window)
-    level = float(np.mean(samples))
-    return abs(load.mass - level) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(level)

@@ -16,7 +16,7 @@ EXACT = 1e-6  # relative
 LEARNED = {
     'gauss_markov.sample_rate': 960.0, 'gauss_markov.natural_frequency': 38.0,
     'gauss_markov.damping_ratio': 0.06, 'gauss_markov.moving_mass': 2.5,
-    'gauss_markov.noise': [1e-7],
+    'gauss_markov.noise': [1e-7], 'iswd_eksi.doubt': False,
 }  # fmt: skip
 # Share of the ring-down in the window, 6 % of the mass at t2, that is taken for mass: before
 # training, and what a gain and an offset for all masses leave, as the platform slows with the mass.

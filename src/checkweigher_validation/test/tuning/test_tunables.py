@@ -132,7 +132,11 @@ def test_all_that_is_searched_can_be_written_and_gives_masses_or_none(group, nam
     values = {axis.name: float(getattr(axis, end)) for axis in tunable.axes}
     lists = tunable.lists(values)
     owners = {f'{key.rpartition(".")[0]}.speeds': (group.speed,) for key in lists}
-    parameters = LineParameters().with_estimator(name).with_values({**lists, **owners})
+    parameters = (
+        LineParameters()
+        .with_estimator(name)
+        .with_values({**lists, **owners, 'identifier.iswd_eksi.doubt': False})
+    )
     assert all(key.startswith(('denoise.', f'identifier.{name}.')) for key in lists)
     if name not in HELD_OUT:
         assert estimates_of(group, parameters) == pytest.approx(

@@ -16,6 +16,11 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
+# How far an average may be off the plain mean of a window: standard deviations of its samples, and
+# the share of the load that is lost where the platform is not that of the parameters.
+_SPREAD = 2.0
+_BIAS = 0.02
+
 
 @dataclass(frozen=True, slots=True)
 class LoadEstimate:
@@ -132,3 +137,14 @@ def rough_variance(samples: NDArray[np.float64]) -> float:
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])
     return float(difference * difference / 4 + np.var(samples) / len(samples))
+
+
+def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
+    """Tell whether the samples of the window lie around a load.
+
+    An estimator that knows how a load comes on is misled where it did not come on like that: where
+    the belt stopped, or something else left meanwhile that no eye had seen.
+    """
+    samples = raw_samples(window)
+    level = float(np.mean(samples))
+    return abs(load.mass - level) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(level)

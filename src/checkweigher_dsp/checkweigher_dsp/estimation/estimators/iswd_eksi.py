@@ -17,6 +17,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     LoadEstimate,
     raw_samples,
 )
+from checkweigher_dsp.estimation.untrained import doubt
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
@@ -41,6 +42,10 @@ class IswdEksiParameters(EstimatorParameters):
     rise_noise: tuple[float, ...] = parameter(
         (10.0,), 'R while the load rises, as a multiple of R: 1e9 begins at t2',
         minimum=1, maximum=1e9,
+    )  # fmt: skip
+    doubt: bool = parameter(
+        True, 'whether, until it is trained, the level of the window counts the more the worse the '
+        'rise fits what is assumed of the machine',
     )  # fmt: skip
 
     @property
@@ -84,7 +89,10 @@ class IswdEksi(Estimator):
         found = identify_passes(passes, np.array(removed), known.noise, np.array(rises))
         columns = (found.gain, found.variance, found.a1, found.a2, found.b1)
         rows = zip(*(column.tolist() for column in columns), strict=True)
-        return [LoadEstimate(*row) for row in rows]
+        loads = [LoadEstimate(*row) for row in rows]
+        if known.calibrated or not known.doubt:
+            return loads
+        return [doubt(*each) for each in zip(windows, loads, strict=True)]
 
 
 def identify_passes(

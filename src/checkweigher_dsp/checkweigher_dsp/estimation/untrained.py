@@ -1,0 +1,125 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a pass of an unknown machine shows by itself, and what an estimate is worth by that.
+
+No platform is assumed and nothing of how a load comes on: only that it rests in the window.
+[own derivation, docs/method.md]
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.load_rise import load_share
+from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry
+from checkweigher_dsp.estimation.estimators.base import LoadEstimate, is_in_window, raw_samples
+from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.averages import hann_mean
+
+_PARTS = 64  # of a window, at least: up to some 80 Hz on a slow belt
+_EDGE_NOISE = 0.1  # at the middle of the window, as a share of the variance of what moves there
+_EDGE_EXPONENT = 1.5  # how it grows towards both ends, as a power of the inverse Hann window
+_WHITE = 1e-3  # share of that variance, keeps the weights of a single line bounded
+_ITERATIONS = 2
+_SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
+_RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
+_USUAL_MISFIT = 0.015  # of the mass: a platform lags and rings, which a load on it does not
+# How much of the misfit of a rise is in an estimate that uses the rise, how much larger than by its
+# spectrum the level's error counts, and the share of both that is stated. Measured on three
+# machines that the simulator does not know, and on its profiles.
+_OF_MISFIT = 0.5
+_OF_LEVEL = 2.0
+_STATED = 0.45
+
+
+def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
+    """Return an estimate that uses the rise, drawn towards `window_level` where the rise misfits.
+
+    Each counts by the inverse of its variance. That of `load` grows with what it leaves of the
+    signal between t1 and t2 beyond what moves the empty belt: eyes off their place, bounces, a
+    platform or an amplifier that is not the assumed one.
+    """
+    if not is_in_window(load, window):
+        return load  # something came or went while it entered, which is for the identifier to judge
+    level, deviation = window_level(window)
+    by_rise = load.variance + (_OF_MISFIT * rise_misfit(window, load.mass)) ** 2
+    by_level = (_OF_LEVEL * deviation) ** 2
+    total = by_rise + by_level
+    if not total > 0:  # NaN is not
+        return load
+    mass = (by_level * load.mass + by_rise * level) / total
+    variance = 2 * _STATED * _STATED * by_level * by_rise / total
+    return replace(load, mass=mass, variance=variance, b1=load.b1 * (mass / load.mass))
+
+
+def window_level(window: WeighWindow) -> tuple[float, float]:
+    """Return the level of a window, kg, and its standard deviation, from its own spectrum.
+
+    The weights are those of Gauss and Markov for the autocovariance of what moves in the window
+    around its level, and of the empty belt before it. They lie between those of a mean, where the
+    disturbance is broad, and of a window without side lobes where it is lines: an additional noise
+    grows towards t2 and t3, where ring-down and a load that is not quite on would enter.
+    """
+    samples = raw_samples(window)
+    size = max(len(samples) // _PARTS, 1)
+    parts, empty = _means(samples, size), _means(_empty_belt(window), size)
+    count = len(parts)
+    taper = np.sin(np.pi * np.arange(1, count + 1) / (count + 1)) ** 2
+    edges = (taper.max() / taper) ** _EDGE_EXPONENT
+    lags = abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    level, deviation = float(hann_mean(samples)), 0.0
+    belt = _autocovariance(empty, count)
+    for _ in range(_ITERATIONS):
+        covariance = _autocovariance(parts - level, count) + belt
+        scale = covariance[0]
+        if not scale > 0:
+            break
+        noise = covariance[lags]
+        weights = np.linalg.solve(
+            noise + np.diag(scale * (_EDGE_NOISE * edges + _WHITE)), np.ones(count)
+        )
+        weights /= weights.sum()
+        level = float(np.add.reduce(weights * parts))
+        deviation = float(np.sqrt(max(weights @ noise @ weights, 0.0)))
+    return level, deviation
+
+
+def rise_misfit(window: WeighWindow, mass: float) -> float:
+    """Return what a load of `mass` that comes on evenly leaves between t1 and t2, rms in kg.
+
+    It is that of the thirds of the rise, so that the ringing of a platform averages out, beyond
+    what is seen of the empty belt in as long a time and beyond a usual share of the mass.
+    """
+    time = time_since_entry(window)
+    entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
+    left = window.force - mass * load_share(time, rise_time(window))
+    size = (window.window_begin - entry) // _RISE_PARTS
+    if size < 1:
+        return 0.0
+    rise = _means(left[entry : window.window_begin], size)
+    empty = _means(_empty_belt(window), size)
+    usual = (_USUAL_MISFIT * mass) ** 2 + (float(np.mean(empty * empty)) if len(empty) else 0.0)
+    return float(np.sqrt(max(float(np.mean(rise * rise)) - usual, 0.0)))
+
+
+def _empty_belt(window: WeighWindow) -> NDArray[np.float64]:
+    """Return the signal of the empty belt before an item, kg, without the ring-down before it."""
+    entry = int(np.searchsorted(time_since_entry(window), 0.0))
+    begin = window.empty_begin + round(_SETTLE_TIME * window.sample_rate)
+    return window.force_between(min(begin, entry), entry)
+
+
+def _means(signal: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return the means of successive parts of `size` samples, the last ones of a signal."""
+    used = signal[len(signal) % size :]
+    return np.asarray(used.reshape(-1, size).mean(axis=1))
+
+
+def _autocovariance(signal: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the biased autocovariance of a signal (n,), (count,); 0 from n on."""
+    result = np.zeros(count)
+    if len(signal):
+        found = np.correlate(signal, signal, 'full')[len(signal) - 1 :][:count]
+        result[: len(found)] = found / len(signal)
+    return result
