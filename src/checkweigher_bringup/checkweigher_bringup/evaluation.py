@@ -4,6 +4,7 @@
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import version
 import platform
 
@@ -38,6 +39,7 @@ from checkweigher_validation.protocol.machines_protocol import (
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 
 Result = tuple[Evaluation, Mapping[str, Tuned]]
@@ -185,12 +187,14 @@ def _evaluate_bags(arguments: argparse.Namespace) -> Result:
     default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
     estimators = estimator_names(arguments.estimator, default)
     n_jobs = arguments.jobs or ALL_CORES
-    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
-    provenance = [('test', line) for line in source]
     trained: list[KnownPass] = []
+    taught: list[str] = []
     if arguments.train:
-        trained, source = read_passes(arguments.train, arguments.lane, base.segmenter, n_jobs)
-        provenance += [('train', line) for line in source]
+        alone = unchecked(base.segmenter)
+        trained, taught = read_passes(arguments.train, arguments.lane, alone, n_jobs)
+        base = replace(base, segmenter=stated_lag(trained, base.segmenter))
+    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
+    provenance = [('test', line) for line in source] + [('train', line) for line in taught]
     batches = _batches(trained, passes)
     if arguments.train:
         tuned = tune(

@@ -3,6 +3,7 @@
 """Training on passes of known mass in bags."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 import sys
@@ -23,6 +24,7 @@ from checkweigher_validation.jobs import ALL_CORES, run_jobs
 from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
 
 
@@ -83,7 +85,8 @@ def train(
     for each core by default.
     """
     n_jobs = jobs or ALL_CORES
-    passes, source = read_passes(bags, lane, base.segmenter, n_jobs)
+    passes, source = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
+    base = replace(base, segmenter=stated_lag(passes, base.segmenter))
     names = tuple(estimators or ESTIMATORS)
     tuned = tune(
         group_by_speed(passes), names, base, budget=budget, n_jobs=n_jobs,

@@ -42,6 +42,7 @@ class Reason(_Hinted):
     NO_PRODUCT = 'NoProduct'
     OVERLOAD = 'Overload'
     FOREIGN_PUBLISHER = 'ForeignPublisher'
+    EDGE_MISMATCH = 'EdgeMismatch'
 
 
 class StopReason(_Hinted):
@@ -80,6 +81,7 @@ _HINTS = {
     Reason.START_UP: 'the product was on the line before the first sample; run it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
+    Reason.EDGE_MISMATCH: 'the load rose at another time than the eyes say; see Eyes and samples',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
     Reason.OVERLOAD: 'the load was above the capacity of the load cell; check both and calibration',
     Reason.FOREIGN_PUBLISHER: 'a node that is no part of this line publishes its topics; stop it',

@@ -186,7 +186,8 @@ class WeighWindow:
     zero: float = math.nan  # counts, empty belt as last seen before t1
     zero_std_dev: float = math.nan  # counts
     first_index: int = 0  # of counts[0] since the source started
-    # ns, time of counts[0], at the nominal rate from that of the sample at window_begin.
+    # ns, time of counts[0], at the nominal rate from that of the sample at window_begin, and on
+    # the clock of the eyes: the lag of the samples is taken off where the rise shows one.
     stamp: Stamp = 0
     # Position in counts of the first sample at which the item before had left the belt; at dense
     # spacing it lies after t1, where the item is entering already.

@@ -5,11 +5,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.health.edges import edges_finding
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.items import FaultWatch
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
 from checkweigher_dsp.health.stream import PATIENCE, EyeWatch, SampleWatch
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
@@ -25,6 +27,7 @@ class SegmenterWatch:
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
         self._eyes = EyeWatch()
+        self._edge_check: EdgeCheck | None = None
         self._items = FaultWatch()
         self._end: tuple[bool, str] | None = None  # whether the stream ended well, what was said
         self._stream_began = began
@@ -58,6 +61,7 @@ class SegmenterWatch:
     def add_window(self, now: float, window: WeighWindow, segmenter: Segmenter) -> None:
         """Take a window that was cut."""
         self._items.add(now, window.reasons)
+        self._edge_check = segmenter.edge_check
         self._zero.add(now, segmenter.zero, item=True)
         if window.reasons or window.t1 is None:
             return
@@ -82,6 +86,7 @@ class SegmenterWatch:
             self._stream(now),
             self._samples.clock.finding(offset_of_clocks),
             self._eyes.finding(now),
+            *([edges_finding(self._edge_check)] if self._edge_check else []),
             self._zero.finding(now),
             self._noise.finding(now),
             self._items.finding(now),

@@ -79,6 +79,21 @@ class SegmenterParameters(Parameters):
         0.02, 'largest difference between the stamp of a block and the time of its index',
         minimum=1e-6,
     )  # fmt: skip
+    rise_lag: float = parameter(
+        0.0005, 'how much later than the eyes say samples show a load: filter of the amplifier, '
+        'clocks, and 2 xi / omega of the platform', unit='s', minimum=-1, maximum=1,
+    )  # fmt: skip
+    rise_lag_distance: float = parameter(
+        0.0, 'the part of it that goes with 1 / belt speed: an infeed eye that sees too early',
+        unit='m', minimum=-1, maximum=1,
+    )  # fmt: skip
+    rise_lag_known: bool = parameter(
+        False, 'whether both were measured with products like these; else the first items tell'
+    )
+    rise_lag_tolerance: float = _duration(
+        0.003, 'largest change of the lag, beside 2 % of t2 - t1: EdgeMismatch; 0: not checked',
+        maximum=1,
+    )  # fmt: skip
     min_window: int = parameter(
         16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
         minimum=8, maximum=1_000_000,

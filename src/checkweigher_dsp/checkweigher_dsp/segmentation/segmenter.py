@@ -14,6 +14,7 @@ from checkweigher_dsp.records import (
     WeighWindow,
     seconds,
 )
+from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.item_source import ItemSource
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
@@ -79,6 +80,11 @@ class Segmenter:
     def zero_answer(self) -> ZeroAnswer | None:
         """Answer to the last `request_zero`; None while it waits for the empty belt."""
         return self._zero.answer
+
+    @property
+    def edge_check(self) -> EdgeCheck:
+        """How rise and edges of the items agree."""
+        return self._cutter.edge_check
 
     @property
     def items(self) -> int:
@@ -157,7 +163,9 @@ class Segmenter:
         self._source.change_clock(later, forward=forward)
         if reason is Reason.SOURCE_RESTARTED:  # a clock that jumps leaves the belt its speed
             self._cutter.motion.forget()
+            self._cutter.edge_check.forget()
         buffer.clear()
+        self._cutter.jumped = reason is Reason.CLOCK_JUMP
         if self._zero.is_requested:
             self.request_zero()
         return windows

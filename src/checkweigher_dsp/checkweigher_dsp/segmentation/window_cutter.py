@@ -11,11 +11,15 @@ from numpy.typing import NDArray
 from checkweigher_dsp.items.item import Item
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, LoadCell, WeighWindow, seconds
+from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.load_check import LoadCheck
 from checkweigher_dsp.segmentation.motion_check import MotionCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.rise_lag import RiseLag, rise_lag
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
+
+_BEFORE_RISE = 0.4  # s before t1 in which a rise is looked for
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
@@ -36,6 +40,7 @@ class WindowCutter:
         self._buffer = buffer
         self._zero = zero
         self.motion = MotionCheck(load_cell.weigh_length, parameters)
+        self.edge_check = EdgeCheck(parameters)
         self._load_check = LoadCheck()
         self._debounce = round(NANOSECONDS * parameters.debounce_time)
         self._max_transit = parameters.max_transit(load_cell.weigh_length)
@@ -43,8 +48,10 @@ class WindowCutter:
         self._zero_span = round(parameters.zero_time * load_cell.sample_rate)
         self._lead = round(parameters.lead_time * load_cell.sample_rate)
         self._trail = round(parameters.trail_time * load_cell.sample_rate)
+        self._shifts: dict[int, int] = {}  # of items that wait and were checked, ns
         self._waiting: list[Item] = []
         self.count = 0
+        self.jumped = False  # whether the samples begin where their clock jumped
 
     def take(self, items: Iterable[Item]) -> None:
         """Let items wait for their samples."""
@@ -69,6 +76,8 @@ class WindowCutter:
             return []
         cut = [(item, self._cut(item, wait=wait)) for item in self._waiting]
         self._waiting = [item for item, window in cut if window is None]
+        kept = {item.item_id for item in self._waiting}
+        self._shifts = {item: shift for item, shift in self._shifts.items() if item in kept}
         windows = [window for _, window in cut if window is not None]
         self.count += len(windows)
         return windows
@@ -83,8 +92,10 @@ class WindowCutter:
             return self._fault(item, *item.faults)
         if buffer.empty:
             return None
-        entry, begin, end = (buffer.index_at(stamp) for stamp in (item.t1, item.t2, item.t3))
-        trail_end = self._trail_end(item.t3 + item.length, end)
+        shift = self._shifts.get(item.item_id, 0)
+        edges = item.t1 + shift, item.t2 + shift, item.t3 + shift
+        entry, begin, end = (buffer.index_at(stamp) for stamp in edges)
+        trail_end = self._trail_end(item.t3 + shift + item.length, end)
         if buffer.end < (trail_end if wait else end):
             return None
         if end - begin < self._parameters.min_window:
@@ -92,6 +103,12 @@ class WindowCutter:
         reason = self._check_samples(entry, end) or self._check_load(begin, end)
         if reason is not None:
             return self._fault(item, reason)
+        if self.edge_check.is_on and item.item_id not in self._shifts:
+            found = self._find_shift(item, entry, begin, end)
+            if isinstance(found, Reason):
+                return self._fault(item, found)
+            self._shifts[item.item_id] = found
+            return self._cut(item, wait=wait)
         empty, settled = self._empty_belt(item, entry)
         if settled:
             self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
@@ -99,7 +116,7 @@ class WindowCutter:
         if not zero.trusted:
             return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         first = buffer.whole_from(entry - self._lead, entry)
-        alone_from = min(max(self._alone_from(item, first, begin), first), begin)
+        alone_from = min(max(self._alone_from(item, first, begin, shift), first), begin)
         before = buffer.look_at(min(alone_from, entry), entry)
         if not self._load_check.is_steady(buffer.look_at(begin, end), before, zero.counts):
             return self._fault(item, Reason.DISTANCE_FAULT)
@@ -113,7 +130,9 @@ class WindowCutter:
             zero_std_dev=zero.std_dev,
             first_index=first,
             # By that of t2: what the clock of the samples is off would show in the lead time.
-            stamp=buffer.stamp_at(begin) - round((begin - first) * NANOSECONDS / cell.sample_rate),
+            stamp=buffer.stamp_at(begin)
+            - shift
+            - round((begin - first) * NANOSECONDS / cell.sample_rate),
             empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
@@ -142,11 +161,46 @@ class WindowCutter:
         trail_end = min(trail_end, self._buffer.end)
         return end if trail_end == end or self._check_samples(end, trail_end) else trail_end
 
-    def _alone_from(self, item: Item, first: int, begin: int) -> int:
+    def _find_shift(self, item: Item, entry: int, begin: int, end: int) -> int | Reason:
+        """Return by how much the window of an item is later than by its edges, ns.
+
+        Or why rise and edges do not agree. The samples are those from t1, t2 and t3 on.
+        """
+        buffer = self._buffer
+        span, count = seconds(buffer.stamp_at(end - 1) - buffer.stamp_at(entry)), end - 1 - entry
+        step = span - count / self._load_cell.sample_rate
+        if abs(step) > self._parameters.rise_lag_tolerance:
+            return Reason.CLOCK_JUMP
+        seen = self._see_rise(item, entry, begin, end)
+        begins_late = seconds(item.entered - (buffer.origin or 0)) < _BEFORE_RISE
+        if self.jumped and begins_late and not seen.is_known:
+            return Reason.CLOCK_JUMP  # whether the eyes jumped as well is not to be seen
+        shift = self.edge_check.check(seen, *self.motion.measure(item))
+        if shift is not None:
+            return round(NANOSECONDS * shift)
+        window = buffer.look_at(begin, end)
+        alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
+        return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
+
+    def _see_rise(self, item: Item, entry: int, begin: int, end: int) -> RiseLag:
+        """Return the lag of the rise in the samples before t3; not known if others were there."""
+        if item.t1 is None or item.t2 is None or item.t3 is None:
+            return RiseLag()
+        buffer, cell = self._buffer, self._load_cell
+        earliest = buffer.whole_from(entry - round(_BEFORE_RISE * cell.sample_rate), entry)
+        first = max(self._alone_from(item, earliest, begin), earliest)
+        if first >= entry:
+            return RiseLag()
+        time = np.arange(first - begin, end - begin) / cell.sample_rate
+        time += seconds(buffer.stamp_at(begin) - item.t1)
+        force = buffer.look_at(first, end) / cell.counts_per_kg
+        return rise_lag(force, time, seconds(item.t2 - item.t1), seconds(item.t3 - item.t1))
+
+    def _alone_from(self, item: Item, first: int, begin: int, shift: int = 0) -> int:
         """Return the index from which on the item before had left, `first` if there was none."""
         if item.left_before is None:
             return begin if item.others_there else first
-        return self._buffer.index_at(item.left_before)
+        return self._buffer.index_at(item.left_before + shift)
 
     def _check_start(self, item: Item) -> None:
         """Fault an item that was there before the samples began: its edges are not its own."""

@@ -26,6 +26,7 @@ from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.attainable import attainable_errors
 from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.stated_lag import unchecked
 from checkweigher_validation.tuning.tuner import Tuned, tune
 
 MASSES = PAPER_MASSES
@@ -116,8 +117,9 @@ def evaluate_machines(
 
     The arguments are those of `checkweigher_validation.tuning.tuner.tune`.
     """
+    segmenter = unchecked(base.segmenter)  # trained and untrained estimates of the same windows
     calls = [
-        delayed(run_machine)(protocol, machine, speed, base.segmenter)
+        delayed(run_machine)(protocol, machine, speed, segmenter)
         for machine in protocol.machines
         for speed in protocol.speeds
     ]

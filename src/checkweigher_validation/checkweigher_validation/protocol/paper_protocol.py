@@ -18,6 +18,7 @@ from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.gauss_markov_bound import bound
 from checkweigher_validation.tuning.search import BUDGET
+from checkweigher_validation.tuning.stated_lag import unchecked
 from checkweigher_validation.tuning.tuner import Tuned, tune
 
 SPEEDS = PAPER_SPEEDS
@@ -80,7 +81,8 @@ def evaluate_protocol(
     The arguments are those of `checkweigher_validation.tuning.tuner.tune`. Returned are the
     conditions, estimator by estimator, and what was tuned by estimator.
     """
-    calls = [delayed(run_protocol)(protocol, speed, base.segmenter) for speed in protocol.speeds]
+    exact = unchecked(base.segmenter)  # simulated eyes are exact
+    calls = [delayed(run_protocol)(protocol, speed, exact) for speed in protocol.speeds]
     runs = run_jobs(calls, n_jobs, 'simulating')
     calls = [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES]
     bounds = iter(run_jobs(calls, n_jobs, 'computing the bound'))

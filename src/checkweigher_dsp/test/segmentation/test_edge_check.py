@@ -1,0 +1,102 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the lags of items, one after the other, mean for the window of each."""
+
+from collections.abc import Iterable
+
+import pytest
+
+from checkweigher_dsp.segmentation.edge_check import EdgeCheck
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.rise_lag import RiseLag
+
+MS = 1e-3
+SPEED, LENGTH = 1.0, 0.1  # a rise of 100 ms
+STATED = SegmenterParameters().rise_lag
+
+
+def rise(lag: float, std_dev: float = 0.1, bend: float = 0.0) -> RiseLag:
+    """Return a rise that lags by so much more than is stated, ms."""
+    return RiseLag(STATED + MS * lag, MS * std_dev, MS * bend, MS * 0.5)
+
+
+def shifts(
+    check: EdgeCheck, lags: Iterable[float], speed: float = SPEED, bend: float = 0.0
+) -> list[float | None]:
+    """Return the shifts of items with these lags beyond the stated one, ms; None is a mismatch."""
+    found = [check.check(rise(lag, bend=bend), speed, LENGTH) for lag in lags]
+    return [None if shift is None else round(shift / MS, 6) for shift in found]
+
+
+def test_a_lag_within_its_uncertainty_moves_nothing():
+    assert shifts(EdgeCheck(SegmenterParameters()), [0.3, -0.4, 0.0, 0.5, -0.2]) == [0.0] * 5
+
+
+def test_a_lag_that_is_sure_moves_the_window_from_the_first_item_on():
+    assert shifts(EdgeCheck(SegmenterParameters()), [5.0, 5.2, -3.0]) == [5.0, 5.2, -3.0]
+
+
+def test_a_lag_that_is_not_sure_is_that_of_the_items_before_if_it_may_be():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [1.0, 1.1, 1.0])
+
+    assert check.check(rise(0.6, std_dev=0.3), SPEED, LENGTH) == pytest.approx(MS)
+    assert check.check(rise(0.1, std_dev=0.2), SPEED, LENGTH) == 0.0
+
+
+def test_an_item_that_is_not_like_those_before_is_a_mismatch():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [6.3] * 5)
+
+    # 3 ms, 2 % of the rise and 4 standard deviations: 5.4 ms.
+    assert shifts(check, [11.6, 11.8, 1.0, 0.8]) == [11.6, None, 1.0, None]
+
+
+def test_a_lasting_change_stays_a_mismatch():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [0.0] * 5)
+
+    assert set(shifts(check, [15.0] * 100)) == {None}
+    assert check.change == pytest.approx(15 * MS)
+    assert shifts(check, [0.0]) == [0.0]
+
+
+def test_nothing_confirms_an_item_whose_rise_is_not_seen_after_a_lasting_change():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [0.0] * 5)
+    assert check.check(RiseLag(), SPEED, LENGTH) == 0.0
+    shifts(check, [15.0] * 3)
+
+    assert check.check(RiseLag(), SPEED, LENGTH) is None
+    assert (check.checked, check.unchecked) == (8, 2)
+
+
+@pytest.mark.parametrize(('lag', 'shift'), [(25.0, 25.0), (26.0, None), (-26.0, None)])
+def test_what_no_machine_has_is_a_mismatch_from_the_first_item_on(lag: float, shift: float | None):
+    # 10 ms, 15 % of the rise and 4 standard deviations: 25.4 ms.
+    assert shifts(EdgeCheck(SegmenterParameters()), [lag]) == [shift]
+
+
+def test_a_stated_lag_holds_from_the_first_item_on_and_with_its_part_that_goes_with_speed():
+    known = SegmenterParameters(rise_lag=0.004, rise_lag_distance=0.003, rise_lag_known=True)
+    check = EdgeCheck(known)
+
+    # 4 ms and 3 mm at 0.5 m/s: 10 ms, of which STATED has 0.5. The rise takes 200 ms.
+    assert shifts(check, [9.5, 13.5, 17.0, 2.0], speed=0.5) == [0.0, 4.0, None, None]
+
+
+def test_a_bend_of_the_products_is_no_reason_to_move_a_window():
+    check = EdgeCheck(SegmenterParameters())
+
+    assert shifts(check, [15.0, 15.0, 15.0], bend=12.0) == [3.0] * 3
+
+
+def test_another_speed_or_length_is_learned_again():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [0.0] * 5)
+
+    assert shifts(check, [8.0], speed=1.2) == [8.0]
+
+
+def test_a_tolerance_of_0_checks_nothing():
+    assert not EdgeCheck(SegmenterParameters(rise_lag_tolerance=0.0)).is_on

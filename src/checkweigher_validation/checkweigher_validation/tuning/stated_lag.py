@@ -1,0 +1,45 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The lag of the samples behind the photo-eyes that training passes show, as parameters."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.rise_lag import lag_of
+from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
+
+_FEWEST = 3  # passes of one speed
+_DIGITS = 7  # decimal places of s and m
+
+
+def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
+    """Return parameters by which windows are those of the eyes alone, as training wants them."""
+    return replace(segmenter, rise_lag_tolerance=0.0)
+
+
+def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> SegmenterParameters:
+    """Return parameters that state the lag of passes which were cut by the eyes alone.
+
+    What an estimator learns of passes holds for their lag. It is a delay and a distance that goes
+    with 1 / belt speed, both by least squares on the medians of the speeds; what these two do not
+    explain widens the tolerance. Passes that do not show it change nothing.
+    """
+    rows = []
+    for group in group_by_speed(passes):
+        lags = [lag for each in group.passes if (lag := lag_of(each.window)).is_known]
+        if len(lags) >= _FEWEST:
+            rows.append((1.0, 1 / group.speed, float(np.median([lag.lag for lag in lags]))))
+    if not rows or not segmenter.rise_lag_tolerance:
+        return segmenter
+    table = np.array(rows)
+    terms = table[:, : min(len(rows), 2)]
+    found = np.linalg.lstsq(terms, table[:, 2], rcond=None)[0]
+    unexplained = float(np.max(np.abs(terms @ found - table[:, 2])))
+    delay, distance = (round(float(value), _DIGITS) for value in (*found, 0.0)[:2])
+    return replace(
+        segmenter, rise_lag=delay, rise_lag_distance=distance, rise_lag_known=True,
+        rise_lag_tolerance=round(segmenter.rise_lag_tolerance + unexplained, _DIGITS),
+    )  # fmt: skip
