@@ -162,7 +162,7 @@ def test_no_change_escapes_the_log_while_the_node_that_has_it_is_killed_and_halt
         wait_for(lambda: log.exists() and b'/running/reject' in log.read_bytes())
         line.judge_until(Verdict.ACCEPT)
         for number in range(1, 61):
-            kind, product = chance.choice([0, 0, signal.SIGKILL, signal.SIGSTOP]), None
+            kind, product = chance.choice([0, 0, 0, 0, signal.SIGKILL, signal.SIGSTOP]), None
             with suppress(AssertionError, OSError):  # it is yet to be started again
                 product = line.pid('product')
                 os.kill(product, kind)  # 0: it goes on
