@@ -37,7 +37,8 @@ class SampleDecoder:
     def blocks(self) -> BlockColumns:
         """Return the blocks of all messages in their order; raise as `add` does."""
         self._decode_batch()
-        return BlockColumns.concatenate(self._decoded)
+        decoded, self._decoded = self._decoded, []
+        return BlockColumns.concatenate(decoded)
 
     def _decode_batch(self) -> None:
         messages, self._messages, self._bytes = self._messages, [], 0

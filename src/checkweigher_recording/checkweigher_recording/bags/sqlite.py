@@ -33,6 +33,7 @@ _MOST_TABLES = 100
 _UNUSUAL = 20.0
 _BESIDE = 64  # samples whose noise is taken together
 _NEIGHBOURS = 7  # messages, an odd number
+_PIECE = 1 << 18  # samples or messages that are compared at a time
 # ns; where stamps and times of logging agree to a rounding, and where they do not: a busy machine
 # may be late with one message.
 _ROUNDING, _LATE = 1000, NANOSECONDS // 4
@@ -99,8 +100,8 @@ def doubtful_blocks(blocks: BlockColumns, sample_rate: float) -> NDArray[np.bool
     begin = (blocks.stamps - blocks.stamps[0]) - index * period
     apart = np.abs(begin - _median_beside(begin))
     doubtful = _far(apart, period, _LATE // 10)
-    owners = np.repeat(np.arange(len(blocks)), blocks.lengths)
-    doubtful[owners[_unusual_counts(blocks.counts)]] = True
+    places = _unusual_counts(blocks.counts)
+    doubtful[np.searchsorted(blocks.begins, places, side='right') - 1] = True
     return np.asarray(doubtful)
 
 
@@ -113,7 +114,15 @@ def _unusual_counts(counts: NDArray[np.int32]) -> NDArray[np.intp]:
     """Return the places of single samples that are far from the middle of those beside them."""
     if len(counts) < 3 * _BESIDE:
         return np.zeros(0, np.intp)
-    values = counts.astype(np.float64)
+    found = []
+    for first in range(0, len(counts), _PIECE):  # as floats they take twice the memory
+        begin = max(min(first, len(counts) - 3 * _BESIDE) - _BESIDE, 0)
+        values = counts[begin : first + _PIECE + _BESIDE].astype(np.float64)
+        found.append(begin + np.flatnonzero(_is_unusual(values)))
+    return np.unique(np.concatenate(found))
+
+
+def _is_unusual(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     apart = np.zeros(len(values))
     apart[1:-1] = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
     apart[0], apart[-1] = abs(values[0] - values[1]), abs(values[-1] - values[-2])
@@ -122,7 +131,7 @@ def _unusual_counts(counts: NDArray[np.int32]) -> NDArray[np.intp]:
     beside = np.pad(noise, 1, mode='edge')
     noise = np.maximum(np.maximum(beside[:-2], beside[2:]), np.maximum(noise, 2.0))  # counts
     noise = np.repeat(np.append(noise, noise[-1]), _BESIDE)[: len(apart)]
-    return np.flatnonzero(apart > _UNUSUAL * noise)
+    return np.asarray(apart > _UNUSUAL * noise)
 
 
 def _median_beside(values: NDArray[Any]) -> NDArray[Any]:
@@ -130,4 +139,8 @@ def _median_beside(values: NDArray[Any]) -> NDArray[Any]:
     half = _NEIGHBOURS // 2
     padded = np.pad(values, half, mode='reflect' if len(values) > half else 'edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, _NEIGHBOURS)
-    return np.asarray(np.sort(windows, axis=1)[:, half])
+    medians = np.empty_like(values)
+    for first in range(0, len(values), _PIECE):
+        piece = slice(first, first + _PIECE)
+        medians[piece] = np.sort(windows[piece], axis=1)[:, half]
+    return medians
