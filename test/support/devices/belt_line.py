@@ -85,6 +85,7 @@ class BeltLine:
         self.verdicts: list[Any] = []
         for topic, heard in ((ports.STOP_REQUEST, self.stops), (ports.VERDICT, self.verdicts)):
             node.create_subscription(topic.type, topic.name, heard.append, topic.qos)
+        self._reset = node.create_client(Trigger, '/belt/reset_stop_request')
         self.command: subprocess.Popen[bytes] | None = None
         self.start()
 
@@ -160,8 +161,13 @@ class BeltLine:
         )
 
     def reset(self) -> bool:
-        """Press the button of the operator."""
-        return bool(call(self.node, Trigger, '/belt/reset_stop_request').success)
+        """Press the button of the operator; False if nothing comes of it for some seconds."""
+        if not self._reset.service_is_ready():
+            return False
+        answer, end = self._reset.call_async(Trigger.Request()), time.monotonic() + 5.0
+        while not answer.done() and time.monotonic() < end:
+            time.sleep(0.01)
+        return answer.done() and bool(answer.result().success)
 
     def wait_for(self, condition: Any, what: str, patience: float = PATIENCE) -> None:
         end = time.monotonic() + patience

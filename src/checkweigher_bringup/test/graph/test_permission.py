@@ -155,9 +155,7 @@ class Trials:
         line, rng = self._line, self._rng
         bad, place = rng.choice((LIGHT, HEAVY)), rng.uniform(*REACHES_REJECTOR)
         self.weigh(2)
-        fed = time.time_ns()
-        line.feed(GOOD, bad, *([GOOD] * rng.choice((0, 0, 1, 3))))
-        line.wait_for(lambda: self._place(bad, fed) > place, f'{bad} g at {place:.2f} m')
+        self._bring(bad, place, rng.choice((0, 0, 1, 3)))
         began, heard = time.time_ns(), len(line.stops)
         fault.happen(line, rng)
         outcome = self._follow(fault, bad, began)
@@ -172,6 +170,28 @@ class Trials:
         first = self.weigh(WHOLE)
         self.counts['recovered'] += 1
         self.counts['second product weighed'] += first <= 2
+
+    def _bring(self, bad: float, place: float, behind: int) -> None:
+        """Feed a bad product with good ones around it, and wait until it is at a place, m."""
+        line, fed = self._line, 0
+
+        def there() -> bool:
+            nonlocal fed
+            if fed and line.stop_text():
+                self.operate_again()
+                fed = 0
+            if not fed:
+                fed = time.time_ns()
+                line.feed(GOOD, bad, *([GOOD] * behind))
+            return self._place(bad, fed) > place and not line.stop_text()
+
+        line.wait_for(there, f'{bad} g at {place:.2f} m')
+
+    def operate_again(self) -> None:
+        """Release a belt that was stopped for another reason than the fault, and count it."""
+        self.counts['stopped again'] += 1  # a product was cut off, or the host was too busy
+        print(f'stopped again: {self._line.stop_text()[-160:]}')
+        self.operate()
 
     def _place(self, mass: float, since: int) -> float:
         """Return where a product is, by its mass and when it was fed, m; 1 behind the rejector."""
@@ -206,10 +226,10 @@ class Trials:
         line.feed(0)
 
         def released() -> bool:
-            if line.stop_text() or not line.runs():
+            if line.stop_text():
                 line.tell('clear')
                 line.reset()
-                time.sleep(0.1)
+            time.sleep(0.1)
             return line.runs() and not line.products()
 
         line.wait_for(released, 'the release of the belt')
@@ -227,10 +247,8 @@ class Trials:
             good = [verdict.decision == Verdict.ACCEPT for verdict in verdicts]
             if len(good) >= count and all(good[-count:]):
                 return True
-            if text := line.stop_text():  # a product was cut off, or the host was too busy
-                self.counts['stopped again'] += 1
-                print(f'stopped again: {text[-160:]}')
-                self.operate()
+            if line.stop_text():
+                self.operate_again()
             if not line.tell('products')['to come']:
                 line.feed(GOOD)
             return False

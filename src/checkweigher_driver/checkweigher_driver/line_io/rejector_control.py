@@ -174,6 +174,7 @@ class RejectorControl:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._released = False  # since the belt was known to be empty or all on it in doubt
         self._may_run = False  # by the levels that were asked for last
+        self._way: int | None = None  # of the belt, ns, that the last item took to the rejector
         self._asked = ''  # why reject wants the line to stop, by what it alone knows
         self._stood_at: int | None = None  # when it last might not run
         self._latched = False  # by a missed product
@@ -262,6 +263,16 @@ class RejectorControl:
                 f'{self._verdicts.timeout / NANOSECONDS:.2g} s; check that reject runs, and look '
                 'behind the rejector'
             )
+        to_monotonic = self.clock.look()
+        if self._way is None or to_monotonic is None:
+            return
+        here = self._belt.at(now)
+        for item in self._items:
+            if item.decision is None and item.entered is not None and not item.told:
+                item.told = here - self._belt.at(item.entered + to_monotonic) > self._way
+                if item.told:  # as when the eyes were not read while it left the belt
+                    self._pulses.add(None, None, now)
+                    self.missed.add(f'{item} would be at the rejector by now; look for it')
 
     def edge(self, edge: EyeEdge, now: int) -> None:
         """Take an edge of the photo-eyes: a product that leaves the belt must have its verdict."""
@@ -282,6 +293,8 @@ class RejectorControl:
         arrival = None if times is None else self._belt.arrival(*times)[0]
         end = None if arrival is None else max(arrival, self._belt.at(now)) + self._after
         passage = self._items.judge(verdict, end).passage
+        if arrival is not None and times is not None and times.entered is not None:
+            self._way = arrival - self._belt.at(times.entered)
         if rejected:
             if arrival is not None:
                 self._permits.deny(arrival)
@@ -326,7 +339,9 @@ class RejectorControl:
         """Schedule a pulse, and see whether it can miss its item."""
         if times is None:
             self._pulses.add(None, None, now)
-            self.missed.add(f'{item}: the time at which it is at the rejector is not known')
+            self.missed.add(
+                f'{item}: the time at which it is at the rejector is not known; look for it'
+            )
             return
         late = self._pulses.add(times.due, times.since, now, times.entered)
         if late:
