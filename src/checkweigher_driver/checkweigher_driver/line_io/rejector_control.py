@@ -266,10 +266,10 @@ class RejectorControl:
         to_monotonic = self.clock.look()
         if self._way is None or to_monotonic is None:
             return
-        here = self._belt.at(now)
+        latest = self._belt.at(now) - self._way - self._late_tolerance
         for item in self._items:
             if item.decision is None and item.entered is not None and not item.told:
-                item.told = here - self._belt.at(item.entered + to_monotonic) > self._way
+                item.told = self._belt.at(item.entered + to_monotonic) < latest
                 if item.told:  # as when the eyes were not read while it left the belt
                     self._pulses.add(None, None, now)
                     self.missed.add(f'{item} would be at the rejector by now; look for it')

@@ -247,11 +247,11 @@ def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not
 
 
 def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_rejector():
-    outputs, now = control(), time.monotonic_ns()
+    outputs, now = control(late_tolerance=0.01), time.monotonic_ns()
     passing(outputs, now + 900 * MS, now, Decision.ACCEPT)  # 800 ms from entry to rejector
     entered = time.time_ns() - time.monotonic_ns() + now
     outputs.edge(EyeEdge(entered, Eye.INFEED, True), now)
     assert outputs.levels(now + 799 * MS) == RUN
-    assert outputs.levels(now + 801 * MS)[:2] == (True, True)
+    assert outputs.levels(now + 815 * MS)[:2] == (True, True)
     assert 'a product without a verdict' in outputs.missed.text
     assert 'would be at the rejector by now' in outputs.missed.text
