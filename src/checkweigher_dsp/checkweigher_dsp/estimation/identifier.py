@@ -20,6 +20,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.estimation.estimators.fir_model import FirModelParameters
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkovParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
+from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaperParameters
 from checkweigher_dsp.estimation.estimators.learned import LearnedParameters
 from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.parameters import Parameters, parameter
@@ -49,6 +50,7 @@ class IdentifierParameters(Parameters):
     aid: AidParameters = AidParameters()
     aeksi: AeksiParameters = AeksiParameters()
     iswd_eksi: IswdEksiParameters = IswdEksiParameters()
+    iswd_eksi_paper: IswdEksiPaperParameters = IswdEksiPaperParameters()
     fir_model: FirModelParameters = FirModelParameters()
     gauss_markov: GaussMarkovParameters = GaussMarkovParameters()
     learned: LearnedParameters = LearnedParameters()

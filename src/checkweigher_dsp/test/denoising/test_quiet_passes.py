@@ -22,11 +22,11 @@ LEARNED = {
 # training, and what a gain and an offset for all masses leave, as the platform slows with the mass.
 BIAS = {
     'mean': 3e-3, 'hann': 3e-4, 'tvlpf': 1e-3, 'iswd_eksi': 5e-6, 'fir_model': 1e-4,
-    'learned': 3e-4,
+    'learned': 3e-4, 'iswd_eksi_paper': 3e-3,
 }  # fmt: skip
 BIAS_AFTER_TRAINING = {
     'mean': 3e-4, 'hann': 3e-5, 'tvlpf': 5e-5, 'iswd_eksi': 2e-6, 'fir_model': 2e-5,
-    'learned': 3e-5,
+    'learned': 3e-5, 'iswd_eksi_paper': 3e-4,
 }  # fmt: skip
 
 

@@ -29,6 +29,7 @@ _LOOKS = {
     'iswd_eksi': Look('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d'),
     'fir_model': Look('FIR model', 'h', '#b4569a', '#db8cc4'),
     'gauss_markov': Look('Gauss-Markov', 'X', '#0058a3', '#7d9bff'),
+    'iswd_eksi_paper': Look('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a'),
     'learned': Look('Learned', '*', '#a3123a', '#ff6f91'),
     'chosen': Look('Chosen by tune', '<', '#7a5230', '#c79a6f'),  # one of the others, see CHOSEN
 }

@@ -14,7 +14,8 @@ from checkweigher_validation.tuning.tuner import Tuned
 
 # The fewer numbers of an estimator are learned, the earlier it stands.
 SIMPLEST_FIRST = (
-    'mean', 'hann', 'tvlpf', 'aid', 'aeksi', 'iswd_eksi', 'fir_model', 'gauss_markov', 'learned',
+    'mean', 'hann', 'iswd_eksi_paper', 'tvlpf', 'aid', 'aeksi', 'iswd_eksi', 'fir_model',
+    'gauss_markov', 'learned',
 )  # fmt: skip
 _BLOCKS = 20  # of passes, left out in turn
 _LEAST = 1e-12  # kg, of an index without errors

@@ -121,6 +121,12 @@ class TunedHann(Tunable):
     name = 'hann'
 
 
+class TunedIswdEksiPaper(Tunable):
+    """The paper's literal form: Table 1 is as it is printed."""
+
+    name = 'iswd_eksi_paper'
+
+
 class TunedTvlpf(Tunable):
     """The time-varying low-pass filter: its order and the schedule of its cut-off."""
 

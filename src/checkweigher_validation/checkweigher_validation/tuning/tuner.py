@@ -36,7 +36,7 @@ TUNABLES: dict[str, type[Tunable]] = {
     for tunable in (
         tunables.TunedMean, tunables.TunedHann, tunables.TunedTvlpf, tunables.TunedAid,
         tunables.TunedAeksi, tunables.TunedIswdEksi, tunables.TunedFirModel, TunedGaussMarkov,
-        TunedLearned,
+        TunedLearned, tunables.TunedIswdEksiPaper,
     )
 }  # fmt: skip
 

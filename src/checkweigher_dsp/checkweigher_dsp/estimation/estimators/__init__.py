@@ -12,6 +12,7 @@ from checkweigher_dsp.estimation.estimators.base import Estimator
 from checkweigher_dsp.estimation.estimators.fir_model import FirModel
 from checkweigher_dsp.estimation.estimators.gauss_markov import GaussMarkov
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksi
+from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import Learned
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
@@ -23,6 +24,7 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     'aid': Aid,
     'aeksi': Aeksi,
     'iswd_eksi': IswdEksi,
+    'iswd_eksi_paper': IswdEksiPaper,
     'fir_model': FirModel,
     'gauss_markov': GaussMarkov,
     'learned': Learned,
