@@ -82,17 +82,19 @@ class PortNode(Node):
         )
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any, **options: Any
-    ) -> Subscription:
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any,
+        raw: bool = False, **options: Any,
+    ) -> Subscription:  # fmt: skip
         """Subscribe; bytes that are no message and what the callback raises are not fatal.
 
         rclpy would raise the former out of its executor, and keep the callback group taken. A
-        callback of two arguments gets the information on the message, too.
+        callback of two arguments gets the information on the message, too. With `raw` it gets the
+        bytes.
         """
         informed = len(inspect.signature(callback).parameters) == 2
 
         def convert(data: bytes, info: Any) -> Any:
-            message = deserialize_message(data, msg_type)
+            message = data if raw else deserialize_message(data, msg_type)
             return callback(message, info) if informed else callback(message)
 
         guarded = self._guarded(convert, f'refused a message on {topic}')
