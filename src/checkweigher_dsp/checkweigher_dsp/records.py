@@ -184,7 +184,8 @@ class WeighWindow:
     counts_per_kg: float = math.nan  # static calibration
     zero_counts: float = math.nan  # static calibration
     zero: float = math.nan  # counts, empty belt as last seen before t1
-    zero_std_dev: float = math.nan  # counts
+    # counts; of a window that is later than its edges with what that lag is uncertain
+    zero_std_dev: float = math.nan
     first_index: int = 0  # of counts[0] since the source started
     # ns, time of counts[0], at the nominal rate from that of the sample at window_begin, and on
     # the clock of the eyes: the lag of the samples is taken off where the rise shows one.

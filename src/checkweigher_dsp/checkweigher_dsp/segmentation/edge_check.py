@@ -15,7 +15,8 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.rise_lag import RiseLag
 
 _SURE = 4.0  # standard deviations
-_LIKELY = 2.5
+_LIKELY = 2.5  # of an item whose own lag is not sure, else:
+_ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # s; a platform without ringing lags 5e-4 less than the usual one
 _SHARE = 0.02  # of t2 - t1, by which products ride on differently from item to item
 # From the lag that is stated, while none is learned: share of t2 - t1 by which a whole kind of
@@ -24,7 +25,7 @@ _FURTHEST_SHARE = 0.15
 _FURTHEST = 0.01
 _FEWEST = 5  # items that a lag is learned from, and the most
 _MOST = 25
-_LAST = 3  # items whose lag an item has whose own is not sure
+_LAST = 3  # items whose lag an item has that may have the same
 _RECENT = 8  # items that show a lasting change
 _SAME = 0.1  # relative difference of belt speeds and of lengths that are one
 
@@ -42,11 +43,14 @@ class EdgeCheck:
         What has been learned, NaN before that.
     checked, unchecked : int
         Items so far whose rise was seen, and that of the others was not.
+    doubt : float
+        Standard deviation of the last lag, s; 0 if none was seen.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
         self._parameters = parameters
         self.checked = self.unchecked = 0
+        self.doubt = 0.0
         self.forget()
 
     def forget(self) -> None:
@@ -88,6 +92,7 @@ class EdgeCheck:
         say. `speed` is that of the belt in m/s, `length` that of the item in m.
         """
         self._begin_kind(speed, length)
+        self.doubt = 0.0
         if not seen.is_known:
             self.unchecked += 1
             if self._is_mismatch(self._usual, 0.0, length / speed):
@@ -104,10 +109,11 @@ class EdgeCheck:
                 self.learned = median(each.lag for each in self._first) - self._stated(speed)
         bend, doubt = self._bend()
         std_dev = math.hypot(seen.std_dev, doubt)
-        own = self._sure_shift(lag - bend, std_dev)
-        if own or abs(self._usual - lag) > _LIKELY * seen.std_dev:
-            return own
-        return self._sure_shift(self._usual - bend, std_dev / math.sqrt(_LAST))
+        likely = _ALIKE if self._sure_shift(lag - bend, std_dev) else _LIKELY
+        if abs(self._usual - lag) <= likely * seen.std_dev:  # of few items it is NaN
+            lag, std_dev = self._usual, std_dev / math.sqrt(_LAST)
+        self.doubt = std_dev
+        return self._sure_shift(lag - bend, std_dev)
 
     def _stated(self, speed: float) -> float:
         known = self._parameters

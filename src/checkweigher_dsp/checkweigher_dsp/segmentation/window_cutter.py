@@ -18,6 +18,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.rise_lag import RiseLag, rise_lag
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
+from checkweigher_dsp.segmentation.zero_tracking import Zero
 
 _BEFORE_RISE = 0.4  # s before t1 in which a rise is looked for
 
@@ -48,7 +49,8 @@ class WindowCutter:
         self._zero_span = round(parameters.zero_time * load_cell.sample_rate)
         self._lead = round(parameters.lead_time * load_cell.sample_rate)
         self._trail = round(parameters.trail_time * load_cell.sample_rate)
-        self._shifts: dict[int, int] = {}  # of items that wait and were checked, ns
+        # Shift of items that wait and were checked, ns, and its standard deviation, s.
+        self._shifts: dict[int, tuple[int, float]] = {}
         self._waiting: list[Item] = []
         self.count = 0
         self.jumped = False  # whether the samples begin where their clock jumped
@@ -92,7 +94,7 @@ class WindowCutter:
             return self._fault(item, *item.faults)
         if buffer.empty:
             return None
-        shift = self._shifts.get(item.item_id, 0)
+        shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
         edges = item.t1 + shift, item.t2 + shift, item.t3 + shift
         entry, begin, end = (buffer.index_at(stamp) for stamp in edges)
         trail_end = self._trail_end(item.t3 + shift + item.length, end)
@@ -107,7 +109,7 @@ class WindowCutter:
             found = self._find_shift(item, entry, begin, end)
             if isinstance(found, Reason):
                 return self._fault(item, found)
-            self._shifts[item.item_id] = found
+            self._shifts[item.item_id] = found, self.edge_check.doubt if found else 0.0
             return self._cut(item, wait=wait)
         empty, settled = self._empty_belt(item, entry)
         if settled:
@@ -127,7 +129,7 @@ class WindowCutter:
             counts_per_kg=cell.counts_per_kg,
             zero_counts=cell.zero_counts,
             zero=zero.counts,
-            zero_std_dev=zero.std_dev,
+            zero_std_dev=self._zero_std_dev(item, begin, end, zero, doubt),
             first_index=first,
             # By that of t2: what the clock of the samples is off would show in the lead time.
             stamp=buffer.stamp_at(begin)
@@ -195,6 +197,17 @@ class WindowCutter:
         time += seconds(buffer.stamp_at(begin) - item.t1)
         force = buffer.look_at(first, end) / cell.counts_per_kg
         return rise_lag(force, time, seconds(item.t2 - item.t1), seconds(item.t3 - item.t1))
+
+    def _zero_std_dev(self, item: Item, begin: int, end: int, zero: Zero, doubt: float) -> float:
+        """Return how uncertain the zero is, counts, with what an uncertain shift, s, does to it.
+
+        A load that is taken out of the signal too early or late by the time d leaves its area, M d,
+        which smoothing spreads over about twice the transit.
+        """
+        if not doubt or item.t1 is None or item.t3 is None:
+            return zero.std_dev
+        load = float(np.mean(self._buffer.look_at(begin, end))) - zero.counts
+        return math.hypot(zero.std_dev, load * doubt / (2 * seconds(item.t3 - item.t1)))
 
     def _alone_from(self, item: Item, first: int, begin: int, shift: int = 0) -> int:
         """Return the index from which on the item before had left, `first` if there was none."""

@@ -34,9 +34,10 @@ def test_a_lag_within_its_uncertainty_moves_nothing():
 
 def test_a_lag_that_is_sure_moves_the_window_from_the_first_item_on():
     assert shifts(EdgeCheck(SegmenterParameters()), [5.0, 5.2, -3.0]) == [5.0, 5.2, -3.0]
+    assert shifts(EdgeCheck(SegmenterParameters()), [5.0, 5.2, 5.1])[-1] == 5.1
 
 
-def test_a_lag_that_is_not_sure_is_that_of_the_items_before_if_it_may_be():
+def test_a_lag_that_may_be_that_of_the_items_before_is_theirs():
     check = EdgeCheck(SegmenterParameters())
     shifts(check, [1.0, 1.1, 1.0])
 
