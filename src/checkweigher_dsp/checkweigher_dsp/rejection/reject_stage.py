@@ -35,7 +35,7 @@ _MAX_EARLY = 10_000
 _PLAYED_AGAIN = 4  # edges, as many as an item has
 _MAX_STAMPS = 4_000
 _MAX_LATEST = 400
-_MAX_AHEAD = 100
+_MAX_AHEAD = 1_000  # far more than a driver has on their way, see FlowControl
 _Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
 
 

@@ -104,6 +104,16 @@ def test_masses_show_how_edges_are_paired_where_the_first_product_was_taken_off(
     assert len(verdicts) == len({verdict.t1 for _, verdict in verdicts}) == 6
 
 
+def test_masses_far_ahead_of_their_edges_wait_for_them():
+    stage = RejectStage(replace(PARAMETERS, deadlines=False), BELT)
+    items = [_item(number) for number in range(1, 151)]
+    assert [stage.add_estimate(estimate) for _, estimate in items] == [[]] * 150
+
+    verdicts = [verdict for edges, _ in items for edge in edges for verdict in stage.add_edge(edge)]
+
+    assert [verdict.decision for verdict in verdicts] == [Decision.ACCEPT] * 150
+
+
 def test_a_late_mass_is_counted_and_changes_nothing():
     stage = RejectStage(PARAMETERS, BELT)
 
@@ -220,7 +230,7 @@ def test_a_mass_of_what_the_eyes_did_not_show_has_no_verdict():
 
     assert [v.t3 for v in verdicts] == [_item(2)[1].t3]
     assert stage.add_estimate(MassEstimate(9, None, None, None, mass=0.15)) == []
-    for number in range(200):  # of times to come, and so they might be ahead of their edges
+    for number in range(1100):  # of times to come, and so they might be ahead of their edges
         assert stage.add_estimate(_item(1000 + number)[1]) == []
     assert _play(stage, [(_item(3)[1].t3, edge) for edge in _item(3)[0]])[0][1].reasons == (
         'NoEstimate',
