@@ -40,7 +40,8 @@ PATIENT = """
     rejector_distance: 8.0
 """
 TOGETHER = (
-    'estimates of items', 'estimates of items, as identifier', 'forged load_cell/info',
+    'estimates of items', 'estimates of items, gone at once', 'estimates of items, as identifier',
+    'forged load_cell/info',
     'forged stop_request, as reject', 'a second reject that answers for its parameters',
 )  # fmt: skip
 
@@ -124,9 +125,8 @@ def _attack(name: str) -> Attack:
 def test_no_product_is_accepted_by_what_a_stranger_says(tmp_path: Path):
     with supervised_line(tmp_path, PATIENT) as line:
         campaign = Campaign(line)
-        campaign.run([_attack('estimates of items, gone at once')], DURATION)
+        campaign.run([_attack(name) for name in TOGETHER], DURATION)
         assert campaign.counts['faults'] > 0
-        campaign.run([_attack(name) for name in TOGETHER], 2 * DURATION)
         assert line.end() == 130
     print(dict(campaign.counts))
 
