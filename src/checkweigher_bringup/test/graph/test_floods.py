@@ -120,11 +120,11 @@ def flood_line(folder: Path, count: int) -> str:
                 flood(flooder, count)
                 flooder.arrived()
                 flooder.weighed(GOOD)
+                for name, process in processes.items():
+                    wait_for(lambda p=process, b=before[name]: resident_memory(p.pid) < 1.1 * b)
+                    assert resident_memory(process.pid, 'VmHWM') < MOST, report
                 after = {name: resident_memory(p.pid) for name, p in processes.items()}
                 report.append(f'{flood.__name__}: kB before {before}, after {after}')
-                for name, process in processes.items():
-                    assert after[name] < 1.1 * before[name], report
-                    assert resident_memory(process.pid, 'VmHWM') < MOST, report
     return '\n'.join(report)
 
 

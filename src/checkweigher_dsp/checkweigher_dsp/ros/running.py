@@ -25,7 +25,7 @@ from checkweigher_dsp.terminal import one_line
 
 # Of glibc: from this size on memory goes back to the system at once. By itself the limit rises with
 # what is freed, and a process keeps what one large message took.
-_MMAP_THRESHOLD, _LARGE = -3, 2**20  # name in malloc.h; bytes
+_MMAP_THRESHOLD, _LARGE = -3, 2**17  # name in malloc.h; bytes
 _FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
 
 
