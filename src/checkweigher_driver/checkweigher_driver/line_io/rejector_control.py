@@ -17,6 +17,8 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
 
+# Of the way of the product before, by which that of two products that were taken for one is off.
+_OTHER_WAY = 0.2
 # A reject time further ahead is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
 _CLOCK_STEP = 5_000_000  # ns
@@ -291,10 +293,14 @@ class RejectorControl:
             return
         times = self._times(verdict, now)
         arrival = None if times is None else self._belt.arrival(*times)[0]
+        if arrival is not None and times is not None and times.entered is not None:
+            way, before = arrival - self._belt.at(times.entered), self._way
+            if Reason.DISTANCE_FAULT not in verdict.reasons:
+                self._way = way
+            elif before is not None and abs(way - before) > _OTHER_WAY * before:
+                times = arrival = None  # its edges are those of two products
         end = None if arrival is None else max(arrival, self._belt.at(now)) + self._after
         passage = self._items.judge(verdict, end).passage
-        if arrival is not None and times is not None and times.entered is not None:
-            self._way = arrival - self._belt.at(times.entered)
         if rejected:
             if arrival is not None:
                 self._permits.deny(arrival)

@@ -15,7 +15,7 @@ from checkweigher_driver.line_io.rejector_control import (
     RejectorControl,
     Switches,
 )
-from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
 
 MS = 1_000_000
@@ -255,3 +255,15 @@ def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_r
     assert outputs.levels(now + 815 * MS)[:2] == (True, True)
     assert 'a product without a verdict' in outputs.missed.text
     assert 'would be at the rejector by now' in outputs.missed.text
+
+
+@pytest.mark.parametrize(('transit', 'in_doubt'), [(T1, False), (T1 + 500 * MS, True)])
+def test_the_place_of_two_products_that_were_taken_for_one_is_not_known(transit, in_doubt):
+    outputs, now = control(), time.monotonic_ns()
+    passing(outputs, now + 900 * MS, now, Decision.ACCEPT)
+    stamp, reasons = time.time_ns() - time.monotonic_ns() + now, (Reason.DISTANCE_FAULT.value,)
+    way = 800 * MS * transit // T1  # at the speed by the eyes
+    t3 = stamp - 100 * MS
+    due = t3 - transit + way
+    outputs.verdict(Verdict(8, t3, Decision.FAULT, reasons, reject_at=due, t1=t3 - transit), now)
+    assert ('is not known' in outputs.missed.text) == in_doubt
