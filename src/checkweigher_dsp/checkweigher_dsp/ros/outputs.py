@@ -34,8 +34,8 @@ _MAX_HELD = 10_000
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # takes a record
 Doubted = Callable[[Any], Any]  # takes a record that may be a stranger's, returns what to take
-# Endpoints have no event callbacks: each is one more entity that every wake of the executor
-# collects. `Connections` finds a QoS that does not fit in the graph.
+# Endpoints have no event callbacks but that of inputs which count their publishers: each is one more
+# entity that every wake of the executor collects. `Connections` finds a QoS that does not fit.
 
 
 class Output:
@@ -217,7 +217,7 @@ class Input:
     def let_go(self) -> None:
         """Let go of the subscription, which is about to be destroyed."""
         if self._publishers is not None:
-            self._publishers.watch(None)
+            self._publishers.watch(watching=False)
 
     def refuse_doubted(self, record: Any) -> Any:
         """Refuse a record that may be a stranger's."""
@@ -235,11 +235,13 @@ class Input:
 
     def subscribe(self) -> None:
         """Take records over DDS."""
-        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        matched = None
+        if self._publishers is not None:
+            self._publishers.watch()
+            matched = self._publishers.matched
+        events = SubscriptionEventCallbacks(matched=matched, use_default_callbacks=False)
         create, call = self._node.create_subscription, self._take_message
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
-        if self._publishers is not None:
-            self._publishers.watch(self.subscription)
 
     def count(self) -> int:
         """Return how many make the records."""

@@ -10,13 +10,10 @@ from collections.abc import Mapping
 import time
 from typing import Any
 
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 
-_MATCHED = rclpy_implementation.rcl_subscription_event_type_t.RCL_SUBSCRIPTION_MATCHED
 _NAMING_TIME = 0.02  # s, in which DDS finds the name of a node after its endpoints
 ANY = '*'  # allowed: whatever publishes
 
@@ -76,26 +73,31 @@ class Makers:
         self.passed = -float('inf')
         self._proved: set[bytes] = set()  # gids of the maker, also of one that has died since
         self._alone = b''  # gid of what is taken for the maker
-        self._matched: Any = None
+        self._matched: Any = None  # the last count of connections
+        self._watching = False
         self._listed: set[bytes] = set()
         self._seen = self._surplus = 0  # publishers in all: in the list, and in the count besides
         self._doubted_until = 0  # ns of the system clock
 
-    def watch(self, subscription: Subscription | None) -> None:
-        """Count the publishers that this subscription has connected, None to let go of it."""
-        self._matched = None
+    def watch(self, *, watching: bool = True) -> None:
+        """Begin to count the publishers that a new subscription connects, or let go of it."""
+        self._watching, self._matched = watching, None
         self._listed, self._seen, self._surplus = set(), 0, 0
-        if subscription is not None:
-            with subscription.handle:
-                self._matched = rclpy_implementation.EventHandle(subscription.handle, _MATCHED)
+
+    def matched(self, status: Any) -> None:
+        """Take how many publishers the subscription has connected, from its event.
+
+        The executor calls events before messages.
+        """
+        self._matched = status
 
     def doubts(self, received: int) -> bool:
         """Return whether a message that came at `received`, ns, may be that of a stranger."""
-        if self._matched is None:
+        if not self._watching:
             return False
         self.look()
         # DDS counts a connection after it has made it: the list knows before, the count afterwards.
-        passed = self._count_passed(self._matched.take_event())
+        passed = self._matched is not None and self._count_passed(self._matched)
         if passed:
             self.passed = time.monotonic()
         if passed or self.strangers:
