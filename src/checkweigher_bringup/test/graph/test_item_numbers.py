@@ -22,7 +22,7 @@ from supervised_line import SupervisedLine, supervised_line
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, LineHistory
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_dsp.ros.conversion import stamp_from, to_record
 
 
 class Campaign:
@@ -37,6 +37,7 @@ class Campaign:
         self.entered: dict[tuple[int, int], None] = {}
         self.numbers: dict[int, set[tuple[int, int]]] = {}
         self.heard: Counter[int] = Counter()
+        self.starts: Counter[int | None] = Counter()  # a simulation begins each stream with these
 
     def kill(self, name: str) -> None:
         """Kill a node that has been started."""
@@ -66,6 +67,7 @@ class Campaign:
 
     def _hear(self, verdict: Any) -> None:
         self.heard[verdict.item_id] += 1
+        self.starts[stamp_from(verdict.t1)] += 1
 
     def judge_until_known(self) -> None:
         """Let the line run until an item is weighed, and the driver knows its number."""
@@ -99,7 +101,10 @@ class Campaign:
         doubled = [item for item, numbers in self.verdicts.items() if len(numbers) > 1]
         twice = [number for number, items in self.numbers.items() if len(items) > 1]
         twice += [number for number, count in self.heard.items() if count > 1]
-        lost = [item for item in due if item not in self.verdicts]
+        # A driver that has hardly begun may miss a verdict that the listener has heard.
+        streams = Counter(t1 for _, t1 in due)
+        unknown = [item for item in due if item not in self.verdicts]
+        lost = [(stream, t1) for stream, t1 in unknown if self.starts[t1] < streams[t1]]
         killed = ', '.join(f'{name} {count}' for name, count in self.killed.items())
         print(
             f'killed {killed}; {len(due)} items, doubled {len(doubled)}, lost {len(lost)}, '
