@@ -34,8 +34,8 @@ _MAX_HELD = 10_000
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # takes a record
 Doubted = Callable[[Any], Any]  # takes a record that may be a stranger's, returns what to take
-# Endpoints have no event callbacks but that of inputs which count their publishers: each is one more
-# entity that every wake of the executor collects. `Connections` finds a QoS that does not fit.
+# Endpoints have no event callbacks but that of inputs which count their publishers: each is one
+# more entity that every wake of the executor collects. `Connections` finds a QoS that does not fit.
 
 
 class Output:
