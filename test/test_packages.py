@@ -19,6 +19,10 @@ FOLDERS = 'test/support', 'test/support/devices', 'bench'
 SUPPORT = {path.stem: path for folder in FOLDERS for path in (ROOT / folder).glob('*.py')}
 # The rosdep key of a module, where its name is another one.
 KEYS = {
+    # These three come with NiceGUI.
+    'fastapi': 'nicegui',
+    'starlette': 'nicegui',
+    'uvicorn': 'nicegui',
     'filterpy': 'python3-filterpy-pip',
     'hypothesis': 'python3-hypothesis',
     'jinja2': 'python3-jinja2',
@@ -30,6 +34,7 @@ KEYS = {
     'pywt': 'python3-pywt',
     'ruamel': 'python3-ruamel.yaml',
     'scipy': 'python3-scipy',
+    'selenium': 'python3-selenium',
     'serial': 'python3-serial',
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',

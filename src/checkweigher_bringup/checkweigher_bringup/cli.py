@@ -39,6 +39,8 @@ COMMANDS = (
      'echo --namespace lane1'),
     ('status', 'show what is wrong with a running line, worst first, and what to check',
      'status --count 1'),
+    ('page', 'show the running lanes in a browser on this machine',
+     'page --port 8080'),
     ('tune', 'learn parameters from passes of known mass',
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
     ('evaluate', 'show the accuracy of the estimators on passes of known mass',

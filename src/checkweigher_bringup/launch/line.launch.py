@@ -38,6 +38,7 @@ ARGUMENTS = (
     ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
     ('respawn', 'true',
      'whether a process that has ended is started again; false ends the launch with it'),
+    ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
     ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
 )  # fmt: skip
 
@@ -85,6 +86,10 @@ def make_line(context):
                 condition=UnlessCondition(one_process), **common,
             )
             for name, module in NODES.items()
+        ),
+        Node(
+            package='checkweigher_web', executable='page', output='screen', respawn=respawn,
+            respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('page')),
         ),
     ]  # fmt: skip
 

@@ -3,20 +3,24 @@
 """Show what is wrong with a running line, worst first, and what to check."""
 
 import argparse
+from collections.abc import Iterable, Iterator
 import math
 from shutil import get_terminal_size
 import sys
+import textwrap
 import time
 from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import add_end
 
 if TYPE_CHECKING:
-    from checkweigher_bringup.line_status import Row
+    from checkweigher_dsp.health.status_board import Row
 
 _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # s, in which the first report of a running line comes
 _FIRST_LOOK = 1.5  # s from then on, in which every node reports
+_NARROWEST = 40  # columns of text
+_COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,10 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show tables until interrupted; 1 if the last one has an error or a silent node."""
-    from checkweigher_bringup.line_status import StatusBoard, worst
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_dsp.health.findings import Level
+    from checkweigher_dsp.health.status_board import StatusBoard, worst
     from checkweigher_dsp.ros import ports
     from checkweigher_dsp.ros.port_node import PortNode
 
@@ -63,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
-    from checkweigher_bringup.line_status import headline, table
+    from checkweigher_dsp.health.status_board import headline
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
     if not heard:
@@ -72,3 +76,29 @@ def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
     screen = sys.stdout.isatty()
     clear = '\033[H\033[J' if screen else ''
     print(clear + '\n'.join(lines) + ('' if screen else '\n'), flush=True)
+
+
+def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
+    """Yield the lines of a table, `width` columns wide if that leaves room for the text.
+
+    Rows that are not OK show their hint and their figures; with `values` the others do, too.
+    """
+    from checkweigher_dsp.health.findings import Level
+
+    rows = list(rows)
+    wide = max([len(row.node) for row in rows] + [10])
+    first = _COLUMNS.format('level', 'node', 'aspect', wide=wide)
+    indent = ' ' * len(first)
+    yield first + 'what is, and what to check'
+    room = max(width - len(indent), _NARROWEST)
+    for row in rows:
+        text, _, hint = row.message.partition('; ')
+        begin = _COLUMNS.format(row.level.name, row.node, row.aspect, wide=wide)
+        lines = textwrap.wrap(text, room) or ['']
+        if hint:
+            lines += textwrap.wrap('-> ' + hint, room, subsequent_indent='   ')
+        if values or row.level != Level.OK:
+            figures = ', '.join(f'{key} {value}' for key, value in row.values)
+            lines += textwrap.wrap(figures, room)
+        yield begin + lines[0]
+        yield from (indent + line for line in lines[1:])

@@ -16,11 +16,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from running import PATIENCE, ROOT, run_command
 
+from checkweigher_bringup.commands.status import table
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.line_status import Row, StatusBoard, headline, table
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.health.status_board import Row, StatusBoard, headline
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode

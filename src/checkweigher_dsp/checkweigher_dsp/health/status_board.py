@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The diagnostics of running lines as one table: the worst first, silent nodes among them."""
+"""The last diagnostics of running lines: the worst first, silent nodes among them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
-import textwrap
 import threading
 from typing import Any
 
@@ -13,9 +12,7 @@ from checkweigher_dsp.ros.ports import NODES, STAGES
 from checkweigher_dsp.terminal import one_line
 
 _SILENCE = 3.0  # s, three of its periods
-_NARROWEST = 40  # columns of text
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
-_COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,27 +88,3 @@ def headline(rows: Iterable[Row]) -> str:
         counts[row.level] += 1
     names = {Level.STALE: 'silent', Level.ERROR: 'errors', Level.WARN: 'warnings', Level.OK: 'well'}
     return ', '.join(f'{count} {names[level]}' for level, count in counts.items())
-
-
-def table(rows: Iterable[Row], width: int, *, values: bool) -> Iterator[str]:
-    """Yield the lines of a table, `width` columns wide if that leaves room for the text.
-
-    Rows that are not OK show their hint and their figures; with `values` the others do, too.
-    """
-    rows = list(rows)
-    wide = max([len(row.node) for row in rows] + [10])
-    first = _COLUMNS.format('level', 'node', 'aspect', wide=wide)
-    indent = ' ' * len(first)
-    yield first + 'what is, and what to check'
-    room = max(width - len(indent), _NARROWEST)
-    for row in rows:
-        text, _, hint = row.message.partition('; ')
-        begin = _COLUMNS.format(row.level.name, row.node, row.aspect, wide=wide)
-        lines = textwrap.wrap(text, room) or ['']
-        if hint:
-            lines += textwrap.wrap('-> ' + hint, room, subsequent_indent='   ')
-        if values or row.level != Level.OK:
-            figures = ', '.join(f'{key} {value}' for key, value in row.values)
-            lines += textwrap.wrap(figures, room)
-        yield begin + lines[0]
-        yield from (indent + line for line in lines[1:])

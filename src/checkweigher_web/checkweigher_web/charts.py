@@ -1,0 +1,231 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of the page as options of ECharts, from what a lane has shown."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.records import (
+    GRAMS,
+    NANOSECONDS,
+    Decision,
+    Eye,
+    LoadCell,
+    Statistics,
+    WeighWindow,
+)
+from checkweigher_web.control_chart import SUBGROUP, ControlChart
+from checkweigher_web.empty_belt import Spectrum
+from checkweigher_web.lane import Item, Stretch
+
+Options = dict[str, Any]
+
+# Told apart by more than hue: lines also differ in width and dash.
+RAW, DENOISED, LEVEL, REFERENCE, ALARM = '#8a94a6', '#1b5fc1', '#0b6e3b', '#7a3e9d', '#b3261e'
+_MAX_POINTS = 1200
+_BINS = 25
+_HIGHEST = 150.0  # Hz, above it no machine shakes a belt
+_LEAD = 0.5  # of t3 - t1, that is shown before t1
+
+
+def nothing(text: str) -> Options:
+    """Return an empty figure that says why it is empty."""
+    return {'title': {'text': text, 'left': 'center', 'top': 'middle',
+                      'textStyle': {'fontSize': 14, 'color': '#595959'}}}  # fmt: skip
+
+
+def signal_chart(item: Item, load_cell: LoadCell | None) -> Options:
+    """Return the signal of an item: its window, or the raw stretch around what is no window."""
+    window = item.window
+    if window is not None and len(window.counts):
+        return _window_chart(item, window)
+    if item.stretch is not None and load_cell is not None:
+        return _stretch_chart(item, item.stretch, load_cell)
+    return nothing('no signal: it came before this page was open')
+
+
+def _window_chart(item: Item, window: WeighWindow) -> Options:
+    origin = window.t1 or window.stamp
+    time = (window.stamp - origin) / 1e6 + 1e3 / window.sample_rate * np.arange(len(window.counts))
+    series = [_line('raw', time, GRAMS * window.force, RAW, width=1)]
+    if len(window.denoised):
+        series.append(_line('denoised', time, GRAMS * window.denoised, DENOISED, width=2))
+    mass, std_dev = GRAMS * item.verdict.mass, GRAMS * item.verdict.std_dev
+    begin, end = time[window.window_begin], time[max(window.window_end - 1, 0)]
+    if math.isfinite(mass):
+        level = _line('mass', np.array([begin, end]), np.array([mass, mass]), LEVEL, width=3)
+        band = [
+            {'yAxis': mass - 2 * std_dev, 'xAxis': begin},
+            {'yAxis': mass + 2 * std_dev, 'xAxis': end},
+        ]
+        level['markArea'] = {'silent': True, 'data': [band],
+                             'itemStyle': {'color': LEVEL, 'opacity': 0.15}}  # fmt: skip
+        series.append(level)
+    if math.isfinite(item.reference):
+        known = np.full(2, GRAMS * item.reference)
+        series.append(_line('reference', time[[0, -1]], known, REFERENCE, width=1, dash='dashed'))
+    marks = {'t1': window.t1, 't2': window.t2, 't3': window.t3, 't4': item.t4}
+    places = {name: (stamp - origin) / 1e6 for name, stamp in marks.items() if stamp is not None}
+    series[0]['markLine'] = _marks(places)
+    figure = _figure(series, 'ms after t1', 'g')
+    transit = places.get('t3', end)
+    figure['xAxis'] |= {'min': max(time[0], -_LEAD * transit), 'max': max(places.values())}
+    return figure
+
+
+def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options:
+    """Return the raw signal with all edges, what is saturated and what lacks of it marked."""
+    origin = int(stretch.time[0]) if item.verdict.t1 is None else item.verdict.t1
+    time = (stretch.time - origin) / 1e6
+    force = GRAMS * (stretch.counts - load_cell.zero_counts) / load_cell.counts_per_kg
+    raw = _line('raw', time, force, RAW, width=1)
+    names = {
+        (Eye.INFEED, True): 'enters', (Eye.INFEED, False): 'is on the belt',
+        (Eye.OUTFEED, True): 'leaves', (Eye.OUTFEED, False): 'is gone',
+    }  # fmt: skip
+    raw['markLine'] = _marks(
+        {f'{k + 1} {names[e.eye, e.blocked]}': (e.stamp - origin) / 1e6
+         for k, e in enumerate(stretch.edges)}
+    )  # fmt: skip
+    limits = load_cell.min_counts, load_cell.max_counts
+    outside = (stretch.counts <= limits[0]) | (stretch.counts >= limits[1])
+    gaps = np.diff(stretch.time) > 1.5 * NANOSECONDS / load_cell.sample_rate
+    raw['markArea'] = {
+        'silent': True, 'itemStyle': {'color': ALARM, 'opacity': 0.15},
+        'data': [
+            *_areas(time, outside, 'saturated'),
+            *([{'name': 'samples lost', 'xAxis': time[k]}, {'xAxis': time[k + 1]}]
+              for k in np.flatnonzero(gaps)),
+        ],
+    }  # fmt: skip
+    return _figure([raw], 'ms after the first edge', 'g')
+
+
+def _areas(time: NDArray[Any], inside: NDArray[np.bool_], name: str) -> list[list[Options]]:
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
+    return [
+        [{'name': name, 'xAxis': time[begin]}, {'xAxis': time[end - 1]}]
+        for begin, end in zip(ends[::2], ends[1::2], strict=True)
+    ]
+
+
+def histogram(items: Sequence[Item], statistics: Statistics | None) -> Options:
+    """Return how often each mass came, with limits, TU1, TU2 and nominal mass."""
+    masses = masses_of(items)
+    if len(masses) < 2:
+        return nothing('needs two items')
+    counts, bounds = np.histogram(masses, bins=min(_BINS, max(5, len(masses) // 4)))
+    limits = {
+        'lower': GRAMS * items[0].verdict.lower_limit,
+        'upper': GRAMS * items[0].verdict.upper_limit,
+    }
+    if statistics is not None:
+        for name, value in (('TU1', statistics.tu1), ('TU2', statistics.tu2),
+                            ('nominal', statistics.nominal)):  # fmt: skip
+            limits[name] = GRAMS * (value + statistics.tare)
+    centres = (bounds[:-1] + bounds[1:]) / 2
+    bars: Options = {
+        'type': 'bar', 'name': 'items', 'barWidth': '95%', 'itemStyle': {'color': DENOISED},
+        'data': np.column_stack([centres, counts]).tolist(),
+        'markLine': _marks({name: at for name, at in limits.items() if math.isfinite(at)}),
+    }  # fmt: skip
+    figure = _figure([bars], 'g', 'items')
+    places = [bounds[0], bounds[-1], *(at for at in limits.values() if math.isfinite(at))]
+    figure['xAxis'] |= {'min': min(places), 'max': max(places)}
+    figure['yAxis'] |= {'min': 0, 'minInterval': 1}
+    return figure
+
+
+def masses_of(items: Sequence[Item]) -> NDArray[np.float64]:
+    """Return the masses of the accepted items in the order in which they came, g."""
+    masses = [
+        item.verdict.mass for item in reversed(items) if item.verdict.decision == Decision.ACCEPT
+    ]
+    found = GRAMS * np.array(masses, float)
+    return np.asarray(found[np.isfinite(found)])
+
+
+def control_figure(chart: ControlChart | None, *, spread: bool) -> Options:
+    """Return the means of the subgroups, or their standard deviations, with their limits."""
+    if chart is None:
+        return nothing(f'needs two subgroups of {SUBGROUP} accepted items')
+    number = np.arange(1, len(chart.means) + 1, dtype=float)
+    if spread:
+        line = _line('s', number, chart.std_devs, DENOISED, width=2)
+        limits = {'mean': chart.spread, 'limit': chart.spread_upper}
+        marked = chart.std_devs > chart.spread_upper
+    else:
+        line = _line('mean', number, chart.means, DENOISED, width=2)
+        limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
+        marked = np.array([bool(mark) for mark in chart.marks])
+    line['showSymbol'] = True
+    line['data'] = [
+        {'value': point, 'symbolSize': 14, 'symbol': 'diamond', 'itemStyle': {'color': ALARM}}
+        if mark else {'value': point, 'symbolSize': 5}
+        for point, mark in zip(line['data'], marked, strict=True)
+    ]  # fmt: skip
+    line['markLine'] = _marks(limits, axis='yAxis')
+    return _figure([line], 'subgroup', 'g')
+
+
+def zero_chart(items: Sequence[Item]) -> Options:
+    """Return the empty belt before each item, as a distance from the zero of calibration."""
+    known = [each.estimate for each in reversed(items) if each.estimate is not None]
+    known = [each for each in known if math.isfinite(each.zero) and each.t1 is not None]
+    if not known:
+        return nothing('no item yet')
+    first = known[0].t1 or 0
+    time = np.array([((each.t1 or 0) - first) / NANOSECONDS for each in known])
+    zero = GRAMS * np.array([each.zero for each in known])
+    return _figure([_line('zero', time, zero, DENOISED, width=2)], 's', 'g')
+
+
+def spectrum_chart(found: Spectrum | None) -> Options:
+    """Return the spectrum of the empty belt with its lines."""
+    if found is None:
+        return nothing('needs a stretch of the empty belt')
+    line = _line('amplitude', found.frequencies, GRAMS * found.amplitudes, DENOISED, width=1)
+    line['markLine'] = _marks({f'{each.frequency:.0f}': each.frequency for each in found.lines})
+    figure = _figure([line], 'Hz', 'g')
+    figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}
+    return figure
+
+
+def _line(
+    name: str, x: NDArray[Any], y: NDArray[Any], color: str, *, width: int,
+    dash: str = 'solid',
+) -> Options:  # fmt: skip
+    step = max(1, -(-len(x) // _MAX_POINTS))
+    return {
+        'type': 'line', 'name': name, 'showSymbol': False, 'color': color,
+        'lineStyle': {'width': width, 'type': dash},
+        'data': np.column_stack([x[::step], y[::step]]).round(4).tolist(),
+    }  # fmt: skip
+
+
+def _marks(places: dict[str, float], axis: str = 'xAxis') -> Options:
+    return {
+        'symbol': 'none', 'silent': True, 'animation': False,
+        'lineStyle': {'color': '#595959', 'type': 'dotted'},
+        'label': {'formatter': '{b}', 'color': '#333333'},
+        'data': [{'name': name, axis: place} for name, place in places.items()],
+    }  # fmt: skip
+
+
+def _figure(series: list[Options], x_name: str, y_name: str) -> Options:
+    # Scientific data: no animation between two items, and an axis that need not begin at 0.
+    return {
+        'animation': False, 'tooltip': {'trigger': 'axis'},
+        'legend': {'show': len(series) > 1, 'top': 0},
+        'grid': {'left': 60, 'right': 50, 'top': 50, 'bottom': 40},
+        'xAxis': {'type': 'value', 'name': x_name, 'nameLocation': 'middle', 'nameGap': 25,
+                  'min': 'dataMin', 'max': 'dataMax', 'axisLine': {'onZero': False},
+                  'axisLabel': {'showMinLabel': False, 'showMaxLabel': False}},
+        'yAxis': {'type': 'value', 'name': y_name, 'scale': True, 'axisLine': {'onZero': False},
+                  'axisLabel': {'showMinLabel': False}},
+        'series': series,
+    }  # fmt: skip

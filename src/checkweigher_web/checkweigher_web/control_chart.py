@@ -1,0 +1,80 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A control chart of mean and spread over subgroups, with the rules of ISO 7870-2.
+
+The rules are quoted from memory of ISO 7870-2:2013, 8.2, not checked against its text.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+SUBGROUP = 5  # items
+_RUN = 7  # points on one side of the centre line, or in one direction
+
+
+@dataclass(frozen=True, slots=True)
+class ControlChart:
+    """Means and standard deviations of subgroups, (groups,), with centre lines and limits, kg.
+
+    `marks` has the rule that each mean breaks, empty where it breaks none.
+    """
+
+    means: NDArray[np.float64]
+    std_devs: NDArray[np.float64]
+    centre: float
+    lower: float
+    upper: float
+    spread: float  # centre line of the standard deviations
+    spread_upper: float
+    marks: tuple[str, ...]
+
+
+def control_chart(masses: Sequence[float]) -> ControlChart | None:
+    """Return the chart of masses in the order in which they came, or None below two subgroups.
+
+    The limits are three standard deviations of a mean (of a standard deviation) of `SUBGROUP`
+    values, estimated from the mean of the standard deviations: A3, B4 of ISO 7870-2, table 2.
+
+    Examples
+    --------
+    >>> chart = control_chart([0.1, 0.102, 0.098, 0.1, 0.1] * 3)
+    >>> print(len(chart.means), round(chart.centre, 6), chart.marks)
+    3 0.1 ('', '', '')
+    """
+    count = len(masses) // SUBGROUP
+    if count < 2:
+        return None
+    groups = np.reshape(masses[: count * SUBGROUP], (count, SUBGROUP))
+    means, std_devs = groups.mean(axis=1), groups.std(axis=1, ddof=1)
+    centre, spread = float(means.mean()), float(std_devs.mean())
+    # Mean and standard deviation of the standard deviation of SUBGROUP normal values, as shares of
+    # theirs.
+    c4 = math.sqrt(2 / (SUBGROUP - 1)) * math.gamma(SUBGROUP / 2) / math.gamma((SUBGROUP - 1) / 2)
+    reach = 3 * spread / c4 / math.sqrt(SUBGROUP)
+    lower, upper = centre - reach, centre + reach
+    return ControlChart(
+        means, std_devs, centre, lower, upper, spread,
+        spread * (1 + 3 * math.sqrt(1 - c4 * c4) / c4), _marks(means, centre, lower, upper),
+    )  # fmt: skip
+
+
+def _marks(
+    means: NDArray[np.float64], centre: float, lower: float, upper: float
+) -> tuple[str, ...]:
+    sides, steps = np.sign(means - centre), np.sign(np.diff(means, prepend=means[0]))
+    marks = []
+    for end, mean in enumerate(means, 1):
+        side, step = sides[max(end - _RUN, 0) : end], steps[max(end - _RUN + 1, 0) : end]
+        if not lower <= mean <= upper:
+            marks.append('beyond the limits')
+        elif end >= _RUN and abs(side.sum()) == _RUN:
+            marks.append(f'{_RUN} on one side')
+        elif end >= _RUN and abs(step.sum()) == _RUN - 1:
+            marks.append(f'{_RUN} rising' if step[-1] > 0 else f'{_RUN} falling')
+        else:
+            marks.append('')
+    return tuple(marks)

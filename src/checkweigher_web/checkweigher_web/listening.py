@@ -1,0 +1,89 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that listen to the lanes for the page, to their signals only while somebody looks."""
+
+from collections.abc import Callable
+import threading
+import time
+
+from checkweigher_dsp.health.status_board import StatusBoard
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_web.lane import Lane
+
+_RESULTS = (
+    ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
+    ports.VERDICT, ports.STATISTICS, ports.STOP_REQUEST,
+)  # fmt: skip
+_SIGNALS = (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW)
+_LOOK_PERIOD = 0.5  # s
+
+
+class _Listener(PortNode):
+    def __init__(self, name: str, lane: Lane, listened: tuple[ports.Port, ...]) -> None:
+        super().__init__(name, namespace=f'/{lane.name}')
+        for port in listened:
+            # What is latched comes at once: the items before the page was there, the load cell.
+            self.subscribe(port, lane.take, qos=port.qos)
+
+
+class Watch:
+    """The lanes that run, found by their verdicts.
+
+    A thread of its own looks for lanes and subscribes to their signals while `viewers` says that
+    somebody looks: the executor that serves the nodes cannot change them itself.
+
+    Attributes
+    ----------
+    lanes : dict of str to Lane
+        By namespace; '' is the one without. A lane that has ended stays.
+    board : StatusBoard
+        Diagnostics of all lanes.
+    """
+
+    def __init__(self, spinner: Spinner, namespace: str | None = None) -> None:
+        self.lanes: dict[str, Lane] = {}
+        self.board = StatusBoard(namespace or '')
+        self.viewers: Callable[[str], int] = lambda lane: 0
+        self._spinner = spinner
+        self._only = namespace
+        self._signals: dict[str, PortNode] = {}
+        self._finder = PortNode('page')
+        self._finder.subscribe(
+            ports.DIAGNOSTICS, lambda message: self.board.add(time.monotonic(), message.status)
+        )
+        spinner.add(self._finder)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._look, name='lanes', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the search for lanes."""
+        self._ended.set()
+        self._thread.join()
+
+    def _look(self) -> None:
+        while not self._ended.wait(_LOOK_PERIOD):
+            for name in self._names() - self.lanes.keys():
+                lane = Lane(name)
+                self._spinner.add(_Listener('page_results', lane, _RESULTS))
+                self.lanes[name] = lane
+            for name, lane in self.lanes.items():
+                watched = self.viewers(name) > 0
+                if watched and name not in self._signals:
+                    self._signals[name] = _Listener('page_signals', lane, _SIGNALS)
+                    self._spinner.add(self._signals[name])
+                elif not watched and name in self._signals:
+                    self._spinner.remove(self._signals.pop(name))
+                    lane.forget_signals()
+
+    def _names(self) -> set[str]:
+        if self._only is not None:
+            return {self._only}
+        kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
+        return {
+            topic.removesuffix(ending).strip('/')
+            for topic, kinds in self._finder.get_topic_names_and_types()
+            if topic.endswith(ending) and kind in kinds
+        }

@@ -1,0 +1,294 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a lane: views that follow what the lane shows."""
+
+from collections.abc import Callable, Iterable, Mapping
+from datetime import UTC, datetime
+import math
+from pathlib import Path
+import time
+from typing import Any
+
+from nicegui import ui
+from nicegui.element import Element
+
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.health.status_board import StatusBoard, headline
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics
+from checkweigher_web import charts
+from checkweigher_web.control_chart import control_chart
+from checkweigher_web.empty_belt import spectrum
+from checkweigher_web.lane import Item, Key, Lane
+
+_PERIOD = 0.1  # s; what comes in between is shown at once
+_SLOW_PERIOD = 1.0  # s, of what nobody reads faster
+_SHOWN = 100  # items in the list
+_HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict', 'reasons'
+_STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
+# Colour is never the only sign.
+_SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
+
+
+class LanePage:
+    """The views of one lane for one browser.
+
+    Each period they show the present state of the lane: a slow browser skips items, it never holds
+    anything up.
+    """
+
+    def __init__(self, lane: Lane, board: StatusBoard) -> None:
+        self._lane = lane
+        self._board = board
+        self._version = -1
+        self._kept: Key | None = None  # the item that the viewer has chosen; None for the latest
+        self._counted: Key | None = None  # the latest item in the figures over items
+        self._rows: dict[Key, tuple[Element, Item]] = {}
+        self._drawn: tuple[Key, bool, int | None] | None = None
+        ui.add_css(_STYLE)
+        with ui.element('main').classes('board'):
+            with _panel('Item'):
+                self._decision = ui.label('no item yet').classes('decision NONE')
+                self._mass = ui.label('–').classes('mass')
+                self._about = ui.label('')
+                self._why = ui.label('').classes('level-ERROR')
+                self._stop = ui.label('').classes('level-ERROR').props('role=alert')
+            with _panel('Signal'):
+                self._signal = _chart('signal of the item')
+                self._latest = ui.button('show the latest item', on_click=self._show_latest)
+            with _panel('Items'), ui.element('div').classes('items'):
+                self._list = _table_of(_HEADS)
+            with _panel('Production'):
+                self._production = ui.element('div')
+            with _panel('Diagnostics'):
+                self._headline = ui.label('')
+                self._diagnostics = ui.element('div')
+            with _panel('Masses of the accepted items'):
+                self._histogram = _chart('histogram of the masses')
+            with _panel('Control chart: means'):
+                self._means = _chart('control chart of the means')
+            with _panel('Control chart: standard deviations'):
+                self._spreads = _chart('control chart of the standard deviations')
+            with _panel('Zero'):
+                self._zero = _chart('zero of the empty belt')
+            with _panel('Empty belt'):
+                self._spectrum = _chart('spectrum of the empty belt')
+                self._lines = ui.element('div')
+        ui.timer(_PERIOD, self._update)
+        ui.timer(_SLOW_PERIOD, self._update_machine)
+
+    def _update(self) -> None:
+        if self._version == self._lane.version:
+            return
+        self._version = self._lane.version
+        items = self._lane.items()
+        if items:
+            latest = items[0]
+            self._show_item(latest)
+            self._show_signal(self._kept or latest.key)
+        self._show_stop()
+        self._show_list(items)
+        if not items or items[0].key == self._counted:
+            return
+        self._counted = items[0].key
+        _set(self._histogram, charts.histogram(items, self._lane.statistics))
+        chart = control_chart(charts.masses_of(items).tolist())
+        _set(self._means, charts.control_figure(chart, spread=False))
+        _set(self._spreads, charts.control_figure(chart, spread=True))
+        _set(self._zero, charts.zero_chart(items))
+        self._show_production(self._lane.statistics)
+
+    def _show_item(self, item: Item) -> None:
+        verdict = item.verdict
+        name = verdict.decision.name
+        self._decision.set_text(f'{_SIGNS[name]} {name}')
+        self._decision.classes(replace=f'decision {name}')
+        self._mass.set_text(_grams(verdict.mass, ' g', digits=2))
+        parts = [f'item {verdict.item_id}']
+        if math.isfinite(verdict.std_dev):
+            parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
+        if item.estimate is not None:
+            parts.append(f'{60 * item.estimate.belt_speed:.1f} m/min, {item.estimate.estimator}')
+        if math.isfinite(item.reference):
+            parts.append(f'reference {GRAMS * item.reference:.2f} g')
+        self._about.set_text(', '.join(parts))
+        self._why.set_text('; '.join(f'{each}: {_hint(each)}' for each in verdict.reasons))
+
+    def _show_signal(self, key: Key) -> None:
+        item = self._lane.item(key)
+        if item is None:
+            return
+        state = key, item.window is not None or item.stretch is not None, item.t4
+        if state != self._drawn:
+            self._drawn = state
+            _set(self._signal, charts.signal_chart(item, self._lane.load_cell))
+        self._latest.set_visibility(self._kept is not None)
+
+    def _show_latest(self) -> None:
+        self._kept, self._version = None, -1
+
+    def _choose(self, key: Key) -> None:
+        self._kept, self._version = key, -1
+
+    def _show_stop(self) -> None:
+        stop = self._lane.stop
+        stopped = stop is not None and stop.reason != ''
+        self._stop.set_text(f'STOP {stop.reason}: {stop.hint}' if stopped and stop else '')
+
+    def _show_list(self, items: list[Item]) -> None:
+        """Show the items; rows that stay are kept, and with them the focus of the keyboard."""
+        shown = {item.key: item for item in items[:_SHOWN]}
+        for key in self._rows.keys() - shown.keys():
+            self._rows.pop(key)[0].delete()
+        for key, item in reversed(shown.items()):
+            row, known = self._rows.get(key, (None, None))
+            if row is None:
+                with self._list:
+                    row = ui.element('tr')
+                row.move(target_index=0)
+            if item != known:
+                row.clear()
+                with row:
+                    self._fill(item)
+                self._rows[key] = row, item
+            row.classes(
+                add='chosen' if key == self._kept else '',
+                remove='' if key == self._kept else 'chosen',
+            )
+
+    def _fill(self, item: Item) -> None:
+        verdict = item.verdict
+        with ui.element('td'):
+            button = ui.button(str(verdict.item_id), on_click=lambda: self._choose(item.key))
+            button.props(f'flat dense aria-label="show item {verdict.item_id}"')
+        for text in (
+            _clock(verdict.t3), _grams(verdict.mass), _grams(verdict.std_dev),
+            _grams(item.reference), f'{_SIGNS[verdict.decision.name]} {verdict.decision.name}',
+            ', '.join(verdict.reasons),
+        ):  # fmt: skip
+            _cell(text)
+
+    def _show_production(self, statistics: Statistics | None) -> None:
+        rows = [('', 'no statistics: the node product does not run')]
+        if statistics is not None:
+            rows = [
+                ('product', statistics.product or 'none'), ('batch', statistics.batch or 'none'),
+                ('items', str(statistics.items)), ('accepted', str(statistics.accepted)),
+                ('under', str(statistics.under)), ('over', str(statistics.over)),
+                ('faults', str(statistics.faults)),
+                *((name, str(count)) for name, count in zip(
+                    statistics.reasons, statistics.reason_counts, strict=True)),
+                ('mean g', _grams(statistics.mean)), ('std dev g', _grams(statistics.std_dev)),
+                ('giveaway g', _grams(statistics.giveaway)),
+                ('below TU1', str(statistics.below_tu1)), ('below TU2', str(statistics.below_tu2)),
+                ('items/min', _number(statistics.throughput, 1)),
+            ]  # fmt: skip
+        _table(self._production, ('what', 'value'), rows, _cells)
+
+    def _update_machine(self) -> None:
+        rows = [
+            row
+            for row in self._board.rows(time.monotonic())
+            if row.node.strip('/').rpartition('/')[0] == self._lane.name
+        ]
+        self._headline.set_text(headline(rows))
+        shown = [row for row in rows if row.level != Level.OK]
+        _table(
+            self._diagnostics, ('level', 'node', 'what is, and what to check'),
+            [(row.level.name, f'{row.node} {row.aspect}', row.message) for row in shown], _cells,
+        )  # fmt: skip
+        self._show_spectrum()
+
+    def _show_spectrum(self) -> None:
+        cell = self._lane.load_cell
+        if cell is None:
+            return
+        known = [item.estimate for item in self._lane.items()[:1] if item.estimate is not None]
+        of_line = [(each.belt_speed, each.natural_frequency) for each in known]
+        speed, platform = of_line[0] if of_line else (math.nan, math.nan)
+        found = spectrum(self._lane.empty_belt(), cell.sample_rate, speed, platform)
+        _set(self._spectrum, charts.spectrum_chart(found))
+        lines = found.lines if found else ()
+        _table(
+            self._lines, ('Hz', 'g', 'what it might be'),
+            [(f'{each.frequency:.1f}', _grams(each.amplitude), each.guess) for each in lines],
+            _cells,
+        )  # fmt: skip
+
+
+def list_lanes(lanes: Mapping[str, Lane]) -> None:
+    """Show links to the lanes, and again when one more is found."""
+    known = len(lanes)
+    if not known:
+        ui.label('no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?')
+    for name in sorted(lanes):
+        ui.link(name or '(no namespace)', f'/lane/{name}')
+    ui.timer(_SLOW_PERIOD, lambda: ui.navigate.reload() if len(lanes) != known else None)
+
+
+def _panel(title: str) -> Element:
+    panel = ui.element('section').classes('panel').props(f'aria-label="{title}"')
+    with panel:
+        ui.html(f'<h2>{title}</h2>', sanitize=False)
+    return panel
+
+
+def _chart(label: str) -> ui.echart:
+    options = charts.nothing('waiting for items')
+    return ui.echart(options).classes('chart').props(f'role=img aria-label="{label}"')
+
+
+def _set(chart: ui.echart, options: charts.Options) -> None:
+    if chart.options != options:
+        chart.options.clear()
+        chart.options.update(options)
+        chart.update()
+
+
+def _table(
+    place: Element, heads: Iterable[str], rows: Iterable[Any], fill: Callable[[Any], object]
+) -> None:
+    place.clear()
+    with place, _table_of(heads):
+        for row in rows:
+            fill(row)
+
+
+def _table_of(heads: Iterable[str]) -> Element:
+    """Return the body of a table."""
+    with ui.element('table').classes('plain'):
+        with ui.element('thead'), ui.element('tr'):
+            for head in heads:
+                with ui.element('th').props('scope=col'):
+                    ui.label(head)
+        return ui.element('tbody')
+
+
+def _cells(row: Iterable[str]) -> None:
+    with ui.element('tr'):
+        for number, text in enumerate(row):
+            _cell(text, f'level-{text}' if number == 0 and text in Level.__members__ else '')
+
+
+def _cell(text: str, look: str = '') -> None:
+    with ui.element('td').classes(look):
+        ui.label(text)
+
+
+def _grams(mass: float, unit: str = '', digits: int = 3) -> str:
+    return _number(GRAMS * mass, digits, unit)
+
+
+def _number(value: float, digits: int, unit: str = '') -> str:
+    return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'
+
+
+def _clock(stamp: int | None) -> str:
+    if stamp is None:
+        return '–'
+    return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
+
+
+def _hint(reason: str) -> str:
+    known = reason in Reason.__members__.values()
+    return Reason(reason).hint if known else 'a reason that this version does not know'

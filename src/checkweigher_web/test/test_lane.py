@@ -1,0 +1,100 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the page knows of a lane, on the records of a simulated line."""
+
+from dataclasses import replace
+
+from lines import simulated
+import numpy as np
+import pytest
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
+from checkweigher_recording.recording import Recording
+from checkweigher_validation.accuracy.results import weigh
+from checkweigher_web.lane import MAX_ITEMS, Lane, longest_gap
+
+
+@pytest.fixture(scope='module')
+def recording() -> Recording:
+    return simulated(count=3, seed=4)
+
+
+@pytest.fixture
+def lane(recording: Recording) -> Lane:
+    """Return a lane that has seen the recording and its verdicts."""
+    found = Lane('a')
+    found.take(recording.load_cell)
+    for event in (*recording.blocks, *recording.edges, *recording.references):
+        found.take(event)
+    for result in weigh(recording, LineParameters()):
+        found.take(result.verdict)
+        found.take(result.estimate)
+    return found
+
+
+def test_items_have_estimate_reference_and_t4_the_latest_first(lane: Lane, recording: Recording):
+    items = lane.items()
+    assert [item.verdict.item_id for item in items] == [3, 2, 1]
+    results = weigh(recording, LineParameters())
+    for item, result in zip(items, reversed(results), strict=True):
+        assert item.estimate == result.estimate
+        assert item.t4 == result.t4 is not None
+        assert item.reference == result.reference > 0
+
+
+def test_a_fault_without_a_window_shows_the_samples_around_it(lane: Lane, recording: Recording):
+    first = [edge.stamp for edge in recording.edges[:4]]
+    fault = Verdict(9, first[2] + 1, Decision.FAULT, ('MissingEdge',), t1=first[0])
+    lane.take(fault)
+    item = lane.item((fault.t1, fault.t3))
+    assert item is not None
+    assert item.stretch is not None
+    assert [edge.stamp for edge in item.stretch.edges] == first
+    period = NANOSECONDS / recording.load_cell.sample_rate
+    assert np.diff(item.stretch.time) == pytest.approx(period, abs=1)
+    assert item.stretch.time[0] < first[0] < first[-1] < item.stretch.time[-1]
+
+
+def test_numbers_that_begin_again_do_not_mix_items(lane: Lane):
+    old = lane.items()[-1]
+    again = replace(old.verdict, t1=1, t3=2, mass=9.0)
+    lane.take(again)
+    assert lane.items()[0].estimate is None
+    assert lane.items()[-1] == old
+
+
+def test_the_empty_belt_is_the_longest_time_without_an_item(lane: Lane, recording: Recording):
+    force = lane.empty_belt()
+    cell = recording.load_cell
+    # The simulation leads in with 2 s.
+    assert len(force) / cell.sample_rate == pytest.approx(2, abs=0.2)
+    assert np.std(force) < 0.01
+
+
+def test_the_longest_gap_begins_when_an_item_has_left():
+    def edge(stamp: int, eye: Eye, blocked: bool) -> EyeEdge:
+        return EyeEdge(stamp, eye, blocked)
+
+    passes = [
+        edge(10, Eye.INFEED, True), edge(20, Eye.INFEED, False),
+        edge(30, Eye.OUTFEED, True), edge(40, Eye.OUTFEED, False),
+    ]  # fmt: skip
+    assert longest_gap(passes, 0, 100) == (40, 100)
+    assert longest_gap(passes, 0, 45) == (0, 10)
+    # An item that has not left yet: the belt is not empty.
+    assert longest_gap(passes[:1], 0, 100) == (0, 10)
+
+
+def test_what_is_kept_is_bounded():
+    lane = Lane('a')
+    for number in range(MAX_ITEMS + 100):
+        lane.take(Verdict(number, 2 * number, Decision.FAULT, t1=number))
+        lane.take(Reference(number, 0.1))
+    assert len(lane.items()) == MAX_ITEMS
+
+
+def test_signals_are_forgotten_when_nobody_looks(lane: Lane):
+    lane.forget_signals()
+    assert not len(lane.empty_belt())
+    assert len(lane.items()) == 3

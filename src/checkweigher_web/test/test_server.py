@@ -1,0 +1,94 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The server of the page as a process of its own, over its real port."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from http.client import HTTPConnection, HTTPResponse
+import signal
+import socket
+
+import pytest
+from running import BAGS, PATIENCE, run_command
+from served_page import served
+
+
+@pytest.fixture(scope='module')
+def port() -> Iterator[int]:
+    with served() as (_, found):
+        yield found
+
+
+def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:
+    with closing(HTTPConnection('127.0.0.1', port, timeout=PATIENCE)) as connection:
+        connection.request('GET', path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer
+
+
+def test_the_page_is_served_with_its_guards(port: int):
+    answer = get(port)
+    assert answer.status == 200
+    assert answer.headers['X-Frame-Options'] == 'DENY'
+    assert "frame-ancestors 'none'" in answer.headers['Content-Security-Policy']
+    assert 'http' not in answer.headers['Content-Security-Policy']
+
+
+def test_a_name_that_points_here_is_refused(port: int):
+    assert get(port, Host='evil.example').status == 421
+    assert get(port, Host=f'localhost:{port}').status == 200
+
+
+def test_a_socket_of_another_site_is_refused(port: int):
+    upgrade = {
+        'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': '13',
+        'Sec-WebSocket-Key': 'MDEyMzQ1Njc4OWFiY2RlZg==',
+    }  # fmt: skip
+    path = '/_nicegui_ws/socket.io/?EIO=4&transport=websocket'
+    assert get(port, path, Origin='http://evil.example', **upgrade).status == 403
+    assert get(port, path, Origin=f'http://127.0.0.1:{port}', **upgrade).status == 101
+
+
+def test_only_the_loopback_address_listens(port: int):
+    for address in {each[4][0] for each in socket.getaddrinfo(socket.gethostname(), None)}:
+        if not str(address).startswith('127.'):
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection((address, port), timeout=PATIENCE).close()
+
+
+@pytest.mark.parametrize('path', ['/lane/nowhere', '/lane/../../etc/passwd', '/lane/<script>'])
+def test_a_lane_that_is_not_there_is_no_error(port: int, path: str):
+    assert get(port, path.replace('<', '%3C').replace('>', '%3E')).status == 200
+
+
+def test_a_port_that_is_taken_is_one_line(port: int):
+    done = run_command('page', '--port', port)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f'checkweigher page: port {port}: address already in use; choose another one with --port\n'
+    )
+
+
+def test_a_port_that_there_is_not_is_one_line():
+    done = run_command('page', '--port', 70000)
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert 'is not in 0..65535' in done.stderr
+
+
+@pytest.mark.parametrize('ending', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_without_a_word(ending: signal.Signals):
+    with served() as (process, _):
+        process.send_signal(ending)
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert errors == ''
+        assert process.returncode == 128 + ending
+
+
+def test_a_page_that_hangs_costs_the_line_nothing(
+    rows: Callable[..., list[dict[str, str]]],
+):
+    bag = BAGS / 'paper_90'
+    with served() as (process, _):
+        process.send_signal(signal.SIGSTOP)
+        assert rows('replay', bag, '--rate', 0) == rows('weigh', bag)

@@ -1,0 +1,26 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The page, served by a process of its own on a free port."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import re
+import subprocess
+import sys
+
+COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '0']
+
+
+@contextmanager
+def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Serve the page, and give its process and port."""
+    process = subprocess.Popen([*COMMAND, *options], stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        found = re.fullmatch(r'page: http://127\.0\.0\.1:(\d+)/\n', line)
+        assert found, line
+        yield process, int(found[1])
+    finally:
+        process.kill()
+        process.wait()
