@@ -8,10 +8,10 @@ became of the method where all of that was settled by measurement.
 """
 
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any, ClassVar
 
-from filterpy.kalman import ExtendedKalmanFilter
 import numpy as np
 from numpy.typing import NDArray
 import pywt
@@ -104,37 +104,34 @@ def denoise(samples: NDArray[np.float64], speed: float, unit: float) -> NDArray[
     return denoised[begin : begin + len(samples)]
 
 
-class Platform(ExtendedKalmanFilter):
-    """The filter on X = [x(k), x(k-1), a1, a2, b1] with u = 1 between t2 and t3, section 3."""
+def identify(signal: NDArray[np.float64], measurement: float, process: float) -> Any:
+    """Return the filter of filterpy after all samples of a signal (n,), section 3.
 
-    x: NDArray[np.float64]
+    The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
+    """
+    # It loads scipy, which takes as long as the rest of a line.
+    from filterpy.kalman import ExtendedKalmanFilter
 
-    def __init__(self, measurement: float, process: float) -> None:
-        super().__init__(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I
-        self.Q = np.diag([process, 0.0, 0.0, 0.0, 0.0])
-        self.R *= measurement
-        self.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
+    platform = ExtendedKalmanFilter(dim_x=5, dim_z=1)  # with X0 = 0 and P0 = I
+    platform.Q = np.diag([process, 0.0, 0.0, 0.0, 0.0])
+    platform.R *= measurement
+    platform.F[1] = [1.0, 0.0, 0.0, 0.0, 0.0]
+    platform.predict_x = partial(_move_on, platform)
+    for sample in signal:
+        x, last, a1, a2, _ = platform.x[:, 0]
+        # The Jacobian of eq. 10, errata applied.
+        platform.F[0] = [-a1, -a2, -x, -last, 1.0]
+        platform.predict()
+        # Eq. 14, errata applied.
+        platform.update(np.array([[float(sample)]]), _observed, lambda state: state[:1])
+    return platform
 
-    def predict_x(self, u: float = 0) -> None:
-        """Move on by x(k) = -a1 x(k-1) - a2 x(k-2) + b1."""
-        x, last, a1, a2, b1 = self.x[:, 0]
-        self.x = np.array([[-a1 * x - a2 * last + b1], [x], [a1], [a2], [b1]])
 
-    def step(self, sample: float) -> None:
-        """Predict with the Jacobian of eq. 10, errata applied, and update by eq. 14."""
-        x, last, a1, a2, _ = self.x[:, 0]
-        self.F[0] = [-a1, -a2, -x, -last, 1.0]
-        self.predict()
-        self.update(np.array([[sample]]), _observed, lambda state: state[:1])
+def _move_on(platform: Any, u: float = 0) -> None:
+    """Predict x(k) = -a1 x(k-1) - a2 x(k-2) + b1."""
+    x, last, a1, a2, b1 = platform.x[:, 0]
+    platform.x = np.array([[-a1 * x - a2 * last + b1], [x], [a1], [a2], [b1]])
 
 
 def _observed(_: Any) -> NDArray[np.float64]:
     return np.array([[1.0, 0.0, 0.0, 0.0, 0.0]])
-
-
-def identify(signal: NDArray[np.float64], measurement: float, process: float) -> Platform:
-    """Return the filter after all samples of a signal (n,)."""
-    platform = Platform(measurement, process)
-    for sample in signal:
-        platform.step(float(sample))
-    return platform
