@@ -54,7 +54,7 @@ class TestReferences:
         st.integers(-SLACK, SLACK),
     )
     def test_among_items_30_ms_apart_each_finds_its_own(self, places, random, off):
-        references = [Reference(30 * MILLISECOND * place, 1.0 + place) for place in places]
+        references = [Reference(30 * MILLISECOND * place, 1e-6 * (1 + place)) for place in places]
         random.shuffle(references)
         masses = ReferenceMasses(references)
         assert all(masses.at(each.stamp + off) == each.mass for each in references)
@@ -73,7 +73,7 @@ class TestKnownPasses:
         assert [each.mass for each in known] == [0.1, 0.2] * 3
         assert all(each.whole for each in known)
 
-    @pytest.mark.parametrize('mass', [None, 0.0, math.inf, math.nan])
+    @pytest.mark.parametrize('mass', [None, 0.0])
     def test_one_without_a_mass_that_can_be_is_left_out(self, mass):
         third = self.LINE.references[2]
 
