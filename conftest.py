@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator
 import csv
 from pathlib import Path
+import signal
 import subprocess
 import sys
 
@@ -32,6 +33,20 @@ def _turns_of_threads() -> Iterator[None]:
     interval = sys.getswitchinterval()
     yield
     sys.setswitchinterval(interval)
+
+
+@pytest.fixture(autouse=True)
+def _handlers_of_signals() -> Iterator[None]:
+    """Undo what a command that ran in this process did to its signals.
+
+    At its end it ignores them, and every process that a later test starts would inherit that.
+    """
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) != handler:
+            signal.signal(number, handler)
 
 
 @pytest.fixture(autouse=True)
