@@ -69,7 +69,8 @@ class Tried:
         scratch = folder / 'tmp'
         scratch.mkdir()
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'checkweigher_bringup.cli', *words],
+            # The tests may run under nohup, which has the command ignore SIGHUP, too.
+            ['env', '--default-signal', sys.executable, '-m', 'checkweigher_bringup.cli', *words],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
             env={**os.environ, 'CHECKWEIGHER_TEST': str(folder), 'TMPDIR': str(scratch),
                  'JOBLIB_TEMP_FOLDER': str(scratch)},
