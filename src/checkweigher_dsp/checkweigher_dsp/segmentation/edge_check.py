@@ -109,11 +109,11 @@ class EdgeCheck:
                 self.learned = median(each.lag for each in self._first) - self._stated(speed)
         bend, doubt = self._bend()
         std_dev = math.hypot(seen.std_dev, doubt)
-        likely = _ALIKE if self._sure_shift(lag - bend, std_dev) else _LIKELY
+        likely = _ALIKE if self._sure_shift(_without(lag, bend), std_dev) else _LIKELY
         if abs(self._usual - lag) <= likely * seen.std_dev:  # of few items it is NaN
             lag, std_dev = self._usual, std_dev / math.sqrt(_LAST)
         self.doubt = std_dev
-        return self._sure_shift(lag - bend, std_dev)
+        return self._sure_shift(_without(lag, bend), std_dev)
 
     def _stated(self, speed: float) -> float:
         known = self._parameters
@@ -155,3 +155,8 @@ class EdgeCheck:
     def _sure_shift(self, lag: float, std_dev: float) -> float:
         """Return a lag that matters, 0 if it does not or is not known."""
         return lag if abs(lag) > max(_LEAST_SHIFT, _SURE * std_dev) else 0.0
+
+
+def _without(lag: float, bend: float) -> float:
+    """Return what a bend leaves of a lag: it excuses a lag, it makes none."""
+    return math.copysign(min(max(abs(lag) - math.copysign(bend, lag * bend), 0.0), abs(lag)), lag)
