@@ -9,6 +9,7 @@ import socket
 import sys
 
 from fastapi import FastAPI, Response
+from nicegui import app as nicegui
 from nicegui import ui
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -146,7 +147,10 @@ def _serve(listener: socket.socket, spinner: Spinner, namespace: str | None) -> 
 
     ui.run_with(app, title='Checkweigher', tailwind=False, show_welcome_message=False)
     address, port = listener.getsockname()
-    print(f'page: http://{address}:{port}/', file=sys.stderr, flush=True)
+    # Said when the server has taken over the signals.
+    nicegui.on_startup(
+        lambda: print(f'page: http://{address}:{port}/', file=sys.stderr, flush=True)
+    )
     server = uvicorn.Server(
         uvicorn.Config(Guard(app), log_level='warning', timeout_graceful_shutdown=2)
     )
