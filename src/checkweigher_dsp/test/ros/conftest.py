@@ -3,6 +3,7 @@
 """Nodes that are connected and served, as those of one process are."""
 
 from collections.abc import Callable, Iterator
+import itertools
 import os
 import time
 
@@ -13,7 +14,9 @@ from rclpy.node import Node
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.spinner import Spinner
 
-PATIENCE = 20.0  # s
+PATIENCE = 60.0  # s
+# No two tests have nodes of the same name: DDS may show one of the test before for a while.
+_NUMBERS = itertools.count(1)
 
 
 class Process:
@@ -21,12 +24,10 @@ class Process:
 
     def __init__(self) -> None:
         self.spinner = Spinner()
-        self._count = 0
 
     def node(self, kind: type[Node] = PortNode) -> Node:
         """Return one more node, not served yet."""
-        self._count += 1
-        return kind(f'node_{self._count}')
+        return kind(f'node_{next(_NUMBERS)}')
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         """Wait until a condition holds."""

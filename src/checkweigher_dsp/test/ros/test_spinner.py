@@ -24,9 +24,10 @@ def test_nodes_start_in_order_once_they_are_connected(process):
         def start(self):
             started.append((self.get_name(), self.executor is not None))
 
-    process.spinner.add(process.node(Starting), process.node(Node), process.node(Starting))
+    first, _, last = nodes = [process.node(Starting), process.node(Node), process.node(Starting)]
+    process.spinner.add(*nodes)
 
-    assert started == [('node_1', True), ('node_3', True)]
+    assert started == [(first.get_name(), True), (last.get_name(), True)]
 
 
 class Failing(PortNode):
@@ -101,6 +102,7 @@ def test_a_call_is_done_in_the_thread_and_raises_what_it_raises(process):
 def test_a_node_that_is_removed_is_gone_from_the_graph(process):
     node, other = process.node(), process.node()
     process.spinner.add(node, other)
-    process.wait_for(lambda: 'node_1' in other.get_node_names())
+    name = node.get_name()
+    process.wait_for(lambda: name in other.get_node_names())
     process.spinner.remove(node)
-    process.wait_for(lambda: 'node_1' not in other.get_node_names())
+    process.wait_for(lambda: name not in other.get_node_names())
