@@ -289,6 +289,7 @@ def hold(
         assert trials.counts['held, behind the rejector'] == 0
 
 
+@pytest.mark.soak
 def test_a_line_that_is_killed_holds_the_belt_until_a_person_has_looked(tmp_path: Path):
     hold(tmp_path, [killed('line')], processes=False, wiring='reject', again=True)
 
@@ -297,6 +298,7 @@ def test_a_node_that_is_killed_lets_no_bad_product_pass(tmp_path: Path):
     hold(tmp_path, [killed('driver')], processes=True, wiring='reject')
 
 
+@pytest.mark.soak
 def test_what_is_not_permitted_does_not_pass(tmp_path: Path):
     hold(tmp_path, [deactivated('reject')], processes=False, wiring='permit')
 

@@ -55,6 +55,7 @@ def test_simulated_passes(
         assert statistics.stdev(of_mass) < SCATTER[speed]
 
 
+@pytest.mark.soak
 @pytest.mark.skipif(not REAL_PASSES.is_dir(), reason='no recordings of a real belt scale here')
 def test_passes_of_a_real_belt_scale(
     checkweigher: Callable[..., object], rows: Rows, tmp_path: Path
