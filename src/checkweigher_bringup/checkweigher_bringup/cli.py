@@ -19,7 +19,7 @@ from types import FrameType, ModuleType
 from typing import NoReturn
 
 from checkweigher_dsp.parent_process import end_with_parent
-from checkweigher_dsp.terminal import one_line
+from checkweigher_dsp.printable import one_line
 
 # Name, purpose and one example of each; its module in commands/ has its name.
 COMMANDS = (

@@ -10,8 +10,8 @@ from pathlib import Path
 import sys
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import GRAMS, Decision
-from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
 from checkweigher_validation.accuracy.results import (

@@ -13,9 +13,9 @@ from joblib import delayed
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.whole_file import write_whole

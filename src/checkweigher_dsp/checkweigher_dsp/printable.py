@@ -1,18 +1,23 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts from outside, as one printable line for logs, messages and terminals."""
+"""Texts for logs, messages and terminals: names of topics, files and products come from others."""
 
-_LONGEST = 500
+_LONGEST = 500  # characters
 
 
-def one_line(text: object) -> str:
-    """Return a text in one line, cut where it is long; what cannot be printed as its escape."""
-    short = str(text)
-    if len(short) > _LONGEST:
-        short = f'{short[:_LONGEST]}...'
-    joined = ' '.join(short.split())
-    if joined.isprintable():
-        return joined
+def one_line(text: object, longest: int = _LONGEST) -> str:
+    """Return a text as one printable line.
+
+    Control characters, which a terminal would obey, are shown as escapes. Of a longer line the
+    middle is left out.
+    """
+    line = str(text)
+    if len(line) > longest:
+        line = f'{line[: 2 * longest // 3]} ... {line[-longest // 4 :]}'
     return ''.join(
-        sign if sign.isprintable() else sign.encode('unicode_escape').decode() for sign in joined
+        each if each.isprintable() else _escaped(each) for each in ' '.join(line.split())
     )
+
+
+def _escaped(character: str) -> str:
+    return character.encode('unicode_escape').decode('ascii')

@@ -135,18 +135,15 @@ class Lane:
             found.append(Item(verdict, estimate, t4=known.t4, reference=known.reference))
         return found
 
-    def item(self, key: Key) -> Item | None:
-        """Return an item with its signals, or None if it is not known any more."""
-        found = next((item for item in self.items() if item.key == key), None)
-        if found is None:
-            return None
+    def with_signals(self, item: Item) -> Item:
+        """Return an item with its window, or with the samples around what has none."""
         with self._lock:
-            window = self._windows.get(key)
+            window = self._windows.get(item.key)
         stretch = None
-        stamps = [stamp for stamp in (*key, found.t4) if stamp is not None]
+        stamps = [stamp for stamp in (*item.key, item.t4) if stamp is not None]
         if (window is None or not len(window.counts)) and stamps:
             stretch = self.stretch(min(stamps) - _AROUND, max(stamps) + _AROUND)
-        return replace(found, window=window, stretch=stretch)
+        return replace(item, window=window, stretch=stretch)
 
     def stretch(self, begin: int, end: int) -> Stretch | None:
         """Return the raw signal from `begin` to `end`, ns; None without a sample there."""

@@ -42,6 +42,7 @@ class LanePage:
         self._board = board
         self._version = -1
         self._kept: Key | None = None  # the item that the viewer has chosen; None for the latest
+        self._item: Item | None = None  # the latest
         self._counted: Key | None = None  # the latest item in the figures over items
         self._rows: dict[Key, tuple[Element, Item]] = {}
         self._drawn: tuple[Key, bool, int | None] | None = None
@@ -83,9 +84,10 @@ class LanePage:
         self._version = self._lane.version
         items = self._lane.items()
         if items:
-            latest = items[0]
-            self._show_item(latest)
-            self._show_signal(self._kept or latest.key)
+            self._item = items[0]
+            self._show_item(self._item)
+            kept = (item for item in items if item.key == self._kept)
+            self._show_signal(self._item if self._kept is None else next(kept, None))
         self._show_stop()
         self._show_list(items)
         if not items or items[0].key == self._counted:
@@ -114,11 +116,11 @@ class LanePage:
         self._about.set_text(', '.join(parts))
         self._why.set_text('; '.join(f'{each}: {_hint(each)}' for each in verdict.reasons))
 
-    def _show_signal(self, key: Key) -> None:
-        item = self._lane.item(key)
-        if item is None:
+    def _show_signal(self, item: Item | None) -> None:
+        if item is None:  # so old that it is not known any more
             return
-        state = key, item.window is not None or item.stretch is not None, item.t4
+        item = self._lane.with_signals(item)
+        state = item.key, item.window is not None or item.stretch is not None, item.t4
         if state != self._drawn:
             self._drawn = state
             _set(self._signal, charts.signal_chart(item, self._lane.load_cell))
@@ -203,9 +205,9 @@ class LanePage:
         cell = self._lane.load_cell
         if cell is None:
             return
-        known = [item.estimate for item in self._lane.items()[:1] if item.estimate is not None]
-        of_line = [(each.belt_speed, each.natural_frequency) for each in known]
-        speed, platform = of_line[0] if of_line else (math.nan, math.nan)
+        known = self._item.estimate if self._item is not None else None
+        speed = known.belt_speed if known is not None else math.nan
+        platform = known.natural_frequency if known is not None else math.nan
         found = spectrum(self._lane.empty_belt(), cell.sample_rate, speed, platform)
         _set(self._spectrum, charts.spectrum_chart(found))
         lines = found.lines if found else ()

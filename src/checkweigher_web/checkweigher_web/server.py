@@ -19,11 +19,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 import uvicorn
 
 from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_web import PORT
 from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
 
 ADDRESS = '127.0.0.1'
-PORT = 8080
 # What a page that shows, and that no other site may frame or read, says of itself. Vue compiles
 # templates in the browser, hence unsafe-eval; nothing is loaded from elsewhere.
 HEADERS = {

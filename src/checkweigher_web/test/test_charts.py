@@ -60,8 +60,7 @@ def test_a_saturated_stretch_and_lost_samples_are_marked(recording: Recording):
     lane.take(SampleBlock(round(700e9 / cell.sample_rate), 700, counts[600:]))
     lane.take(Verdict(1, 10**9, Decision.FAULT, ('Saturation',), t1=1))
     (shown,) = lane.items()
-    found = lane.item(shown.key)
-    assert found is not None
+    found = lane.with_signals(shown)
     areas = charts.signal_chart(found, cell)['series'][0]['markArea']['data']
     assert [begin['name'] for begin, _ in areas] == ['saturated', 'samples lost']
     period = 1e3 / cell.sample_rate

@@ -33,9 +33,9 @@ import sys
 import threading
 import time
 
+from modbus_plc import modbus_device
 import numpy as np
 from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
 from serial_device import Device
 
 RATE, COUNTS_PER_KG, ZERO = 600.0, 5e5, 100_000
@@ -203,16 +203,7 @@ class Server:
         self._muted_until = time.monotonic() + seconds
 
     async def open(self) -> None:
-        device = SimDevice(
-            id=1,
-            simdata=(
-                [SimData(0, count=16, values=False, datatype=DataType.BITS)],
-                [SimData(0, count=16, values=False, datatype=DataType.BITS)],
-                [SimData(0, count=4, values=0, datatype=DataType.REGISTERS)],
-                [SimData(0, count=1, values=0, datatype=DataType.REGISTERS)],
-            ),
-            action=self.act,
-        )
+        device = modbus_device(self.act)
         self._server = ModbusTcpServer(device, address=('127.0.0.1', self._port))
         await self._server.serve_forever(background=True)
 

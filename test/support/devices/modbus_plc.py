@@ -16,9 +16,11 @@ of it is skipped; with --begin at the time (ns) that stands in that file, once i
 import argparse
 import asyncio
 from bisect import bisect_right
+from collections.abc import Callable
 import json
 from pathlib import Path
 import time
+from typing import Any
 
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -95,6 +97,20 @@ class Plc:
                     self._note(coil, value)
 
 
+def modbus_device(action: Callable[..., Any]) -> SimDevice:
+    """Return a device of 16 coils, 16 inputs and 4 registers; `action` sees each access."""
+    return SimDevice(
+        id=1,
+        simdata=(
+            [SimData(0, count=16, values=False, datatype=DataType.BITS)],
+            [SimData(0, count=16, values=False, datatype=DataType.BITS)],
+            [SimData(0, count=4, values=0, datatype=DataType.REGISTERS)],
+            [SimData(0, count=1, values=0, datatype=DataType.REGISTERS)],
+        ),
+        action=action,
+    )
+
+
 async def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument('--port', type=int, required=True)
@@ -105,16 +121,7 @@ async def main() -> None:
     parser.add_argument('--watchdog', type=float, default=1e9)
     given = parser.parse_args()
     plc = Plc(given.bag, given.skip, given.begin, given.log, given.watchdog)
-    device = SimDevice(
-        id=1,
-        simdata=(
-            [SimData(0, count=16, values=False, datatype=DataType.BITS)],
-            [SimData(0, count=16, values=False, datatype=DataType.BITS)],
-            [SimData(0, count=4, values=0, datatype=DataType.REGISTERS)],
-            [SimData(0, count=1, values=0, datatype=DataType.REGISTERS)],
-        ),
-        action=plc.act,
-    )
+    device = modbus_device(plc.act)
     server = ModbusTcpServer(device, address=('127.0.0.1', given.port))
     await server.serve_forever(background=True)
     print('ready', plc.start(), flush=True)

@@ -4,13 +4,13 @@
 
 import argparse
 
-_PORT = 8080
+from checkweigher_web import PORT
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `page`."""
-    parser.add_argument('--port', type=int, default=_PORT, metavar='N',
-                        help=f'on the loopback address; default {_PORT}')  # fmt: skip
+    parser.add_argument('--port', type=int, default=PORT, metavar='N',
+                        help=f'on the loopback address; default {PORT}')  # fmt: skip
     parser.add_argument('--namespace', metavar='NAME', help='only this lane')
 
 

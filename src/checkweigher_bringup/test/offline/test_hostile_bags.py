@@ -15,8 +15,8 @@ from lines import simulated
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import Decision
-from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.recovery import recover_bag

@@ -8,8 +8,8 @@ import threading
 from typing import Any
 
 from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.ros.ports import NODES, STAGES
-from checkweigher_dsp.terminal import one_line
 
 _SILENCE = 3.0  # s, three of its periods
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising

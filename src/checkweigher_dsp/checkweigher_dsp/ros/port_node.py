@@ -104,20 +104,25 @@ class PortNode(Node):
 
         return super().create_subscription(msg_type, topic, take, *args, raw=True, **options)
 
-    def _guarded(self, callback: Callable[..., Any], what: str) -> Callable[..., Any]:
-        """Return a callback whose exceptions are told of by `fail`."""
+    def _guarded(
+        self, callback: Callable[..., Any], what: str,
+        otherwise: Callable[[], Any] = lambda: None,
+    ) -> Callable[..., Any]:  # fmt: skip
+        """Return a callback whose exceptions are told of by `fail`; it returns `otherwise` then."""
 
         def call(*args: Any) -> Any:
             try:
                 return callback(*args)
             except Exception as error:
                 self.fail(error, what)
+                return otherwise()
 
         async def call_in_steps(*args: Any) -> Any:
             try:
                 return await callback(*args)
             except Exception as error:
                 self.fail(error, what)
+                return otherwise()
 
         return call_in_steps if inspect.iscoroutinefunction(callback) else call
 
@@ -129,36 +134,28 @@ class PortNode(Node):
         The services of the parameters are created here too: in rclpy 7.1 an unknown type of a
         value raises.
         """
-        guarded = locked(callback)
+        own = locked(callback)
 
         def checked(response: Any) -> Any:
             serialize_message(response)  # raises for a text that no message can hold
             return response
 
-        def refused(error: Exception) -> Any:
-            self.fail(error, f'refused a call of {srv_name}')
-            return srv_type.Response()
-
         def answer(request: Any, response: Any) -> Any:
-            try:
-                return checked(guarded(request, response))
-            except Exception as error:
-                return refused(error)
+            return checked(own(request, response))
 
         async def answer_later(request: Any, response: Any) -> Any:
-            try:
-                return checked(await guarded(request, response))
-            except Exception as error:
-                return refused(error)
+            return checked(await own(request, response))
+
+        waits = inspect.iscoroutinefunction(callback)
+        guarded = self._guarded(
+            answer_later if waits else answer, f'refused a call of {srv_name}', srv_type.Response
+        )
 
         # A request whose bytes are none keeps the group of its service taken: a group of its own.
         options['callback_group'] = (
             options.get('callback_group') or MutuallyExclusiveCallbackGroup()
         )
-        waits = inspect.iscoroutinefunction(callback)
-        return super().create_service(
-            srv_type, srv_name, answer_later if waits else answer, **options
-        )
+        return super().create_service(srv_type, srv_name, guarded, **options)
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
         """Tell of an exception that ends a callback, and not the node."""

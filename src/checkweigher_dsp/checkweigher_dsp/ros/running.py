@@ -19,9 +19,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.parent_process import end_with_parent
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_dsp.ros.stage_node import StageNode
-from checkweigher_dsp.terminal import one_line
 
 # Of glibc: from this size on memory goes back to the system at once. By itself the limit rises with
 # what is freed, and a process keeps what one large message took.

@@ -58,12 +58,8 @@ class StageNode(PortNode, Generic[P]):
             self._place = Place(self.context.get_domain_id(), self.get_fully_qualified_name())
             self._place.sign(participant_of(self))
             declare(self, GraphParameters, read_only=False)
-        except ParameterError:
-            self.destroy_node()
-            raise
-        self.change_record = ChangeRecord(self)
-        self.diagnostics = Diagnostics(self, self._diagnose)
-        try:
+            self.change_record = ChangeRecord(self)
+            self.diagnostics = Diagnostics(self, self._diagnose)
             self.parameters = declare(self, parameters, read_only=read_only)
         except ParameterError:
             self.destroy_node()

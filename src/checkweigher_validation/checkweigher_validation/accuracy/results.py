@@ -10,6 +10,7 @@ import math
 from typing import TextIO
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -20,7 +21,6 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
-from checkweigher_dsp.terminal import one_line
 from checkweigher_recording.block_cutting import join_recording
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts of others on a terminal: printable and short."""
+"""Texts of others: printable and short."""
 
 import pytest
 
-from checkweigher_dsp.terminal import one_line
+from checkweigher_dsp.printable import one_line
 
 
 @pytest.mark.parametrize(
