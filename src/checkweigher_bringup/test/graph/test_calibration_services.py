@@ -26,6 +26,7 @@ from checkweigher_dsp.production.audit_log import read_log
 from checkweigher_dsp.ros import ports
 
 TAKEN_FOR, SENSITIVITY, ZERO = 500_000.0, 480_000, 1_250_000  # of the device, which is the truth
+NOISE = 40  # counts, more than that of the device
 
 
 @pytest.fixture
@@ -42,7 +43,18 @@ class Technician:
         self.infos: queue.SimpleQueue[Any] = queue.SimpleQueue()
         topic = ports.LOAD_CELL_INFO
         self._node.create_subscription(topic.type, topic.name, self.infos.put, topic.qos)
+        self._latest = 0
+        topic = ports.LOAD_CELL_SAMPLES
+        self._node.create_subscription(topic.type, topic.name, self._samples, topic.stage_qos)
         spinner.add(self._node)
+
+    def _samples(self, block: Any) -> None:
+        self._latest = block.counts[0]
+
+    def put_on(self, device: SerialDevice, level: int) -> None:
+        """Put a load on the belt, and wait until the line reads it: the port holds older values."""
+        device.tell(f'level {level}')
+        wait_for(lambda: abs(self._latest - ZERO - level) < NOISE)
 
     def call(self, kind: type, name: str, **values: float) -> Any:
         return call(self._node, kind, name, **values)
@@ -75,7 +87,7 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
 
         assert 'no load was read' in technician.finish().message
         for mass in (0.0, 0.2, 1.0, 0.0):
-            device.tell(f'level {round(mass * SENSITIVITY)}')
+            technician.put_on(device, round(mass * SENSITIVITY))
             done = technician.span(mass) if mass else technician.zero()
             assert done.success, done.message
         # The noise of the device is within 30 counts, so no mass is off by more than 0.1 g.
@@ -109,7 +121,7 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         assert change.new['counts_per_kg'] == done.counts_per_kg
 
         # The new stream is read; the empty belt alone leaves the sensitivity as it is.
-        device.tell('level 5000')
+        technician.put_on(device, 5000)
         assert technician.zero().success
         again = technician.finish()
         assert again.success, again.message
