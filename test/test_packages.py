@@ -23,6 +23,7 @@ KEYS = {
     'fastapi': 'nicegui',
     'starlette': 'nicegui',
     'uvicorn': 'nicegui',
+    'cryptography': 'python3-cryptography',
     'filterpy': 'python3-filterpy-pip',
     'hypothesis': 'python3-hypothesis',
     'jinja2': 'python3-jinja2',

@@ -1,16 +1,18 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify an audit log and show what was changed."""
+"""Verify an audit log, show what was changed, and seal the log with a key."""
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import json
 from pathlib import Path
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from checkweigher_dsp.production.audit_log import Entry, Verification
+    from checkweigher_dsp.production.audit_seal import Seal
 
 _WIDEST = 40  # characters of a value
 
@@ -22,22 +24,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--hash', default='', metavar='HASH',
         help='an entry with this hash, noted elsewhere, has to be there')  # fmt: skip
     add('--json', action='store_true', help='print JSON instead of a table')
+    add('--seal', type=Path, metavar='KEY',
+        help='seal the log: sign its last hash with this Ed25519 private key (PEM)')  # fmt: skip
+    add('--trust', type=Path, metavar='PUBLIC',
+        help='hold the log against its seals, by this Ed25519 public key (PEM)')  # fmt: skip
+    add('--seals', type=Path, metavar='FILE', help='file of the seals (default: LOG.seals)')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the changes; 1 if the chain is broken."""
+    """Show the changes; 1 if the chain is broken, or is not the one that was sealed."""
     from checkweigher_dsp.production.audit_log import read_log
 
     found = read_log(arguments.log, arguments.hash.strip().lower())
+    seals: Sequence[Seal] = ()
+    if found.whole and arguments.trust:
+        seals, found = _verify_seals(arguments, found)
     if arguments.json:
-        print(json.dumps(_as_json(found), indent=2))
+        print(json.dumps(_as_json(found, seals), indent=2))
     else:
         print('\n'.join([*_table(found.entries), _conclusion(found)]))
+        if seals and found.whole:
+            print(_sealed(seals, found.entries))
+    if found.whole and arguments.seal:
+        seal = _seal(arguments, found)
+        print(f'sealed: seal {seal.number}, through entry {seal.entries}', file=sys.stderr)
     return 0 if found.whole else 1
 
 
-def _as_json(found: 'Verification') -> dict[str, Any]:
-    """Return the entries before the first bad line, and what is wrong with that line."""
+def _seals_file(arguments: argparse.Namespace) -> Path:
+    log: Path = arguments.log
+    return arguments.seals or log.with_name(log.name + '.seals')
+
+
+def _verify_seals(
+    arguments: argparse.Namespace, found: 'Verification'
+) -> 'tuple[Sequence[Seal], Verification]':
+    """Return the seals of a log, and the log as broken where they say so."""
+    from checkweigher_dsp.production.audit_log import AuditError
+    from checkweigher_dsp.production.audit_seal import broken_seal, public_key, read_seals
+
+    key, path = public_key(arguments.trust), _seals_file(arguments)
+    if not path.exists():
+        raise AuditError(f'{path}: there are no seals; name their file by --seals')
+    try:
+        seals = read_seals(path, key)
+    except AuditError as error:
+        return (), replace(found, problem='seal', reason=str(error))
+    broken = broken_seal(seals, found.entries)
+    return seals, replace(found, problem='seal' if broken else '', reason=broken)
+
+
+def _seal(arguments: argparse.Namespace, found: 'Verification') -> 'Seal':
+    from checkweigher_dsp.production.audit_log import AuditError
+    from checkweigher_dsp.production.audit_seal import add_seal, private_key
+
+    if arguments.seal.resolve().parent == arguments.log.resolve().parent:
+        raise AuditError(
+            f'{arguments.seal}: lies in the folder of the log: who can write the one could read '
+            'the other; move it where only the one who seals can read it'
+        )
+    key = private_key(arguments.seal)
+    return add_seal(_seals_file(arguments), arguments.log, found.entries, key)
+
+
+def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
+    """Return the entries before the first bad line, what is wrong with that line, and the seals."""
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,
@@ -46,6 +97,7 @@ def _as_json(found: 'Verification') -> dict[str, Any]:
         'torn_bytes': len(found.torn),
         'unended': found.unended,
         'entries': [asdict(entry) for entry in found.entries],
+        'seals': [asdict(seal) for seal in seals],
     }
 
 
@@ -61,6 +113,8 @@ def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
 def _conclusion(found: 'Verification') -> str:
     """Return the last line: whether the chain is whole, or where it is broken."""
     count = len(found.entries)
+    if not found.whole and not found.bad_line:
+        return f'BROKEN: {found.reason}'
     if not found.whole:
         return f'BROKEN: line {found.bad_line}: {found.problem}: {found.reason}'
     last = f', the last one has the hash {found.entries[-1].hash}' if count else ''
@@ -68,6 +122,14 @@ def _conclusion(found: 'Verification') -> str:
     if found.unended:
         torn = '; the end of its line was cut off by power loss'
     return f'the chain is whole: {count} entries{last}{torn}'
+
+
+def _sealed(seals: 'Sequence[Seal]', entries: 'Sequence[Entry]') -> str:
+    last = seals[-1]
+    return (
+        f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
+        f'entry {last.entries}; entries since then: {len(entries) - last.entries}'
+    )
 
 
 def _changes(entry: 'Entry') -> list[tuple[str, Any, Any]]:

@@ -1,0 +1,52 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""`audit` seals a log, and finds one that is not what was sealed."""
+
+import json
+from pathlib import Path
+import subprocess
+
+from running import run_command
+
+from checkweigher_dsp.production.audit_log import AuditLog, head_path
+
+
+def write(log: Path, limits: list[int]) -> None:
+    with AuditLog(log) as audit:
+        for limit in limits:
+            audit.append('2026-01-01T00:00:00', '/product', 'parameter', 'reject', None, limit)
+
+
+def test_a_log_that_was_cut_with_its_head_is_not_the_one_that_was_sealed(tmp_path: Path):
+    log, keys = tmp_path / 'audit.log', tmp_path / 'keys'
+    keys.mkdir()
+    key, public, seals = (keys / name for name in ('key', 'public', 'seals'))
+    subprocess.run(['openssl', 'genpkey', '-algorithm', 'ed25519', '-out', key], check=True)
+    subprocess.run(['openssl', 'pkey', '-in', key, '-pubout', '-out', public], check=True)
+    write(log, [1, 2])
+    cut = log.read_bytes(), head_path(log).read_bytes()
+    write(log, [3])
+
+    done = run_command('audit', log, '--trust', public, '--seals', seals)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert 'there are no seals' in done.stderr
+    done = run_command('audit', log, '--seal', key, '--seals', seals)
+    assert (done.returncode, done.stderr) == (0, 'sealed: seal 1, through entry 3\n')
+    write(log, [4])
+    done = run_command('audit', log, '--trust', public, '--seals', seals, '--json')
+    assert done.returncode == 0, done.stderr
+    assert [seal['entries'] for seal in json.loads(done.stdout)['seals']] == [3]
+
+    log.write_bytes(cut[0])
+    head_path(log).write_bytes(cut[1])
+    assert run_command('audit', log).returncode == 0
+    done = run_command('audit', log, '--trust', public, '--seals', seals)
+    assert done.returncode == 1
+    assert 'BROKEN: seal 1' in done.stdout
+    assert 'its end was removed' in done.stdout
+
+    beside = log.with_name('key')
+    beside.write_bytes(key.read_bytes())
+    done = run_command('audit', log, '--seal', beside, '--seals', seals)
+    assert done.returncode == 2
+    assert 'lies in the folder of the log' in done.stderr

@@ -1,0 +1,172 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Seals of an audit log: signed digests, by a key that the machine's users do not have.
+
+The chain of an audit log shows a change only to a reader who noted a hash. A seal is that note,
+signed with Ed25519 (RFC 8032): number and hash of the last entry, and the time of sealing. Each
+seal holds the hash of the one before it. Seals stand in a file of their own, one a line, in JSON.
+That file should lie, as the key does, where those who may write the log may not write.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+import hashlib
+import json
+import os
+from pathlib import Path
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
+
+from checkweigher_dsp.production.audit_log import FIRST_PREVIOUS, AuditError, Entry
+
+_MAX_FILE = 2**24  # bytes; a seal has 500
+_MAX_KEY = 2**16
+_MAKE_KEY = 'openssl genpkey -algorithm ed25519 -out KEY'
+_MAKE_PUBLIC = 'openssl pkey -in KEY -pubout -out PUBLIC'
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """One seal."""
+
+    number: int  # from 1, without gaps
+    time: str  # of sealing, ISO 8601, UTC
+    entries: int  # number of the last entry that it covers
+    hash: str  # of that entry, hexadecimal
+    previous: str  # SHA-256 of the line of the seal before, hexadecimal
+    signature: str = ''  # Ed25519 over all the other fields, hexadecimal
+
+    def line(self) -> bytes:
+        """Return the line of the seal in the file."""
+        return json.dumps(asdict(self), separators=(',', ':')).encode('ascii') + b'\n'
+
+    def signed(self) -> bytes:
+        """Return the bytes that are signed."""
+        return replace(self, signature='').line()
+
+
+def private_key(path: Path) -> Ed25519PrivateKey:
+    """Read the key that signs, in PEM.
+
+    Raises
+    ------
+    AuditError
+        If it cannot be read, is none, or others than its owner may read it.
+    """
+    data = _read(path, _MAX_KEY)
+    if path.stat().st_mode & 0o077:
+        raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
+    try:
+        key = load_pem_private_key(data, password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise AuditError(
+            f'{path}: is no Ed25519 private key without password; make one: {_MAKE_KEY}'
+        )
+    return key
+
+
+def public_key(path: Path) -> Ed25519PublicKey:
+    """Read the key that verifies, in PEM; `AuditError` if it cannot be read or is none."""
+    data = _read(path, _MAX_KEY)
+    try:
+        key = load_pem_public_key(data)
+    except (ValueError, UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PublicKey):
+        raise AuditError(
+            f'{path}: is no Ed25519 public key; make it of the private one: {_MAKE_PUBLIC}'
+        )
+    return key
+
+
+def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
+    """Read the seals of a file, all of them made with the key.
+
+    Raises
+    ------
+    AuditError
+        If the file cannot be read, or a seal is not signed with the key or does not follow the one
+        before it.
+    """
+    seals: list[Seal] = []
+    previous = FIRST_PREVIOUS
+    for number, line in enumerate(_read(path, _MAX_FILE).splitlines(keepends=True), 1):
+        try:
+            seal = Seal(**json.loads(line))
+            key.verify(bytes.fromhex(seal.signature), seal.signed())
+        except (ValueError, TypeError, RecursionError, InvalidSignature):
+            raise AuditError(f'{path}: line {number}: is no seal made with this key') from None
+        if (seal.number, seal.previous) != (number, previous) or seal.line() != line:
+            raise AuditError(f'{path}: line {number}: does not follow the seal before it')
+        previous = hashlib.sha256(line).hexdigest()
+        seals.append(seal)
+    return tuple(seals)
+
+
+def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
+    """Return what shows that a log is not the one that was sealed; empty if nothing does."""
+    for seal in seals:
+        begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
+        if seal.entries > len(entries):
+            return f'{begin}, but the log ends with entry {len(entries)}: its end was removed'
+        if _hash_at(entries, seal.entries) != seal.hash:
+            return f'{begin}, which is another one now: the log was written again or replaced'
+    return ''
+
+
+def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
+    """Seal the entries of a log that was verified; the seal is on the disk when this returns.
+
+    Raises
+    ------
+    AuditError
+        If the seals cannot be read or written, were made with another key, or are of another log.
+    """
+    seals = read_seals(path, key.public_key()) if path.exists() else ()
+    if broken := broken_seal(seals, entries):
+        raise AuditError(f'{log}: {broken}; nothing was sealed')
+    seal = Seal(
+        number=len(seals) + 1,
+        time=datetime.now(UTC).isoformat(timespec='seconds'),
+        entries=len(entries),
+        hash=_hash_at(entries, len(entries)),
+        previous=hashlib.sha256(seals[-1].line()).hexdigest() if seals else FIRST_PREVIOUS,
+    )
+    seal = replace(seal, signature=key.sign(seal.signed()).hex())
+    _write_whole(path, b''.join(each.line() for each in (*seals, seal)))
+    return seal
+
+
+def _hash_at(entries: Sequence[Entry], number: int) -> str:
+    return entries[number - 1].hash if number > 0 else FIRST_PREVIOUS
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all: a seal that was cut off would look like a forged one."""
+    new = path.with_name(f'{path.name}.next')
+    try:
+        with new.open('wb') as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None
+
+
+def _read(path: Path, most: int) -> bytes:
+    try:
+        if path.exists() and not path.is_file():
+            raise AuditError(f'{path}: is no regular file')
+        with path.open('rb') as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be read: {error.strerror or error}') from None
+    if len(data) > most:
+        raise AuditError(f'{path}: is too large for what it should be')
+    return data
