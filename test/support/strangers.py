@@ -183,7 +183,9 @@ def _and_go(port: Port) -> Callable[[Stranger], None]:
     return act
 
 
-LINE_TOPICS = tuple(port for port in ports.ALL if port is not ports.DIAGNOSTICS)
+LINE_TOPICS = tuple(
+    port for port in ports.ALL if port not in (ports.DIAGNOSTICS, ports.VERIFICATION)
+)
 ATTACKS = (
     Attack('estimates of items', estimates_of_items),
     Attack('estimates of items, as identifier', estimates_of_items, 'identifier'),

@@ -51,6 +51,16 @@ class StreamState(IntEnum):
     FAILED = 2
 
 
+class StepState(IntEnum):
+    """What a record of a verification tells of: the plan, what is verified, or a step."""
+
+    PLAN = 0
+    IDENTITY = 1
+    BEGUN = 2
+    DONE = 3
+    SKIPPED = 4
+
+
 def seconds(stamp: int | None) -> float:
     """Return a stamp in seconds, NaN if it is not known."""
     return math.nan if stamp is None else stamp / NANOSECONDS
@@ -336,6 +346,21 @@ class ZeroChange:
     zero: float
     previous: float
     std_dev: float
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationStep:
+    """A step of a verification, or its plan, or what it is a verification of.
+
+    `stamp` is the end of the step in ns, or that of the latest sample where it has not ended;
+    `text` is the plan, the identity as JSON, or why a step was skipped.
+    """
+
+    stamp: Stamp
+    step: str
+    state: StepState
+    begin: Stamp | None = None
+    text: str = ''
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,6 +155,9 @@ STATISTICS = Port(
     'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
     'product', ('users',), (),
     'Counts, mean, giveaway of this product in this batch, with each verdict')
+VERIFICATION = Port(
+    'verification', 'checkweigher_msgs/msg/VerificationStep', records.VerificationStep, STATE,
+    'verify', ('users',), (), 'Plan and steps of a verification, while one is made')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Once a second: see [Diagnostics](#diagnostics)')
@@ -172,7 +175,7 @@ LINE_HISTORY = Port(
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
     SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
-    STOP_REQUEST, STATISTICS, DIAGNOSTICS,
+    STOP_REQUEST, STATISTICS, VERIFICATION, DIAGNOSTICS,
 )
 # fmt: on
 PLAYED = ALL[:4]

@@ -22,10 +22,12 @@ from checkweigher_dsp.records import (
     Reference,
     SampleBlock,
     Statistics,
+    StepState,
     StopRequest,
     StreamState,
     StreamStatus,
     Verdict,
+    VerificationStep,
     WeighWindow,
     ZeroChange,
 )
@@ -84,6 +86,11 @@ RECORDS = [
     ),
     (ports.VERDICT, VERDICT, Verdict(0, None, Decision.FAULT)),
     (ports.ZERO_SETTING, ZeroChange(T1, 1e-3, -1e-3, 1e-4), ZeroChange(0, 0.0, 0.0, 0.0)),
+    (
+        ports.VERIFICATION,
+        VerificationStep(T1, 'zero_1', StepState.SKIPPED, T1 - 1, 'no weights'),
+        VerificationStep(0, '', StepState.PLAN),
+    ),
     (ports.STOP_REQUEST, StopRequest(StopReason.TOO_MANY_REJECTS, 7, T1), None),
     (
         ports.STATISTICS,
