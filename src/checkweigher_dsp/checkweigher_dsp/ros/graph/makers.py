@@ -100,7 +100,7 @@ class Makers:
         passed = self._matched is not None and self._count_passed(self._matched)
         if passed:
             self.passed = time.monotonic()
-        if passed or self.strangers:
+        if passed:
             self._doubted_until = time.time_ns()
         if time.time_ns() < self._doubted_until:
             self._doubted_until = 0  # the clock was set back
@@ -118,6 +118,8 @@ class Makers:
         allowed = self._allowed()
         others = [full_name(each) for gid, each in listed.items() if gid not in own]
         strange = [] if ANY in allowed else [name for name in others if name not in allowed]
+        if strange or self.strangers:  # what one that has gone since said last may be yet to come
+            self._doubted_until = time.time_ns()
         self.strangers = tuple(sorted(set(strange)))
         self.present = len(strange) < len(listed)
 

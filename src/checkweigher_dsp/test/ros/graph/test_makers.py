@@ -107,6 +107,21 @@ def test_a_stranger_that_has_gone_before_it_is_heard_is_noticed(graph):
     assert _reasons(graph.taken(2)) == [(), ('ForeignPublisher',)]
 
 
+def test_the_last_words_of_a_stranger_are_doubted_when_it_has_gone(graph):
+    graph.publisher(graph.node('identifier'), ports.MASS_ESTIMATE)
+    stranger, taker = Node('stranger'), graph.taker
+    other = graph.publisher(stranger, ports.MASS_ESTIMATE)
+    other.publish(_estimate(1))
+    graph.taken(1)
+    with LOCK:  # the node is busy meanwhile
+        other.publish(_estimate(2))
+        assert other.wait_for_all_acked()
+        stranger.destroy_node()
+        topic = taker.entries[0].topic_name
+        graph.process.wait_for(lambda: len(taker.get_publishers_info_by_topic(topic)) == 1)
+    assert _reasons(graph.taken(2)) == [('ForeignPublisher',)] * 2
+
+
 @pytest.mark.parametrize('allowed', ['/stranger', ANY])
 def test_what_is_allowed_is_no_stranger(graph, allowed):
     graph.publisher(graph.node('identifier'), ports.MASS_ESTIMATE)
