@@ -23,13 +23,18 @@ from belt_line import GOOD, HEAVY, LIGHT, BeltLine, belt_line
 from checkweigher_msgs.msg import Verdict
 from lifecycle_msgs.msg import Transition
 import pytest
+from running import PATIENCE
 
 # Of each campaign: CHECKWEIGHER_EXAMPLES=500 make soak SOAK_ARGS='-k test_permission'
 TRIALS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '40'))
+# Shards of a campaign that run side by side count from 0: each goes on where the one before ends.
+SHARD = int(os.environ.get('CHECKWEIGHER_SHARD', '0'))
 REACHES_REJECTOR = (-0.05, 0.65)  # m behind the infeed eye, where a fault finds the bad product
 NODES = ('driver', 'reject', 'segmenter', 'denoise', 'identifier')
 DEACTIVATE, ACTIVATE = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE
 WHOLE = 10  # good products that have to be weighed afterwards
+# s for it: where the host is busy the eyes are read late, and the line stops again and again.
+WEIGHED = 5 * PATIENCE
 
 
 @dataclass(frozen=True)
@@ -253,7 +258,7 @@ class Trials:
                 line.feed(GOOD)
             return False
 
-        line.wait_for(weighed, f'{count} good products')
+        line.wait_for(weighed, f'{count} good products', WEIGHED)
         self.counts['good'] += count
         self.operate()
         decisions = [verdict.decision for verdict in line.verdicts[first:]]
@@ -303,18 +308,22 @@ def test_what_is_not_permitted_does_not_pass(tmp_path: Path):
     hold(tmp_path, [deactivated('reject')], processes=False, wiring='permit')
 
 
+def share(kinds: list[Fault]) -> list[Fault]:
+    """Return the faults of one of four lines in this shard."""
+    count = TRIALS // 4
+    return [kinds[number % len(kinds)] for number in range(SHARD * count, (SHARD + 1) * count)]
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize('wiring', ['reject', 'permit'])
 @pytest.mark.parametrize('processes', [False, True])
 def test_kills_and_halts(tmp_path: Path, *, processes: bool, wiring: str):
-    kinds = IN_PROCESSES if processes else IN_ONE_PROCESS
-    faults = [kinds[number % len(kinds)] for number in range(TRIALS // 4)]
-    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS)
+    faults = share(IN_PROCESSES if processes else IN_ONE_PROCESS)
+    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS + SHARD)
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize('wiring', ['reject', 'permit'])
 @pytest.mark.parametrize('processes', [False, True])
 def test_faults_of_plc_and_load_cell(tmp_path: Path, *, processes: bool, wiring: str):
-    faults = [DEVICES[number % len(DEVICES)] for number in range(TRIALS // 4)]
-    hold(tmp_path, faults, processes=processes, wiring=wiring, seed=TRIALS)
+    hold(tmp_path, share(DEVICES), processes=processes, wiring=wiring, seed=TRIALS + SHARD)

@@ -109,9 +109,10 @@ def test_no_wrong_mass_is_accepted_where_samples_are_off():
 
 
 @pytest.mark.soak
-def test_no_wrong_mass_is_accepted_at_any_shift_by_any_estimator():
+@pytest.mark.parametrize('estimator', NAMES)
+def test_no_wrong_mass_is_accepted_at_any_shift_by_any_estimator(estimator: str):
     bags = sorted(path.name for path in BAGS.iterdir() if path.is_dir())
-    campaign(bags, NAMES, SHIFTS, [0.0, 0.3, 0.5])
+    campaign(bags, [estimator], SHIFTS, [0.0, 0.3, 0.5])
 
 
 def jittering(recording: Recording, random: np.random.Generator) -> Recording:

@@ -27,6 +27,7 @@ _FEWEST = 5  # items that a lag is learned from, and the most
 _MOST = 25
 _LAST = 3  # items whose lag an item has that may have the same
 _RECENT = 8  # items that show a lasting change
+_EVEN = math.sqrt(12.0)  # of a range that is as likely everywhere, in standard deviations
 _SAME = 0.1  # relative difference of belt speeds and of lengths that are one
 
 
@@ -44,7 +45,8 @@ class EdgeCheck:
     checked, unchecked : int
         Items so far whose rise was seen, and that of the others was not.
     doubt : float
-        Standard deviation of the last lag, s; 0 if none was seen.
+        Standard deviation of the last shift, s: of the lag where it is one, and where the bend of
+        the products says another shift than the lag, any between them is as likely.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
@@ -99,21 +101,26 @@ class EdgeCheck:
                 return None
             return self._sure_shift(self._usual, 0.0)
         self.checked += 1
-        lag = seen.lag - self._stated(speed)
+        lag, std_dev = seen.lag - self._stated(speed), seen.std_dev
         self._recent.append(lag)
-        if self._is_mismatch(lag, _SURE * seen.std_dev, length / speed):
-            return None
+        if self._is_mismatch(lag, _SURE * std_dev, length / speed):
+            lag = _without(lag - self.reference, self._own_bend(seen)) + self.reference
+            std_dev = math.hypot(std_dev, seen.bend_std_dev)
+            if math.isnan(lag) or self._is_mismatch(lag, _SURE * seen.std_dev, length / speed):
+                return None
         if len(self._first) < _MOST:
             self._first.append(seen)
             if len(self._first) >= _FEWEST:
                 self.learned = median(each.lag for each in self._first) - self._stated(speed)
         bend, doubt = self._bend()
-        std_dev = math.hypot(seen.std_dev, doubt)
-        likely = _ALIKE if self._sure_shift(_without(lag, bend), std_dev) else _LIKELY
-        if abs(self._usual - lag) <= likely * seen.std_dev:  # of few items it is NaN
-            lag, std_dev = self._usual, std_dev / math.sqrt(_LAST)
-        self.doubt = std_dev
-        return self._sure_shift(_without(lag, bend), std_dev)
+        sure = math.hypot(std_dev, doubt)
+        likely = _ALIKE if self._sure_shift(_without(lag, bend), sure) else _LIKELY
+        if abs(self._usual - lag) <= likely * std_dev:  # of few items it is NaN
+            lag, sure = self._usual, sure / math.sqrt(_LAST)
+        shift = self._sure_shift(_without(lag, bend), sure)
+        between = self._sure_shift(lag - bend, sure) - shift
+        self.doubt = math.hypot(sure if shift else 0.0, between / _EVEN)
+        return shift
 
     def _stated(self, speed: float) -> float:
         known = self._parameters
@@ -135,6 +142,11 @@ class EdgeCheck:
         bend = median(each.bend for each in self._first)
         doubt = median(each.bend_std_dev for each in self._first) / math.sqrt(len(self._first))
         return (bend, doubt) if abs(bend) > _SURE * doubt else (0.0, 0.0)
+
+    def _own_bend(self, seen: RiseLag) -> float:
+        """Return what the bend of an item is more than that of its kind, 0 where it is not sure."""
+        own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
+        return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
 
     def _begin_kind(self, speed: float, length: float) -> None:
         """Learn again where belt speed or length are others than before."""

@@ -109,7 +109,7 @@ class WindowCutter:
             found = self._find_shift(item, entry, begin, end)
             if isinstance(found, Reason):
                 return self._fault(item, found)
-            self._shifts[item.item_id] = found, self.edge_check.doubt if found else 0.0
+            self._shifts[item.item_id] = found, self.edge_check.doubt
             return self._cut(item, wait=wait)
         empty, settled = self._empty_belt(item, entry)
         if settled:

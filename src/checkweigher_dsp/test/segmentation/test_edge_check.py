@@ -94,6 +94,26 @@ def test_a_bend_of_the_products_is_no_reason_to_move_a_window():
     assert shifts(EdgeCheck(SegmenterParameters()), [-0.5, 0.2, -2.0], bend=4.5) == [0, 0, -2.0]
 
 
+def test_an_item_that_rides_on_in_its_own_way_is_no_mismatch():
+    check = EdgeCheck(SegmenterParameters())
+    shifts(check, [6.3] * 5)
+
+    # As much of the lag as the bend shows, where it surely is one, is the item's own.
+    assert shifts(check, [16.3], bend=9.0) == [7.3]
+    assert shifts(check, [-3.7], bend=-10.0) == [6.3]
+    assert shifts(check, [16.3, 16.3, -3.7], bend=1.9) == [None] * 3
+    assert shifts(check, [-3.7], bend=10.0) == [None]
+
+
+def test_where_the_bend_hides_a_lag_the_doubt_is_what_lies_between():
+    check = EdgeCheck(SegmenterParameters())
+
+    assert shifts(check, [0.0, 0.2, 0.1], bend=6.0) == [0.0] * 3
+    assert check.doubt == pytest.approx(5.9 * MS / 12**0.5)
+    shifts(check, [6.1] * 3, bend=6.0)
+    assert check.doubt == 0.0
+
+
 def test_another_speed_or_length_is_learned_again():
     check = EdgeCheck(SegmenterParameters())
     shifts(check, [0.0] * 5)
