@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from checkweigher_dsp.records import Decision, Eye, EyeEdge, MassEstimate, StreamState, Verdict
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message, to_record
+from checkweigher_dsp.ros.conversion import stamp_from, to_message, to_record
 from checkweigher_dsp.ros.ports import Port
 
 FALSE = 0.9  # kg, of forged estimates: no product of the line has that
@@ -36,6 +36,7 @@ class Stranger(Node):
         self.chance = random.Random(7)
         self.edges: list[EyeEdge] = []
         self.info: Any = None
+        self.made_up: set[int] = set()  # stamps of edges that no eye saw, ns
         self.on_item: Callable[[EyeEdge, EyeEdge], None] | None = None
         self._hear(ports.PHOTO_EYES, self._on_edge)
         self._hear(ports.LOAD_CELL_INFO, self._on_info)
@@ -61,6 +62,8 @@ class Stranger(Node):
             end = time.monotonic() + 1.0  # in one process many topics have no subscriber
             while not self._to[port.name].get_subscription_count() and time.monotonic() < end:
                 time.sleep(0.002)
+        if port is ports.PHOTO_EYES and isinstance(message, port.type):
+            self.made_up.add(stamp_from(message.header.stamp))
         self._to[port.name].publish(message)
 
     def leave(self) -> None:

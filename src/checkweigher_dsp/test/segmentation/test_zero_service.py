@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service zero of the segmenter node, over real DDS."""
 
-import os
 import time
 
 import pytest
@@ -17,9 +16,11 @@ from checkweigher_dsp.ros.ports import ZERO_SETTING
 
 @pytest.fixture
 def executor():
-    rclpy.init(domain_id=1 + os.getpid() % 101)
+    rclpy.init()
     executor = SingleThreadedExecutor()
     yield executor
+    for node in executor.get_nodes():
+        node.destroy_node()  # its place is for that of the next test
     rclpy.shutdown()
 
 
