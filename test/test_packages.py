@@ -19,10 +19,11 @@ FOLDERS = 'test/support', 'test/support/devices', 'bench'
 SUPPORT = {path.stem: path for folder in FOLDERS for path in (ROOT / folder).glob('*.py')}
 # The rosdep key of a module, where its name is another one.
 KEYS = {
-    # These three come with NiceGUI.
+    # These come with NiceGUI.
     'fastapi': 'nicegui',
     'starlette': 'nicegui',
     'uvicorn': 'nicegui',
+    'argon2': 'python3-argon2',
     'cryptography': 'python3-cryptography',
     'filterpy': 'python3-filterpy-pip',
     'hypothesis': 'python3-hypothesis',

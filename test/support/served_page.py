@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import os
 import re
 import subprocess
 import sys
@@ -13,12 +14,15 @@ COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '
 
 @contextmanager
 def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    """Serve the page, and give its process and port."""
-    process = subprocess.Popen([*COMMAND, *options], stderr=subprocess.PIPE, text=True)
+    """Serve the page, and give its process and port; without the users of who runs the tests."""
+    process = subprocess.Popen(
+        [*COMMAND, *options], stderr=subprocess.PIPE, text=True,
+        env={**os.environ, 'XDG_CONFIG_HOME': os.devnull},
+    )  # fmt: skip
     try:
         assert process.stderr is not None
         line = process.stderr.readline()
-        found = re.fullmatch(r'page: http://127\.0\.0\.1:(\d+)/\n', line)
+        found = re.fullmatch(r'page: https?://127\.0\.0\.1:(\d+)/.*\n', line)
         assert found, line
         yield process, int(found[1])
     finally:

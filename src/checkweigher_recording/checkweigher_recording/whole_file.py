@@ -16,10 +16,11 @@ class OutputError(ValueError):
     """An output that cannot be written; one line that says which and why."""
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_whole(path: Path, text: str, mode: int = 0o644) -> None:
     """Write a text file in UTF-8, in place of one that is there; its line ends stay as they are.
 
     A link stays one: what it names is replaced. A stream is written to as it is, see `is_stream`.
+    `mode` is that of the file.
 
     Raises
     ------
@@ -37,7 +38,7 @@ def write_whole(path: Path, text: str) -> None:
         try:
             with open(number, 'w', encoding='utf-8', newline='', errors=_UNENCODABLE) as file:
                 file.write(text)
-            os.chmod(name, 0o644)
+            os.chmod(name, mode)
             os.replace(name, target)
         except BaseException:
             os.unlink(name)

@@ -2,4 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page at the line."""
 
+ADDRESS = '127.0.0.1'
 PORT = 8080

@@ -1,66 +1,59 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page: one process, one node, the loopback address."""
+"""The server of the page: one process, on the loopback address unless it may be elsewhere."""
 
 from collections import Counter
+from dataclasses import replace
 import errno
 import os
+from pathlib import Path
 import socket
 import sys
 
-from fastapi import FastAPI, Response
+from fastapi import FastAPI
 from nicegui import app as nicegui
 from nicegui import ui
 import rclpy
+from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
-from starlette.datastructures import MutableHeaders
-from starlette.requests import HTTPConnection
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 import uvicorn
 
 from checkweigher_dsp.ros.spinner import Spinner
-from checkweigher_web import PORT
+from checkweigher_web.access.guard import Access, Guard, bind_events
+from checkweigher_web.access.login import add_login, add_style
+from checkweigher_web.access.site import PageError, Site
+from checkweigher_web.header import header
 from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
 
-ADDRESS = '127.0.0.1'
-# What a page that shows, and that no other site may frame or read, says of itself. Vue compiles
-# templates in the browser, hence unsafe-eval; nothing is loaded from elsewhere.
-HEADERS = {
-    'Content-Security-Policy': "default-src 'self'; script-src 'self' 'unsafe-inline' "
-    "'unsafe-eval'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; font-src 'self' data:; "
-    "connect-src 'self' ws: wss:; frame-ancestors 'none'; base-uri 'self'; form-action 'self'",
-    'X-Content-Type-Options': 'nosniff',
-    'X-Frame-Options': 'DENY',
-    'Referrer-Policy': 'no-referrer',
-}
+_LOOK_PERIOD = 1.0  # s
+_LARGEST_MESSAGE = 1 << 20  # bytes, of a browser
+STYLE = Path(__file__).with_name('page.css')
 
 
-class PageError(ValueError):
-    """A page that cannot be served; one line that says why and what to do."""
-
-
-def serve(namespace: str | None = None, port: int = PORT) -> None:
+def serve(site: Site, namespace: str | None = None) -> None:
     """Serve the page until SIGINT or SIGTERM.
 
     Parameters
     ----------
+    site : Site
+        Where, and to whom; port 0 takes a free one.
     namespace : str, optional
         The one lane to show; None for all that run.
-    port : int
-        TCP port on the loopback address; 0 takes a free one.
 
     Raises
     ------
-    PageError
-        If the port cannot be used.
+    PageError, CertificateError, UsersError
+        If the site cannot be served.
     """
-    listener = _listen(port)
+    site = site.checked()
+    listener = _listen(site)
+    site = replace(site, port=listener.getsockname()[1])
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
         spinner = Spinner()
         try:
-            _serve(listener, spinner, namespace)
+            _serve(site, listener, spinner, namespace)
         finally:
             spinner.stop()
     finally:
@@ -68,68 +61,38 @@ def serve(namespace: str | None = None, port: int = PORT) -> None:
         listener.close()
 
 
-def _listen(port: int) -> socket.socket:
+def _listen(site: Site) -> socket.socket:
+    where = f'port {site.port}' if site.loopback else f'{site.host} port {site.port}'
     try:
-        return socket.create_server((ADDRESS, port))
+        (family, *_, address), *_ = socket.getaddrinfo(
+            site.host, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        return socket.create_server((address[0], site.port), family=family)
+    except socket.gaierror as error:
+        raise PageError(f'--host {site.host}: {error.strerror}') from None
     except OSError as error:
         hint = '; choose another one with --port' if error.errno == errno.EADDRINUSE else ''
-        raise PageError(f'port {port}: {os.strerror(error.errno or 0).lower()}{hint}') from None
+        raise PageError(f'{where}: {os.strerror(error.errno or 0).lower()}{hint}') from None
     except OverflowError:
-        raise PageError(f'port {port}: is not in 0..65535') from None
+        raise PageError(f'{where}: is not in 0..65535') from None
 
 
-class Guard:
-    """Pass requests on to an ASGI application, and refuse those that another site has made.
-
-    A site elsewhere can have a browser here open it under a name that points to this machine, or
-    open a socket from a page of its own: neither may read what the line does.
-    """
-
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one connection."""
-        if scope['type'] not in ('http', 'websocket'):
-            await self._app(scope, receive, send)
-            return
-        connection = HTTPConnection(scope)
-        host = connection.headers.get('host', '')
-        origin = connection.headers.get('origin')
-        if host.rpartition(':')[0] not in (ADDRESS, 'localhost'):
-            refusal = Response('this page is served on the loopback address only', 421)
-        elif origin not in (None, f'http://{host}'):
-            refusal = Response('this request comes from another site', 403)
-        else:
-            await self._app(scope, receive, _with_headers(send))
-            return
-        if scope['type'] == 'websocket':
-            await receive()
-            await send({'type': 'websocket.close', 'code': 1008})  # the server answers 403
-        else:
-            await refusal(scope, receive, send)
-
-
-def _with_headers(send: Send) -> Send:
-    async def send_guarded(message: Message) -> None:
-        if message['type'] == 'http.response.start':
-            MutableHeaders(scope=message).update(HEADERS)
-        await send(message)
-
-    return send_guarded
-
-
-def _serve(listener: socket.socket, spinner: Spinner, namespace: str | None) -> None:
+def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None) -> None:
+    access = Access(site)
     viewers: Counter[str] = Counter()
     watch = Watch(spinner, namespace)
     watch.viewers = lambda name: viewers[name]
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    add_style(app, STYLE)
+    if access.sessions is not None:
+        add_login(app, access, get_logger('page'))
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:
         if len(watch.lanes) == 1:
             show(next(iter(watch.lanes)))
             return
+        header(access, '')
         list_lanes(watch.lanes)
 
     @ui.page('/lane/{name:path}', title='Checkweigher')
@@ -143,17 +106,22 @@ def _serve(listener: socket.socket, spinner: Spinner, namespace: str | None) -> 
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
+        header(access, name)
         LanePage(watch.lanes[name], watch.board)
 
     ui.run_with(app, title='Checkweigher', tailwind=False, show_welcome_message=False)
-    address, port = listener.getsockname()
+    bind_events(access)
+
+    nicegui.timer(_LOOK_PERIOD, access.expel)
     # Said when the server has taken over the signals.
-    nicegui.on_startup(
-        lambda: print(f'page: http://{address}:{port}/', file=sys.stderr, flush=True)
-    )
-    server = uvicorn.Server(
-        uvicorn.Config(Guard(app), log_level='warning', timeout_graceful_shutdown=2)
-    )
+    nicegui.on_startup(lambda: print(f'page: {site.address}', file=sys.stderr, flush=True))
+    config = uvicorn.Config(
+        Guard(app, access), log_level='warning', timeout_graceful_shutdown=2, server_header=False,
+        ssl_certfile=site.certificate, ssl_keyfile=site.key, ws_max_size=_LARGEST_MESSAGE,
+        # Only a reverse proxy may tell where a browser is.
+        proxy_headers=bool(site.origin),
+    )  # fmt: skip
+    server = uvicorn.Server(config)
     try:
         server.run(sockets=[listener])
     finally:
@@ -163,7 +131,7 @@ def _serve(listener: socket.socket, spinner: Spinner, namespace: str | None) -> 
 def main() -> None:
     """Serve the page of all lanes."""
     try:
-        serve()
-    except PageError as error:
+        serve(Site())
+    except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)
         raise SystemExit(2) from None

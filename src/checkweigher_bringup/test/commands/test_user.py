@@ -1,0 +1,44 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The users of the page, on the command line."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+from checkweigher_web.access.users import Role, read_users
+
+COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'user']
+
+
+def run(path: Path, *words: str, password: str = '') -> tuple[int, str]:
+    done = subprocess.run(
+        [*COMMAND, *words, '--users', str(path)], input=password, capture_output=True, text=True
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_users_are_added_listed_changed_and_removed(tmp_path: Path):
+    path = tmp_path / 'users'
+    added = run(path, 'add', 'anna', '--role', 'operator', password='correct horse\n')
+    assert added == (0, f'{path}: anna added\n')
+    before = read_users(path)['anna']
+    assert before.role == Role.OPERATOR
+    assert before.has_password('correct horse')
+    assert run(path, 'list') == (0, 'anna  operator\n')
+
+    for words in (
+        ('add', 'anna', '--role', 'viewer'),
+        ('remove', 'ben'),
+        ('remove',),
+        ('add', 'ben'),
+    ):
+        status, said = run(path, *words, password='battery staple\n')
+        assert (status, said.count('\n')) == (2, 1)
+    assert run(path, 'password', 'anna', password='short\n')[0] == 2
+    assert read_users(path) == {'anna': before}
+
+    assert run(path, 'password', 'anna', password='battery staple\n')[0] == 0
+    assert read_users(path)['anna'].has_password('battery staple')
+    assert run(path, 'remove', 'anna')[0] == 0
+    assert read_users(path) == {}

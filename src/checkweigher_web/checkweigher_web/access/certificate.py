@@ -1,0 +1,81 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Certificates of the page: a self-signed one, and the check of one of the user's own."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
+from pathlib import Path
+import ssl
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from checkweigher_recording.whole_file import check_new, write_whole
+
+_VALID = timedelta(days=825)  # the longest that browsers take
+
+
+class CertificateError(ValueError):
+    """A certificate or key that cannot be used or made; one line that says why."""
+
+
+def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
+    """Write a self-signed certificate for host names and addresses, and its key.
+
+    Returns its SHA-256 fingerprint, by which a person compares what the browser shows. Raises
+    CertificateError for a name that is none, OutputError if a file is there or cannot be written.
+    """
+    for path in (certificate, key):
+        check_new(path)
+    try:
+        alternatives = x509.SubjectAlternativeName([_name(name) for name in names])
+    except ValueError as error:
+        raise CertificateError(f'{", ".join(names)}: {error}') from None
+    secret, now = ec.generate_private_key(ec.SECP256R1()), datetime.now(UTC)
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, names[0][:64])])
+    made = (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(subject)
+        .public_key(secret.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))  # clocks differ
+        .not_valid_after(now + _VALID)
+        .add_extension(alternatives, critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .sign(secret, hashes.SHA256())
+    )
+    private = secret.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    write_whole(key, private.decode('ascii'), mode=0o600)
+    write_whole(certificate, made.public_bytes(Encoding.PEM).decode('ascii'))
+    return made.fingerprint(hashes.SHA256()).hex(':').upper()
+
+
+def _name(text: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ip_address(text))
+    except ValueError:
+        return x509.DNSName(text)
+
+
+def check_pair(certificate: Path, key: Path) -> None:
+    """Raise CertificateError if a certificate and its key cannot be served with."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    for path in (certificate, key):
+        try:
+            path.open('rb').close()
+        except OSError as error:
+            raise CertificateError(f'{path}: {error.strerror or error}') from None
+    try:
+        context.load_cert_chain(certificate, key, password=lambda: '')
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'reason', None) or error
+        text = (
+            f'{certificate} and {key}: no certificate with its key, in PEM and without a password'
+        )
+        raise CertificateError(f'{text}: {reason}') from None

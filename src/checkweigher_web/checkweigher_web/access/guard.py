@@ -1,0 +1,193 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The guard of the page: it refuses what other sites or strangers ask before the page sees it."""
+
+from collections.abc import Callable
+from typing import Any
+from urllib.parse import parse_qsl, urlencode
+
+from fastapi import Response
+from fastapi.responses import RedirectResponse
+from nicegui import Client, core
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from checkweigher_web.access.sessions import Session, Sessions
+from checkweigher_web.access.site import Site
+from checkweigher_web.access.throttle import Throttle
+from checkweigher_web.access.users import Role, UserFile
+
+# NiceGUI writes scripts and styles into its page and compiles Vue's templates in the browser:
+# hence unsafe-inline and unsafe-eval. No attribute of an element is a script, and nothing is
+# loaded from or sent to elsewhere.
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "font-src 'self' data:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'self'"
+)
+# Without NiceGUI, as at the login, none of that is needed.
+PLAIN_POLICY = (
+    "default-src 'none'; style-src 'self'; img-src 'self'; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'self'"
+)
+HEADERS = {
+    'X-Content-Type-Options': 'nosniff',
+    'X-Frame-Options': 'DENY',
+    'Referrer-Policy': 'no-referrer',
+    'Cross-Origin-Opener-Policy': 'same-origin',
+    'Cross-Origin-Resource-Policy': 'same-origin',
+    'Permissions-Policy': 'camera=(), geolocation=(), microphone=(), usb=(), serial=()',
+}
+LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
+_PUBLIC = (LOGIN, STYLE, '/favicon.ico')
+_ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
+_SESSION = 'checkweigher.session'  # in the scope of a request
+
+
+class Access:
+    """Who is who: the sessions behind the cookies of browsers, and what each may do."""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self.users = None if site.users is None else UserFile(site.users)
+        self.sessions = None if self.users is None else Sessions(self.users, 60 * site.idle)
+        self.throttle = Throttle()
+        # Cookies are those of a host: two pages on one host have two names.
+        self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
+
+    def session(self, identifier: str, *, used: bool = False) -> Session | None:
+        """Return the session of an identifier, None without one that holds."""
+        return None if self.sessions is None else self.sessions.find(identifier, used=used)
+
+    def session_of(self, client: Client) -> Session | None:
+        """Return the session that a page was made in, None without one that holds."""
+        return self.session(_identifier(client))
+
+    def role_of(self, client: Client) -> Role | None:
+        """Return what a page may do now; None if it may not even show."""
+        session = self.session_of(client)
+        if session is not None:
+            return session.user.role
+        return Role.VIEWER if self.site.open and not _identifier(client) else None
+
+    def expel(self) -> None:
+        """Have pages whose session has ended load again, and give them nothing more."""
+        for client in list(Client.instances.values()):
+            if client.page.path and self.role_of(client) is None:
+                client.run_javascript('location.reload()')
+                core.loop.call_later(1.0, _forget, client)  # type: ignore[union-attr]
+
+
+def _forget(client: Client) -> None:
+    if client.id in Client.instances:
+        client.delete()
+
+
+def _identifier(client: Client) -> str:
+    return str(client.request.scope.get(_SESSION, ''))
+
+
+class Guard:
+    """Pass requests on to an ASGI application, with the session that they belong to.
+
+    A site elsewhere can have a browser here open it under a name that points to this machine, or
+    open a socket from a page of its own: neither may read what the line does.
+    """
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app = app
+        self._access = access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one connection."""
+        if scope['type'] not in ('http', 'websocket'):
+            await self._app(scope, receive, send)
+            return
+        connection = HTTPConnection(scope)
+        identifier = connection.cookies.get(self._access.cookie, '')
+        if self._access.session(identifier, used=scope['type'] == 'http') is None:
+            identifier = ''
+        send = _with_headers(send, scope['path'])
+        refusal = self._refusal(connection, identifier)
+        if refusal is None:
+            await self._app(_bound(scope, identifier), receive, send)
+        elif scope['type'] == 'websocket':
+            await receive()
+            await send({'type': 'websocket.close', 'code': 1008})  # the server answers 403
+        else:
+            await refusal(scope, receive, send)
+
+    def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
+        """Return why a connection is refused, None if it is not."""
+        site, host = self._access.site, connection.headers.get('host', '')
+        origin = connection.headers.get('origin')
+        reads = connection.scope.get('method') in ('GET', 'HEAD')
+        if not site.serves(host):
+            return Response('this page is not served by this name', 421)
+        own = site.origin or f'{"https" if site.secure else "http"}://{host}'
+        # Browsers tell the origin wherever something may change.
+        if origin != own and not (origin is None and reads):
+            return Response('this request comes from another site', 403)
+        path = connection.scope['path']
+        if identifier or site.open or path in _PUBLIC or path.startswith(_ASSETS):
+            return None
+        if reads and not path.startswith(_SOCKET):
+            return RedirectResponse(LOGIN, 303)
+        return Response('log in first', 403)
+
+
+def _bound(scope: Scope, identifier: str) -> Scope:
+    """Return a scope with its session; a socket is only one of a page of the same session.
+
+    NiceGUI refuses a socket of a page that it does not know, and the browser loads the page again.
+    """
+    scope = {**scope, _SESSION: identifier}
+    if scope['path'].startswith(_SOCKET):
+        query = dict(parse_qsl(scope['query_string'].decode('latin-1')))
+        client = Client.instances.get(query.get('client_id', ''))
+        if client is None or _identifier(client) != identifier:
+            query['client_id'] = 'of-another-session'
+            scope['query_string'] = urlencode(query).encode('latin-1')
+    return scope
+
+
+def bind_events(access: Access) -> None:
+    """Have NiceGUI take the events of a page from the sockets of this page alone.
+
+    By itself it takes them from any socket that names the page. An event of a person keeps the
+    session going.
+    """
+    for name in ('event', 'javascript_response', 'ack', 'log'):
+        core.sio.on(name, _from_its_socket(core.sio.handlers['/'][name], access))
+
+
+def _from_its_socket(
+    handle: Callable[[str, dict[str, Any]], None], access: Access
+) -> Callable[[str, dict[str, Any]], None]:
+    event = handle is core.sio.handlers['/']['event']
+
+    def take(socket: str, message: dict[str, Any]) -> None:
+        client = Client.instances.get(str(message.get('client_id')))
+        if client is None or client.id not in core.sio.rooms(socket):
+            return
+        if event:
+            access.session(_identifier(client), used=True)
+        if access.role_of(client) is not None:
+            handle(socket, message)
+
+    return take
+
+
+def _with_headers(send: Send, path: str) -> Send:
+    async def send_guarded(message: Message) -> None:
+        if message['type'] == 'http.response.start':
+            headers = MutableHeaders(scope=message)
+            headers.update(HEADERS)
+            headers.setdefault('Content-Security-Policy', _POLICY)
+            if not path.startswith(_ASSETS):
+                headers['Cache-Control'] = 'no-store'
+        await send(message)
+
+    return send_guarded

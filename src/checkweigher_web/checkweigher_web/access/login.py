@@ -1,0 +1,168 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Login and logout: two forms without a script."""
+
+import asyncio
+from html import escape
+from pathlib import Path
+import secrets
+from urllib.parse import parse_qs
+
+from fastapi import FastAPI, Request, Response
+from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
+from checkweigher_dsp.printable import one_line
+from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
+from checkweigher_web.access.users import User, cost_of_nobody
+
+_LARGEST = 4096  # bytes of a form
+_WAITING = 8  # logins at a time; each costs 0.1 s and 64 MiB
+_PAGE = """<!doctype html>
+<html lang="en">
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Checkweigher: log in</title><link rel="stylesheet" href="{style}"></head>
+<body><main class="login"><h1>Checkweigher</h1>
+<p role="alert" class="level-ERROR">{said}</p>
+<form method="post" action="{login}" autocomplete="on">
+<input type="hidden" name="token" value="{token}">
+<label>Name <input name="name" autocomplete="username" autofocus required></label>
+<label>Password <input name="password" type="password" autocomplete="current-password" required>
+</label>
+<button>Log in</button>
+</form>{look}</main></body></html>
+"""
+
+
+def logout_form(token: str) -> str:
+    """Return the form by which a person logs out, as HTML."""
+    return (
+        f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
+        f'value="{escape(token)}"><button>Log out</button></form>'
+    )
+
+
+def add_login(app: FastAPI, access: Access, log: RcutilsLogger) -> None:
+    """Serve login and logout; `log` takes who has logged in, and who has failed to."""
+    desk = _Desk(access, log)
+    app.add_api_route(LOGIN, desk.show, methods=['GET'])
+    app.add_api_route(LOGIN, desk.log_in, methods=['POST'])
+    app.add_api_route(LOGOUT, desk.log_out, methods=['POST'])
+
+
+def add_style(app: FastAPI, path: Path) -> None:
+    """Serve the style sheet, which the login has in common with the page."""
+    app.add_api_route(STYLE, lambda: FileResponse(path, media_type='text/css'), methods=['GET'])
+
+
+class _Desk:
+    """Takes the forms."""
+
+    def __init__(self, access: Access, log: RcutilsLogger) -> None:
+        self._access = access
+        self._log = log
+        self._turn = asyncio.Lock()
+        self._waiting = 0
+
+    @property
+    def _form_cookie(self) -> str:
+        return f'{self._access.cookie}-form'
+
+    async def show(self) -> Response:
+        """Show the form."""
+        return self._form('')
+
+    def _form(self, said: str, status: int = 200) -> Response:
+        """Return the form, with a token that has to come back both in it and as a cookie."""
+        token = secrets.token_urlsafe(32)
+        look = '<p><a href="/">Look without a login</a></p>' if self._access.site.open else ''
+        page = _PAGE.format(style=STYLE, login=LOGIN, said=escape(said), token=token, look=look)
+        answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})
+        self._set_cookie(answer, self._form_cookie, token)
+        return answer
+
+    def _set_cookie(self, answer: Response, name: str, value: str) -> None:
+        answer.set_cookie(
+            name, value, httponly=True, samesite='strict', secure=self._access.site.secure
+        )
+
+    async def log_in(self, request: Request) -> Response:
+        """Begin a session, or say why not."""
+        given = await _fields(request)
+        if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
+            return self._form('This form was too old or not of this page: try again.', 403)
+        if self._waiting >= _WAITING:
+            return self._form('Too many are logging in at this time: try again.', 429)
+        self._waiting += 1
+        try:
+            async with self._turn:  # no attempt is made while another one may yet fail
+                return await self._decide(request, given)
+        finally:
+            self._waiting -= 1
+
+    async def _decide(self, request: Request, given: dict[str, str]) -> Response:
+        name, password = given.get('name', '')[:64], given.get('password', '')
+        address = _address(request)
+        throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
+        who = f'login of {one_line(name)!r} from {address}'
+        if wait := throttle.wait(*keys):
+            self._log.warning(f'{who}: refused, {wait:.0f} s too soon after failures')
+            said = f'Too many failed attempts: try again in {wait + 1:.0f} s.'
+            answer = self._form(said, 429)
+            answer.headers['Retry-After'] = f'{wait + 1:.0f}'
+            return answer
+        user = await asyncio.to_thread(self._user, name, password)
+        if user is None or self._access.sessions is None:
+            throttle.fail(*keys)
+            self._log.warning(f'{who}: failed')
+            return self._form('Name or password are wrong.', 403)
+        throttle.forget(keys[0])
+        self._log.info(f'{who}: {user.role.name.lower()}')
+        self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
+        answer = RedirectResponse('/', 303)
+        self._set_cookie(answer, self._access.cookie, self._access.sessions.begin(user, address))
+        answer.delete_cookie(
+            self._form_cookie, httponly=True, samesite='strict', secure=self._access.site.secure
+        )
+        return answer
+
+    def _user(self, name: str, password: str) -> User | None:
+        user = None if self._access.users is None else self._access.users.find(name)
+        if user is None:
+            cost_of_nobody(password)
+            return None
+        return user if user.has_password(password) else None
+
+    async def log_out(self, request: Request) -> Response:
+        """End the session."""
+        identifier = request.cookies.get(self._access.cookie, '')
+        session, given = self._access.session(identifier), await _fields(request)
+        if session is not None and self._access.sessions is not None:
+            if not _same(given.get('token', ''), session.token):
+                return Response('this form is not of this page', 403)
+            self._access.sessions.end(identifier)
+            self._log.info(f'logout of {session.user.name!r} from {_address(request)}')
+        answer = RedirectResponse(LOGIN, 303)
+        answer.delete_cookie(
+            self._access.cookie, httponly=True, samesite='strict', secure=self._access.site.secure
+        )
+        return answer
+
+
+async def _fields(request: Request) -> dict[str, str]:
+    """Return the fields of a form, none of one that is too large."""
+    body = b''
+    async for part in request.stream():
+        body += part
+        if len(body) > _LARGEST:
+            return {}
+    found = parse_qs(body.decode('utf-8', errors='replace'))
+    return {name: values[0] for name, values in found.items()}
+
+
+def _same(given: str, known: str) -> bool:
+    return bool(known) and secrets.compare_digest(given.encode(), known.encode())
+
+
+def _address(request: Request) -> str:
+    return request.client.host if request.client else '?'

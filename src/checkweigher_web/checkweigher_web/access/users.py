@@ -1,0 +1,168 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The users of the page: names, roles and argon2 hashes of their passwords, a line each."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+import os
+from pathlib import Path
+import re
+import unicodedata
+
+from argon2 import PasswordHasher
+from argon2.exceptions import InvalidHashError, VerificationError
+
+from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.printable import one_line
+from checkweigher_recording.whole_file import output_error, write_whole
+
+SHORTEST, LONGEST = 8, 128  # characters of a password
+_MODE = 0o600
+_OF_OTHERS = 0o077
+_FIRST_LINE = '# Users of the page, made by checkweigher user: NAME:ROLE:HASH\n'
+_HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for little memory
+# Of no password: a name that is not there costs an attempt as much time as one that is.
+_NOBODY = _HASHER.hash(os.urandom(16))
+
+
+class Role(IntEnum):
+    """What a user may do; each role may do what those before it may."""
+
+    VIEWER = 1
+    OPERATOR = 2
+    TECHNICIAN = 3
+
+
+ROLES = tuple(role.name.lower() for role in Role)
+
+
+class UsersError(ValueError):
+    """Users that cannot be read or changed; one line that says why and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """One user, as in the file."""
+
+    name: str
+    role: Role
+    hash: str
+
+    def has_password(self, password: str) -> bool:
+        """Tell whether this is the password of the user; it takes about 0.1 s."""
+        return _is_of(self.hash, password)
+
+
+def default_users() -> Path:
+    """Return where the users are kept unless another file is named."""
+    return config_folder() / 'users'
+
+
+def config_folder() -> Path:
+    """Return the folder of the user's own configuration."""
+    given = os.environ.get('XDG_CONFIG_HOME', '')
+    base = Path(given) if Path(given).is_absolute() else Path.home() / '.config'
+    return base / 'checkweigher'
+
+
+def check_name(name: str) -> str:
+    """Return the name of a user as it is written, or raise UsersError."""
+    name = unicodedata.normalize('NFC', name)
+    if not re.fullmatch(r'[\w@-][\w.@-]{0,63}', name):
+        rule = 'a name has up to 64 letters, digits, "_", "-", "@" and "." (not as the first)'
+        raise UsersError(f'{one_line(name)!r}: {rule}')
+    return name
+
+
+def hash_password(name: str, password: str) -> str:
+    """Return the hash of a new password, or raise UsersError if it is too easy to guess."""
+    if not SHORTEST <= len(password) <= LONGEST:
+        rule = f'must have {SHORTEST} to {LONGEST} characters'
+        raise UsersError(f'the password of {name} has {len(password)}: it {rule}')
+    if password.casefold() == name.casefold():
+        raise UsersError(f'the password of {name} is the name: choose another one')
+    return _HASHER.hash(unicodedata.normalize('NFC', password))
+
+
+def cost_of_nobody(password: str) -> None:
+    """Take the time that the check of a password takes."""
+    _is_of(_NOBODY, password)
+
+
+def _is_of(known: str, password: str) -> bool:
+    try:
+        return _HASHER.verify(known, unicodedata.normalize('NFC', password))
+    except (VerificationError, InvalidHashError):
+        return False
+
+
+def read_users(path: Path) -> dict[str, User]:
+    """Return the users of a file by name.
+
+    Raises
+    ------
+    UsersError
+        If it is not there, is none of users, or others may read it.
+    """
+    try:
+        if os.stat(path).st_mode & _OF_OTHERS:
+            text = f'{path}: other users of this machine may use it; run: chmod 600 {path}'
+            raise UsersError(text)
+        lines = read_input(path).decode('utf-8').splitlines()
+    except FileNotFoundError:
+        text = f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
+        raise UsersError(text) from None
+    except OSError as error:
+        raise UsersError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except UnicodeDecodeError:
+        raise UsersError(f'{path}: is no file of users') from None
+    found = {}
+    for number, line in enumerate(lines, 1):
+        if line.startswith('#') or not line:
+            continue
+        name, role, known = [*line.split(':'), '', ''][:3]
+        if role not in ROLES or not known.startswith('$argon2'):
+            raise UsersError(f'{path}: line {number} is none of a user: NAME:ROLE:HASH')
+        found[name] = User(check_name(name), Role[role.upper()], known)
+    return found
+
+
+def write_users(path: Path, users: dict[str, User]) -> None:
+    """Write a file of users, whole or not at all, for its owner alone.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; the one that was there then stays.
+    """
+    if path == default_users():
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(path, error) from None
+    lines = (f'{user.name}:{user.role.name.lower()}:{user.hash}\n' for user in users.values())
+    write_whole(path, _FIRST_LINE + ''.join(lines), mode=_MODE)
+
+
+class UserFile:
+    """The users of a file that may change while the page is served.
+
+    A file that cannot be read any more has no users: nobody acts on what may be gone.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._state: tuple[int, ...] = ()
+        self._users: dict[str, User] = {}
+
+    def find(self, name: str) -> User | None:
+        """Return a user as the file has it now, None if it has none of the name."""
+        try:
+            status = os.stat(self.path)
+            state = status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
+            if state != self._state:
+                self._users = read_users(self.path)
+                self._state = state
+        except (OSError, UsersError):
+            self._users, self._state = {}, ()
+        return self._users.get(unicodedata.normalize('NFC', name))

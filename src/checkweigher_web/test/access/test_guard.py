@@ -1,0 +1,203 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Login and guard on the real server, as a browser behind a proxy and an attacker meet them."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from http.client import HTTPConnection
+from http.cookies import SimpleCookie
+import json
+from pathlib import Path
+import re
+import time
+from urllib.parse import urlencode
+
+import pytest
+from running import PATIENCE
+from served_page import served
+
+from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
+
+HOST, PASSWORD = 'scale.example', 'correct horse'
+ORIGIN = f'https://{HOST}'
+IDLE = 4.0  # s
+SOCKET = '/_nicegui_ws/socket.io'
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: dict[str, str]
+    cookies: SimpleCookie
+    text: str
+
+    @property
+    def token(self) -> str:
+        return re.findall(r'name=\\?"token\\?" value=\\?"([\w-]+)', self.text)[0]
+
+
+class Browser:
+    """A browser as far as the server sees it."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.cookies: dict[str, str] = {}
+
+    @property
+    def cookie(self) -> str:
+        return '; '.join(f'{name}={value}' for name, value in self.cookies.items())
+
+    def ask(self, path: str, fields: dict[str, str] | str | None = None, **headers: str) -> Answer:
+        method, body = ('GET', None) if fields is None else ('POST', fields)
+        body = urlencode(body) if isinstance(body, dict) else body
+        known = {'Host': HOST, 'Cookie': self.cookie, 'X-Forwarded-For': '10.0.0.3'}
+        known |= {'Origin': ORIGIN} if fields is not None else {}
+        with closing(HTTPConnection('127.0.0.1', self.port, timeout=PATIENCE)) as connection:
+            connection.request(method, path, body, {**known, **headers})
+            answer = connection.getresponse()
+            cookies: SimpleCookie = SimpleCookie()
+            for text in answer.headers.get_all('Set-Cookie') or ():
+                cookies.load(text)
+            for name, each in cookies.items():
+                self.cookies[name] = each.value
+            return Answer(answer.status, dict(answer.headers), cookies, answer.read().decode())
+
+    def log_in(self, name: str = 'anna', password: str = PASSWORD, **headers: str) -> Answer:
+        token = self.ask('/login').token
+        return self.ask('/login', {'name': name, 'password': password, 'token': token}, **headers)
+
+
+@pytest.fixture(scope='module')
+def users(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('site') / 'users'
+    known = hash_password('x', PASSWORD)
+    names = 'anna', 'mallory', 'carl', 'dora'
+    write_users(path, {name: User(name, Role.TECHNICIAN, known) for name in names})
+    return path
+
+
+@pytest.fixture(scope='module')
+def port(users: Path) -> Iterator[int]:
+    with served('--users', str(users), '--origin', ORIGIN, '--idle', str(IDLE / 60)) as (_, found):
+        yield found
+
+
+@pytest.fixture
+def browser(port: int) -> Browser:
+    return Browser(port)
+
+
+def test_nothing_is_shown_before_the_login(browser: Browser):
+    for path in ('/', '/lane/x', '/lane/../../etc/passwd', '/nowhere'):
+        answer = browser.ask(path)
+        assert (answer.status, answer.headers['location']) == (303, '/login')
+    assert browser.ask(f'{SOCKET}/?EIO=4&transport=polling').status == 403
+    login = browser.ask('/login')
+    assert "default-src 'none'" in login.headers['content-security-policy']
+    assert 'script' not in login.headers['content-security-policy']
+    assert login.headers['cache-control'] == 'no-store'
+
+
+def test_a_login_gives_a_cookie_that_scripts_and_other_sites_do_not_get(browser: Browser):
+    answer = browser.log_in()
+    assert (answer.status, answer.headers['location']) == (303, '/')
+    (name,) = [name for name in answer.cookies if not name.endswith('-form')]
+    cookie = answer.cookies[name]
+    assert name.startswith('__Host-')
+    assert (cookie['httponly'], cookie['secure'], cookie['path']) == (True, True, '/')
+    assert cookie['samesite'] == 'strict'
+    page = browser.ask('/')
+    assert page.status == 200
+    assert 'anna' in page.text
+
+    assert browser.ask('/logout', {'token': 'guessed'}).status == 403
+    assert browser.ask('/').status == 200
+    old = dict(browser.cookies)
+    assert browser.ask('/logout', {'token': page.token}).status == 303
+    browser.cookies = old  # a copy of the cookie is worth nothing any more
+    assert browser.ask('/').status == 303
+
+
+@pytest.mark.parametrize(
+    'refused',
+    [
+        lambda browser: browser.ask('/login', {'name': 'anna', 'password': PASSWORD}),
+        lambda browser: browser.log_in(Origin='https://evil.example'),
+        lambda browser: browser.log_in(Origin='null'),
+        lambda browser: browser.log_in('nobody'),
+        lambda browser: browser.log_in('anna', ''),
+        lambda browser: browser.log_in('../../users'),
+        lambda browser: browser.log_in('<script>alert(1)</script>\r\nx: y'),
+        lambda browser: browser.log_in('carl', 'x' * 10_000),
+    ],
+    ids=['no token', 'foreign', 'null', 'nobody', 'empty', 'path', 'script', 'long'],
+)
+def test_a_login_that_is_none_is_refused(
+    refused: Callable[[Browser], Answer], browser: Browser, request: pytest.FixtureRequest
+):
+    # Each from an address of its own, for failures of one address wait.
+    own = f'10.1.0.{len(request.node.name)}'
+    ask = browser.ask
+    browser.ask = lambda path, fields=None, **headers: ask(  # type: ignore[method-assign]
+        path, fields, **{'X-Forwarded-For': own, **headers})  # fmt: skip
+    answer = refused(browser)
+    assert answer.status == 403
+    assert '<script>' not in answer.text
+    assert all(name.endswith('-form') for name in answer.cookies)
+
+
+def test_an_identifier_that_was_planted_is_not_taken(browser: Browser, port: int):
+    (name,) = [n for n in Browser(port).log_in().cookies if not n.endswith('-form')]
+    browser.cookies[name] = 'planted-by-somebody-who-waits'
+    browser.log_in()
+    assert browser.cookies[name] != 'planted-by-somebody-who-waits'
+    assert browser.ask('/').status == 200
+    browser.cookies[name] = 'planted-by-somebody-who-waits'
+    assert browser.ask('/').status == 303
+
+
+def test_failures_in_a_row_have_to_wait(browser: Browser):
+    own = {'X-Forwarded-For': '10.2.0.1'}
+    statuses = [browser.log_in('carl', 'wrong horse', **own).status for _ in range(3)]
+    assert statuses == [403] * 3
+    # The password is right, and it is too early all the same; from elsewhere, too.
+    answer = browser.log_in('carl', **{'X-Forwarded-For': '10.2.0.2'})
+    assert answer.status == 429
+    assert int(answer.headers['retry-after']) >= 1
+    deadline = time.monotonic() + PATIENCE
+    while browser.log_in('carl').status != 303:
+        assert time.monotonic() < deadline
+
+
+def shake_hands(browser: Browser, client: str) -> str:
+    """Open a socket of a page by Socket.IO's protocol, and return what the server answers."""
+    query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'
+    path = f'{SOCKET}/?EIO=4&transport=polling&{query}'
+    opened = json.loads(browser.ask(path).text.removeprefix('0'))
+    path += f'&sid={opened["sid"]}'
+    assert browser.ask(path, '40').status == 200
+    return browser.ask(path).text
+
+
+def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int):
+    browser.log_in()
+    client = re.findall(r'client_id\W+([\w-]{36})', browser.ask('/').text)[0]
+    other = Browser(port)
+    other.log_in('mallory')
+    assert 'handshake failed' in shake_hands(other, client)
+    assert shake_hands(browser, client).startswith('40{"sid"')
+
+
+def test_a_session_ends_with_its_user_and_with_time(browser: Browser, users: Path):
+    browser.log_in('dora')
+    assert browser.ask('/').status == 200
+    known = read_users(users)
+    dora = known.pop('dora')
+    write_users(users, known)
+    assert browser.ask('/').status == 303
+    write_users(users, {**known, 'dora': dora})
+
+    browser.log_in('dora')
+    time.sleep(IDLE + 0.1)  # each look would be a use
+    assert browser.ask('/').status == 303

@@ -1,0 +1,45 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Failed logins have to wait longer and longer."""
+
+from checkweigher_web.access.throttle import Throttle
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_waits_double_up_to_five_minutes_and_are_forgotten():
+    clock = Clock()
+    throttle = Throttle(clock)
+    waits = []
+    for _ in range(14):
+        throttle.fail('account anna', 'address 1')
+        waits.append(throttle.wait('account anna', 'address 2'))
+        clock.now += waits[-1]
+        assert throttle.wait('account anna') == 0
+    assert waits == [0, 0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 300, 300, 300]
+    clock.now += 3601
+    throttle.fail('account anna')
+    assert throttle.wait('account anna') == 0
+
+
+def test_an_address_that_tries_many_accounts_waits_and_others_do_not():
+    throttle = Throttle(Clock())
+    for number in range(5):
+        throttle.fail(f'account {number}', 'address 1')
+    assert throttle.wait('account 9', 'address 1') == 4
+    assert throttle.wait('account 9', 'address 2') == 0
+    throttle.fail('account 9')
+    throttle.forget('account 9')
+    assert throttle.wait('account 9') == 0
+
+
+def test_names_without_number_do_not_fill_the_memory():
+    throttle = Throttle(Clock())
+    for number in range(10_010):
+        throttle.fail(f'account {number}')
+    assert len(throttle._failures) == 10_000
