@@ -11,7 +11,7 @@ from checkweigher_msgs.msg import StopRequest, Verdict
 from graph import heard, publish, wait_for
 import pytest
 from rclpy.node import Node
-from reject_line import RejectLine, edges, estimate
+from reject_line import START, RejectLine, edges, estimate
 from running import PATIENCE
 from std_srvs.srv import Trigger
 
@@ -20,7 +20,7 @@ from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, StreamState, StreamStatus
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import stamp_from, to_message
 
@@ -197,6 +197,22 @@ def test_too_many_rejects_in_a_row_stop_the_line_until_the_reset(spinner: Spinne
     assert line.stop().state == StopRequest.RUN
     wait_for(answer.done)
     assert answer.result().success
+
+
+def test_a_reset_while_the_driver_has_trouble_shows_the_request_again(spinner: Spinner):
+    line = RejectLine(spinner)
+    assert line.stop().state == StopRequest.RUN
+    status = StreamStatus(START, 1, StreamState.RUNNING, text='item 1; item 2; item 3; and others')
+    publish(line.node, ports.DRIVER_STATUS, to_message(ports.DRIVER_STATUS, status))
+    first = line.stop()
+    assert line.reset.wait_for_service(timeout_sec=PATIENCE)
+
+    # One more that the driver has missed since then changes no word, and has to be shown as well.
+    answer = line.reset.call_async(Trigger.Request())
+
+    assert line.stop() == first
+    wait_for(answer.done)
+    assert not answer.result().success
 
 
 def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):

@@ -336,10 +336,13 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request, unless what the driver says is wrong still is."""
-        cleared = self._monitor.request
+        cleared, shown = self._monitor.request, self._shown
         self._monitor.reset()
         self._show_stop_request()
         request = self._monitor.request
+        if request is not None and request == shown:
+            # The driver waits to be shown what it missed since: the words may be the same.
+            self._stop_requests.send(request)
         response.success = request is None
         if request is not None:
             response.message = f'{request.reason}: {request.hint}'
