@@ -54,6 +54,21 @@ def test_without_a_change_a_short_gap_is_no_loss_and_a_long_one_is():
     assert (lost.stamp, back.stamp) == (400, 910)
 
 
+def test_a_gap_in_which_a_product_like_the_last_one_may_have_passed_is_a_loss():
+    found = polling(max_uncertainty=50, longest_gap=5000)
+    blocked = (True, False)
+    for begin, state in ((0, CLEAR), (90, blocked), (180, blocked), (270, blocked), (360, CLEAR)):
+        found.add(Poll(begin, begin + 10, state), 0)
+    assert found.losses == 0  # it was 270 at the eye
+    assert found.add(Poll(620, 630, CLEAR), 0) == []
+    lost, back = found.add(Poll(890, 900, CLEAR), 0)
+    assert (lost.stamp, back.stamp) == (620, 900)
+    # An eye that chatters leaves as much as an edge may be uncertain.
+    for begin, state in ((905, CLEAR), (910, blocked), (915, CLEAR), (1010, CLEAR)):
+        found.add(Poll(begin, begin + 1, state), 0)
+    assert found.losses == 1
+
+
 def test_a_loss_is_said_once_and_the_state_that_is_found_then_is_no_edge():
     found = polling()
     found.add(Poll(0, 10, CLEAR), 0)
