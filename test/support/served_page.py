@@ -3,11 +3,14 @@
 """The page, served by a process of its own on a free port."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection, HTTPResponse
 import os
 import re
 import subprocess
 import sys
+
+from running import PATIENCE
 
 COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '0']
 
@@ -28,3 +31,12 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     finally:
         process.kill()
         process.wait()
+
+
+def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:
+    """Return the answer of the page to a request, read to its end."""
+    with closing(HTTPConnection('127.0.0.1', port, timeout=PATIENCE)) as connection:
+        connection.request('GET', path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer

@@ -35,6 +35,8 @@ COMMANDS = (
      'record --output /tmp/shift1 --duration 60'),
     ('recover', 'make a whole bag of a recording that broke off',
      'recover shift1 --output shift1_whole'),
+    ('keep', 'cut an item out of a bag, as a small bag for a report',
+     'keep shift1 --item 17 --output item17'),
     ('echo', 'show masses and verdicts of a running graph as they come',
      'echo --namespace lane1'),
     ('status', 'show what is wrong with a running line, worst first, and what to check',

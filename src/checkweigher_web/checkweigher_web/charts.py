@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The figures of the page as options of ECharts, from what a lane has shown."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -14,12 +14,14 @@ from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
     Eye,
+    EyeEdge,
     LoadCell,
     Statistics,
     WeighWindow,
 )
 from checkweigher_web.control_chart import SUBGROUP, ControlChart
 from checkweigher_web.empty_belt import Spectrum
+from checkweigher_web.fault_marks import expected_rise, fault_marks
 from checkweigher_web.lane import Item, Stretch
 
 Options = dict[str, Any]
@@ -39,12 +41,11 @@ def nothing(text: str) -> Options:
 
 
 def signal_chart(item: Item, load_cell: LoadCell | None) -> Options:
-    """Return the signal of an item: its window, or the raw stretch around what is no window."""
-    window = item.window
-    if window is not None and len(window.counts):
-        return _window_chart(item, window)
+    """Return the signal of an item: its window, or of a fault the raw signal with what broke."""
     if item.stretch is not None and load_cell is not None:
         return _stretch_chart(item, item.stretch, load_cell)
+    if item.window is not None and len(item.window.counts):
+        return _window_chart(item, item.window)
     return nothing('no signal: it came before this page was open')
 
 
@@ -78,39 +79,76 @@ def _window_chart(item: Item, window: WeighWindow) -> Options:
 
 
 def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options:
-    """Return the raw signal with all edges, what is saturated and what lacks of it marked."""
+    """Return the raw signal around an item with what broke marked, above what the eyes saw."""
     origin = int(stretch.time[0]) if item.verdict.t1 is None else item.verdict.t1
-    time = (stretch.time - origin) / 1e6
+
+    def place(stamp: Any) -> Any:
+        return (stamp - origin) / 1e6
+
     force = GRAMS * (stretch.counts - load_cell.zero_counts) / load_cell.counts_per_kg
-    raw = _line('raw', time, force, RAW, width=1)
-    names = {
-        (Eye.INFEED, True): 'enters', (Eye.INFEED, False): 'is on the belt',
-        (Eye.OUTFEED, True): 'leaves', (Eye.OUTFEED, False): 'is gone',
-    }  # fmt: skip
-    raw['markLine'] = _marks(
-        {f'{k + 1} {names[e.eye, e.blocked]}': (e.stamp - origin) / 1e6
-         for k, e in enumerate(stretch.edges)}
-    )  # fmt: skip
-    limits = load_cell.min_counts, load_cell.max_counts
-    outside = (stretch.counts <= limits[0]) | (stretch.counts >= limits[1])
-    gaps = np.diff(stretch.time) > 1.5 * NANOSECONDS / load_cell.sample_rate
-    raw['markArea'] = {
+    series = [_line('raw', place(stretch.time), force, RAW, width=1)]
+    expected = expected_rise(item, stretch, load_cell)
+    if expected is not None:
+        line = GRAMS * expected.force
+        name = expected.name
+        series.append(
+            _line(name, place(expected.time), line, REFERENCE, width=2, dash='dashed')
+        )  # fmt: skip
+    marks = fault_marks(item, stretch, load_cell)
+    numbered = [(str(k), place(m.begin), place(m.end)) for k, m in enumerate(marks, 1)]
+    series[0]['markArea'] = {
         'silent': True, 'itemStyle': {'color': ALARM, 'opacity': 0.15},
-        'data': [
-            *_areas(time, outside, 'saturated'),
-            *([{'name': 'samples lost', 'xAxis': time[k]}, {'xAxis': time[k + 1]}]
-              for k in np.flatnonzero(gaps)),
-        ],
+        'label': {'color': ALARM, 'fontWeight': 'bold', 'fontSize': 14},
+        'data': [[{'name': n, 'xAxis': b}, {'xAxis': e}] for n, b, e in numbered if e > b],
     }  # fmt: skip
-    return _figure([raw], 'ms after the first edge', 'g')
+    series[0]['markLine'] = {
+        **_marks({n: b for n, b, e in numbered if e == b}),
+        'lineStyle': {'color': ALARM, 'width': 2, 'type': 'solid'},
+        'label': {'formatter': '{b}', 'color': ALARM, 'fontWeight': 'bold', 'fontSize': 14},
+    }
+    figure = _figure(series, '', 'g')
+    begin, end = place(stretch.time[0]), place(stretch.time[-1])
+    missing = {m.eye: place(m.begin) for m in marks if m.eye is not None}
+    begin, end = min([begin, *missing.values()]), max([end, *missing.values()])
+    _add_eyes(figure, [(each, place(each.stamp)) for each in stretch.edges], begin, end, missing)
+    return figure
 
 
-def _areas(time: NDArray[Any], inside: NDArray[np.bool_], name: str) -> list[list[Options]]:
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    return [
-        [{'name': name, 'xAxis': time[begin]}, {'xAxis': time[end - 1]}]
-        for begin, end in zip(ends[::2], ends[1::2], strict=True)
-    ]
+def _add_eyes(
+    figure: Options, edges: Sequence[tuple[EyeEdge, float]], begin: float, end: float,
+    missing: Mapping[Eye, float],
+) -> None:  # fmt: skip
+    """Put a row for each eye below a figure: a bar while it was blocked, a cross for no edge."""
+    upper, lower = figure['xAxis'] | {'min': begin, 'max': end}, dict(figure['xAxis'])
+    lower |= {'min': begin, 'max': end, 'gridIndex': 1, 'name': 'ms after the first edge'}
+    upper |= {'axisLabel': {'show': False}}
+    rows = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1,
+            'axisTick': {'show': False}}  # fmt: skip
+    figure['grid'] = [{'left': 80, 'right': 30, 'top': 40, 'bottom': 110},
+                      {'left': 80, 'right': 30, 'height': 50, 'bottom': 45}]  # fmt: skip
+    figure['xAxis'], figure['yAxis'] = [upper, lower], [figure['yAxis'], rows]
+    for eye, color in ((Eye.INFEED, DENOISED), (Eye.OUTFEED, LEVEL)):
+        row = 1 if eye == Eye.INFEED else 0
+        points: list[list[float | None]] = []
+        for edge, at in [each for each in edges if each[0].eye == eye]:
+            # A lasting state that no edge began was there before, or its edge is missing.
+            points += [] if edge.blocked else [[begin, row]] if not points else []
+            points += [[at, row]] if edge.blocked else [[at, row], [None, None]]
+        if points and points[-1][0] is not None:
+            points.append([end, row])
+        figure['series'].append({
+            'type': 'line', 'name': f'{eye.name.lower()} eye blocked', 'xAxisIndex': 1,
+            'yAxisIndex': 1, 'showSymbol': False, 'color': color, 'data': points,
+            'lineStyle': {'width': 12, 'cap': 'butt'}, 'silent': True, 'connectNulls': False,
+        })  # fmt: skip
+        if eye in missing:
+            figure['series'].append({
+                'type': 'scatter', 'name': 'missing edge', 'xAxisIndex': 1, 'yAxisIndex': 1,
+                'symbol': 'diamond', 'symbolSize': 16, 'color': ALARM, 'silent': True,
+                'data': [[missing[eye], row]],
+            })  # fmt: skip
+    names = [each['name'] for each in figure['series'] if 'xAxisIndex' not in each]
+    figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
 
 
 def histogram(items: Sequence[Item], statistics: Statistics | None) -> Options:

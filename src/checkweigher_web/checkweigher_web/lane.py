@@ -3,7 +3,7 @@
 """What the page knows of a lane: the latest items with their signals, and what the line said."""
 
 from collections import OrderedDict, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 import math
 import threading
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.records import (
     NANOSECONDS,
+    Decision,
     Eye,
     EyeEdge,
     LoadCell,
@@ -56,6 +57,7 @@ class Item:
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
+    usual_speed: float = math.nan  # m/s, of the last item before whose speed is known
 
     @property
     def key(self) -> Key:
@@ -128,52 +130,98 @@ class Lane:
         with self._lock:
             verdicts, estimates = list(self._verdicts), dict(self._estimates)
             joiner = ResultJoiner(tuple(self._edges), tuple(self._references))
-        found = []
-        for verdict in reversed(verdicts):
+        found, speed = [], math.nan
+        for verdict in verdicts:
             estimate = estimates.get(_key(verdict))
             known = joiner.join(estimate or _nothing(verdict), verdict)
-            found.append(Item(verdict, estimate, t4=known.t4, reference=known.reference))
-        return found
+            found.append(Item(verdict, estimate, None, None, known.t4, known.reference, speed))
+            if estimate is not None and math.isfinite(estimate.belt_speed):
+                speed = estimate.belt_speed
+        return found[::-1]
+
+    def faults(self) -> list[Item]:
+        """Return the faults among the items, the latest first."""
+        return [item for item in self.items() if item.verdict.decision == Decision.FAULT]
 
     def with_signals(self, item: Item) -> Item:
-        """Return an item with its window, or with the samples around what has none."""
+        """Return an item with its window; a fault, and what has none, with the samples around."""
         with self._lock:
-            window = self._windows.get(item.key)
+            window, load_cell = self._windows.get(item.key), self.load_cell
         stretch = None
-        stamps = [stamp for stamp in (*item.key, item.t4) if stamp is not None]
-        if (window is None or not len(window.counts)) and stamps:
-            stretch = self.stretch(min(stamps) - _AROUND, max(stamps) + _AROUND)
+        if needs_stretch(item, window) and load_cell is not None:
+            span = span_of(item, load_cell)
+            stretch = None if span is None else self.stretch(*span)
         return replace(item, window=window, stretch=stretch)
 
     def stretch(self, begin: int, end: int) -> Stretch | None:
         """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
         with self._lock:
             load_cell, blocks, edges = self.load_cell, list(self._blocks), list(self._edges)
-        if load_cell is None or not blocks:
-            return None
-        period = NANOSECONDS / load_cell.sample_rate
-        time = np.concatenate(
-            [block.stamp + (np.arange(len(block.counts)) * period).astype(int) for block in blocks]
-        )
-        counts = np.concatenate([block.counts for block in blocks])
-        inside = (begin <= time) & (time <= end)
-        if not inside.any():
-            return None
-        among = tuple(edge for edge in edges if begin <= edge.stamp <= end)
-        return Stretch(time[inside], counts[inside], among)
+        return None if load_cell is None else stretch_of(load_cell, blocks, edges, begin, end)
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest stretch without an item among the samples, (n,) kg."""
         with self._lock:
-            edges, blocks = sorted(self._edges, key=lambda edge: edge.stamp), list(self._blocks)
-        if not blocks or self.load_cell is None:
-            return np.zeros(0)
-        begin, end = longest_gap(edges, blocks[0].stamp, blocks[-1].stamp)
-        found = self.stretch(begin, end)
-        if found is None:
-            return np.zeros(0)
-        force = found.counts / self.load_cell.counts_per_kg
-        return np.asarray(force - force.mean())
+            load_cell, edges, blocks = self.load_cell, list(self._edges), list(self._blocks)
+        return np.zeros(0) if load_cell is None else emptiest(load_cell, blocks, edges)
+
+
+def stretch_of(
+    load_cell: LoadCell, blocks: Sequence[SampleBlock], edges: Iterable[EyeEdge],
+    begin: int, end: int,
+) -> Stretch | None:  # fmt: skip
+    """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
+    if not blocks:
+        return None
+    period = NANOSECONDS / load_cell.sample_rate
+    time = np.concatenate(
+        [block.stamp + (np.arange(len(block.counts)) * period).astype(int) for block in blocks]
+    )
+    counts = np.concatenate([block.counts for block in blocks])
+    inside = (begin <= time) & (time <= end)
+    if not inside.any():
+        return None
+    among = tuple(edge for edge in edges if begin <= edge.stamp <= end)
+    return Stretch(time[inside], counts[inside], among)
+
+
+def emptiest(
+    load_cell: LoadCell, blocks: Sequence[SampleBlock], edges: Iterable[EyeEdge]
+) -> NDArray[np.float64]:
+    """Return the longest stretch without an item, (n,) kg without its mean."""
+    if not blocks:
+        return np.zeros(0)
+    ordered = sorted(edges, key=lambda edge: edge.stamp)
+    gap = longest_gap(ordered, blocks[0].stamp, blocks[-1].stamp)
+    found = stretch_of(load_cell, blocks, (), *gap)
+    if found is None:
+        return np.zeros(0)
+    force = found.counts / load_cell.counts_per_kg
+    return np.asarray(force - force.mean())
+
+
+def needs_stretch(item: Item, window: WeighWindow | None) -> bool:
+    """Tell whether the signal around an item shows more of it than its window."""
+    weighed = item.verdict.decision != Decision.FAULT
+    return not weighed or window is None or not len(window.counts)
+
+
+def span_of(item: Item, load_cell: LoadCell) -> tuple[int, int] | None:
+    """Return the time in which an item was, or should have been, at the eyes, with some around.
+
+    In ns; None for an item of which no time is known.
+    """
+    known, stamps = item.estimate, [*item.key, item.t4]
+    stamps += [known.t2] if known is not None else []
+    times = [stamp for stamp in stamps if stamp is not None]
+    if not times:
+        return None
+    begin, end = min(times), max(times)
+    speed = item.usual_speed
+    if speed > 0 and None in item.key:
+        transit = round(NANOSECONDS * load_cell.weigh_length / speed)
+        begin, end = min(begin, end - transit), max(end, begin + transit)
+    return begin - _AROUND, end + _AROUND
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:

@@ -15,16 +15,18 @@ from nicegui.element import Element
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.health.status_board import StatusBoard, headline
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics, Verdict
 from checkweigher_web import charts
 from checkweigher_web.control_chart import control_chart
 from checkweigher_web.empty_belt import spectrum
+from checkweigher_web.fault_marks import Mark, fault_marks
 from checkweigher_web.lane import Item, Key, Lane
+from checkweigher_web.shift import Playback
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
 _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
 _SHOWN = 100  # items in the list
-_HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict', 'reasons'
+_HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict'
 _STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
 # Colour is never the only sign.
 _SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
@@ -37,42 +39,48 @@ class LanePage:
     anything up.
     """
 
-    def __init__(self, lane: Lane, board: StatusBoard) -> None:
+    def __init__(self, lane: Lane | Playback, board: StatusBoard | None = None) -> None:
         self._lane = lane
         self._board = board
-        self._version = -1
+        self._version: object = None
         self._kept: Key | None = None  # the item that the viewer has chosen; None for the latest
         self._item: Item | None = None  # the latest
+        self._analysed: object = None  # version of the lane in what is shown once a second
         self._counted: Key | None = None  # the latest item in the figures over items
         self._rows: dict[Key, tuple[Element, Item]] = {}
-        self._drawn: tuple[Key, bool, int | None] | None = None
+        self._drawn: tuple[Key, bool, int, int | None] | None = None
         ui.add_css(_STYLE)
+        ui.colors(primary=charts.DENOISED)
         with ui.element('main').classes('board'):
-            with _panel('Item'):
+            with panel('Item'):
                 self._decision = ui.label('no item yet').classes('decision NONE')
                 self._mass = ui.label('–').classes('mass')
                 self._about = ui.label('')
                 self._why = ui.label('').classes('level-ERROR')
                 self._stop = ui.label('').classes('level-ERROR').props('role=alert')
-            with _panel('Signal'):
+            with panel('Signal'):
+                self._about_signal = ui.label('')
                 self._signal = _chart('signal of the item')
+                self._marks = ui.element('ol').classes('marks')
                 self._latest = ui.button('show the latest item', on_click=self._show_latest)
-            with _panel('Items'), ui.element('div').classes('items'):
-                self._list = _table_of(_HEADS)
-            with _panel('Production'):
+            with panel('Items'):
+                self._only_faults = ui.checkbox('faults only', on_change=self._again)
+                with ui.element('div').classes('items'):
+                    self._list = _table_of(_HEADS)
+            with panel('Production'):
                 self._production = ui.element('div')
-            with _panel('Diagnostics'):
+            with panel('Faults' if board is None else 'Diagnostics'):
                 self._headline = ui.label('')
                 self._diagnostics = ui.element('div')
-            with _panel('Masses of the accepted items'):
+            with panel('Masses of the accepted items'):
                 self._histogram = _chart('histogram of the masses')
-            with _panel('Control chart: means'):
+            with panel('Control chart: means'):
                 self._means = _chart('control chart of the means')
-            with _panel('Control chart: standard deviations'):
+            with panel('Control chart: standard deviations'):
                 self._spreads = _chart('control chart of the standard deviations')
-            with _panel('Zero'):
+            with panel('Zero'):
                 self._zero = _chart('zero of the empty belt')
-            with _panel('Empty belt'):
+            with panel('Empty belt'):
                 self._spectrum = _chart('spectrum of the empty belt')
                 self._lines = ui.element('div')
         ui.timer(_PERIOD, self._update)
@@ -86,10 +94,11 @@ class LanePage:
         if items:
             self._item = items[0]
             self._show_item(self._item)
-            kept = (item for item in items if item.key == self._kept)
-            self._show_signal(self._item if self._kept is None else next(kept, None))
+        listed = self._lane.faults() if self._only_faults.value else items
+        kept = (item for item in listed if self._kept in (None, item.key))
+        self._show_signal(next(kept, None))
         self._show_stop()
-        self._show_list(items)
+        self._show_list(listed)
         if not items or items[0].key == self._counted:
             return
         self._counted = items[0].key
@@ -110,7 +119,7 @@ class LanePage:
         if math.isfinite(verdict.std_dev):
             parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
         if item.estimate is not None:
-            parts.append(f'{60 * item.estimate.belt_speed:.1f} m/min, {item.estimate.estimator}')
+            parts += [_number(60 * item.estimate.belt_speed, 1, ' m/min'), item.estimate.estimator]
         if math.isfinite(item.reference):
             parts.append(f'reference {GRAMS * item.reference:.2f} g')
         self._about.set_text(', '.join(parts))
@@ -120,17 +129,37 @@ class LanePage:
         if item is None:  # so old that it is not known any more
             return
         item = self._lane.with_signals(item)
-        state = item.key, item.window is not None or item.stretch is not None, item.t4
+        stretch, cell = item.stretch, self._lane.load_cell
+        # That of a fault grows until some of what follows is there, too.
+        size = 0 if stretch is None else len(stretch.time)
+        state = item.key, item.window is not None, size, item.t4
         if state != self._drawn:
             self._drawn = state
-            _set(self._signal, charts.signal_chart(item, self._lane.load_cell))
+            verdict = item.verdict
+            when = clock(verdict.t3 or verdict.t1)
+            self._about_signal.set_text(f'item {verdict.item_id} at {when}: {said(verdict)}')
+            _set(self._signal, charts.signal_chart(item, cell))
+            self._show_marks(fault_marks(item, stretch, cell) if stretch and cell else [])
         self._latest.set_visibility(self._kept is not None)
 
+    def _show_marks(self, marks: Iterable[Mark]) -> None:
+        self._marks.clear()
+        with self._marks:
+            for mark in marks:
+                with ui.element('li'):
+                    ui.label(mark.text)
+
     def _show_latest(self) -> None:
-        self._kept, self._version = None, -1
+        self._kept = None
+        self._again()
 
     def _choose(self, key: Key) -> None:
-        self._kept, self._version = key, -1
+        self._kept = key
+        self._again()
+
+    def _again(self) -> None:
+        """Show everything at the next update."""
+        self._version = None
 
     def _show_stop(self) -> None:
         stop = self._lane.stop
@@ -142,12 +171,12 @@ class LanePage:
         shown = {item.key: item for item in items[:_SHOWN]}
         for key in self._rows.keys() - shown.keys():
             self._rows.pop(key)[0].delete()
-        for key, item in reversed(shown.items()):
+        for number, (key, item) in enumerate(shown.items()):
             row, known = self._rows.get(key, (None, None))
             if row is None:
                 with self._list:
                     row = ui.element('tr')
-                row.move(target_index=0)
+                row.move(target_index=number)
             if item != known:
                 row.clear()
                 with row:
@@ -164,9 +193,8 @@ class LanePage:
             button = ui.button(str(verdict.item_id), on_click=lambda: self._choose(item.key))
             button.props(f'flat dense aria-label="show item {verdict.item_id}"')
         for text in (
-            _clock(verdict.t3), _grams(verdict.mass), _grams(verdict.std_dev),
-            _grams(item.reference), f'{_SIGNS[verdict.decision.name]} {verdict.decision.name}',
-            ', '.join(verdict.reasons),
+            clock(verdict.t3 or verdict.t1), _grams(verdict.mass), _grams(verdict.std_dev),
+            _grams(item.reference), said(verdict),
         ):  # fmt: skip
             _cell(text)
 
@@ -188,9 +216,33 @@ class LanePage:
         _table(self._production, ('what', 'value'), rows, _cells)
 
     def _update_machine(self) -> None:
+        if self._board is None:
+            if self._analysed == self._lane.version:
+                return
+            self._analysed = self._lane.version
+            self._show_reasons(self._lane.statistics)
+        else:
+            self._show_diagnostics(self._board)
+        self._show_spectrum()
+
+    def _show_reasons(self, statistics: Statistics | None) -> None:
+        """Show why items were faults, the most frequent reason first."""
+        counts = (
+            dict(zip(statistics.reasons, statistics.reason_counts, strict=True))
+            if statistics
+            else {}
+        )
+        self._headline.set_text('' if counts else 'no fault until now')
+        _table(
+            self._diagnostics, ('items', 'reason', 'what to check'),
+            [(str(counts[each]), each, _hint(each))
+             for each in sorted(counts, key=counts.__getitem__, reverse=True)], _cells,
+        )  # fmt: skip
+
+    def _show_diagnostics(self, board: StatusBoard) -> None:
         rows = [
             row
-            for row in self._board.rows(time.monotonic())
+            for row in board.rows(time.monotonic())
             if row.node.strip('/').rpartition('/')[0] == self._lane.name
         ]
         self._headline.set_text(headline(rows))
@@ -199,7 +251,6 @@ class LanePage:
             self._diagnostics, ('level', 'node', 'what is, and what to check'),
             [(row.level.name, f'{row.node} {row.aspect}', row.message) for row in shown], _cells,
         )  # fmt: skip
-        self._show_spectrum()
 
     def _show_spectrum(self) -> None:
         cell = self._lane.load_cell
@@ -228,7 +279,14 @@ def list_lanes(lanes: Mapping[str, Lane]) -> None:
     ui.timer(_SLOW_PERIOD, lambda: ui.navigate.reload() if len(lanes) != known else None)
 
 
-def _panel(title: str) -> Element:
+def said(verdict: Verdict) -> str:
+    """Return a verdict in words, with its reasons."""
+    name = verdict.decision.name
+    return ' '.join((_SIGNS[name], name, ', '.join(verdict.reasons))).rstrip()
+
+
+def panel(title: str) -> Element:
+    """Return a part of the page with a heading."""
     panel = ui.element('section').classes('panel').props(f'aria-label="{title}"')
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
@@ -285,7 +343,8 @@ def _number(value: float, digits: int, unit: str = '') -> str:
     return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'
 
 
-def _clock(stamp: int | None) -> str:
+def clock(stamp: int | None) -> str:
+    """Return the time of a stamp on the clock of this machine."""
     if stamp is None:
         return '–'
     return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'

@@ -3,6 +3,8 @@
 """The server of the page: one process, on the loopback address unless it may be elsewhere."""
 
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 import errno
 import os
@@ -10,7 +12,7 @@ from pathlib import Path
 import socket
 import sys
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Response
 from nicegui import app as nicegui
 from nicegui import ui
 import rclpy
@@ -25,10 +27,18 @@ from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.header import header
 from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
+from checkweigher_web.playback_page import PlaybackPage
+from checkweigher_web.shift import Shift
 
 _LOOK_PERIOD = 1.0  # s
 _LARGEST_MESSAGE = 1 << 20  # bytes, of a browser
 STYLE = Path(__file__).with_name('page.css')
+_REPORT = '/report'
+# Of a file that somebody made elsewhere: nothing in it runs, and it reaches nothing.
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; "
+    "base-uri 'none'; form-action 'none'; sandbox"
+)
 
 
 def serve(site: Site, namespace: str | None = None) -> None:
@@ -46,18 +56,64 @@ def serve(site: Site, namespace: str | None = None) -> None:
     PageError, CertificateError, UsersError
         If the site cannot be served.
     """
+    with _listening(site) as (found, listener):
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            spinner = Spinner()
+            try:
+                _serve(found, listener, spinner, namespace)
+            finally:
+                spinner.stop()
+        finally:
+            rclpy.try_shutdown()
+
+
+def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None) -> None:
+    """Serve the page of a recorded shift until SIGINT or SIGTERM.
+
+    Parameters
+    ----------
+    site : Site
+        Where, and to whom; port 0 takes a free one.
+    shift : Shift
+        What to show; it is weighed meanwhile.
+    name : str
+        What the page calls it.
+    report : Path, optional
+        HTML file of `evaluate` that the page links to.
+
+    Raises
+    ------
+    PageError, CertificateError, UsersError
+        If the site cannot be served.
+    """
+    with _listening(site) as (found, listener):
+        access, app = _application(found)
+        if report is not None:
+            text = report.read_bytes()
+
+            @app.get(_REPORT)
+            def answer() -> Response:
+                headers = {'Content-Security-Policy': REPORT_POLICY}
+                return Response(text, media_type='text/html; charset=utf-8', headers=headers)
+
+        @ui.page('/', title='Checkweigher')
+        async def show() -> None:
+            header(access, '')
+            PlaybackPage(shift, name, _REPORT if report is not None else '')
+
+        shift.start()
+        _run(app, access, listener)
+
+
+@contextmanager
+def _listening(site: Site) -> Iterator[tuple[Site, socket.socket]]:
+    """Listen at a site, and have it with its port."""
     site = site.checked()
     listener = _listen(site)
-    site = replace(site, port=listener.getsockname()[1])
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        spinner = Spinner()
-        try:
-            _serve(site, listener, spinner, namespace)
-        finally:
-            spinner.stop()
+        yield replace(site, port=listener.getsockname()[1]), listener
     finally:
-        rclpy.try_shutdown()
         listener.close()
 
 
@@ -78,14 +134,10 @@ def _listen(site: Site) -> socket.socket:
 
 
 def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None) -> None:
-    access = Access(site)
+    access, app = _application(site)
     viewers: Counter[str] = Counter()
     watch = Watch(spinner, namespace)
     watch.viewers = lambda name: viewers[name]
-    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    add_style(app, STYLE)
-    if access.sessions is not None:
-        add_login(app, access, get_logger('page'))
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:
@@ -109,6 +161,24 @@ def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str
         header(access, name)
         LanePage(watch.lanes[name], watch.board)
 
+    try:
+        _run(app, access, listener)
+    finally:
+        watch.close()
+
+
+def _application(site: Site) -> tuple[Access, FastAPI]:
+    """Return who may do what at a site, and the application with its login."""
+    access = Access(site)
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    add_style(app, STYLE)
+    if access.sessions is not None:
+        add_login(app, access, get_logger('page'))
+    return access, app
+
+
+def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
+    site = access.site
     ui.run_with(app, title='Checkweigher', tailwind=False, show_welcome_message=False)
     bind_events(access)
 
@@ -121,11 +191,7 @@ def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str
         # Only a reverse proxy may tell where a browser is.
         proxy_headers=bool(site.origin),
     )  # fmt: skip
-    server = uvicorn.Server(config)
-    try:
-        server.run(sockets=[listener])
-    finally:
-        watch.close()
+    uvicorn.Server(config).run(sockets=[listener])
 
 
 def main() -> None:

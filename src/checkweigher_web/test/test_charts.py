@@ -10,13 +10,13 @@ import pytest
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import Decision, SampleBlock, Verdict
+from checkweigher_dsp.records import Decision
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web import charts
-from checkweigher_web.lane import Item, Lane
+from checkweigher_web.lane import Item
 
 
 @pytest.fixture(scope='module')
@@ -47,25 +47,6 @@ def test_the_signal_has_the_mass_its_interval_and_the_edges(item: Item, recordin
     assert list(marks) == ['t1', 't2', 't3', 't4']
     # 0.1 m and 0.2 m at 1 m/s
     assert list(marks.values()) == pytest.approx([0, 100, 200, 300], rel=0.02)
-
-
-def test_a_saturated_stretch_and_lost_samples_are_marked(recording: Recording):
-    cell = recording.load_cell
-    lane = Lane('a')
-    lane.take(cell)
-    block = recording.blocks[0]
-    counts = np.resize(block.counts, 900).copy()
-    counts[300:310] = cell.max_counts
-    lane.take(SampleBlock(0, 0, counts[:600]))
-    lane.take(SampleBlock(round(700e9 / cell.sample_rate), 700, counts[600:]))
-    lane.take(Verdict(1, 10**9, Decision.FAULT, ('Saturation',), t1=1))
-    (shown,) = lane.items()
-    found = lane.with_signals(shown)
-    areas = charts.signal_chart(found, cell)['series'][0]['markArea']['data']
-    assert [begin['name'] for begin, _ in areas] == ['saturated', 'samples lost']
-    period = 1e3 / cell.sample_rate
-    assert areas[0][0]['xAxis'] == pytest.approx(300 * period, abs=0.01)
-    assert areas[1][1]['xAxis'] == pytest.approx(700 * period, abs=0.01)
 
 
 def test_the_histogram_counts_the_accepted_items_alone(item: Item):

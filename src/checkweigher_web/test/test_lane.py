@@ -7,6 +7,7 @@ from dataclasses import replace
 from lines import simulated
 import numpy as np
 import pytest
+from shown_lanes import lane_of
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
@@ -23,14 +24,7 @@ def recording() -> Recording:
 @pytest.fixture
 def lane(recording: Recording) -> Lane:
     """Return a lane that has seen the recording and its verdicts."""
-    found = Lane('a')
-    found.take(recording.load_cell)
-    for event in (*recording.blocks, *recording.edges, *recording.references):
-        found.take(event)
-    for result in weigh(recording, LineParameters()):
-        found.take(result.verdict)
-        found.take(result.estimate)
-    return found
+    return lane_of(recording)
 
 
 def test_items_have_estimate_reference_and_t4_the_latest_first(lane: Lane, recording: Recording):

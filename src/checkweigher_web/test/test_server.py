@@ -3,28 +3,18 @@
 """The server of the page as a process of its own, over its real port."""
 
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from http.client import HTTPConnection, HTTPResponse
 import signal
 import socket
 
 import pytest
 from running import BAGS, PATIENCE, run_command
-from served_page import served
+from served_page import get, served
 
 
 @pytest.fixture(scope='module')
 def port() -> Iterator[int]:
     with served() as (_, found):
         yield found
-
-
-def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:
-    with closing(HTTPConnection('127.0.0.1', port, timeout=PATIENCE)) as connection:
-        connection.request('GET', path, headers=headers)
-        answer = connection.getresponse()
-        answer.read()
-        return answer
 
 
 def test_the_page_is_served_with_its_guards(port: int):

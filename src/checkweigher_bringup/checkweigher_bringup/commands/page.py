@@ -4,8 +4,13 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from checkweigher_bringup.commands import add_parameter_file
 from checkweigher_web import ADDRESS, PORT
+
+if TYPE_CHECKING:
+    from checkweigher_web.access.site import Site
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,18 +29,54 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='a session ends after this time without a click; default 30')  # fmt: skip
     add('--origin', default='', metavar='URL',
         help='https://NAME by which a reverse proxy on this machine serves the page')  # fmt: skip
+    recording = parser.add_argument_group('a recording in place of the lanes that run')
+    add = recording.add_argument
+    add('--bag', type=Path, metavar='BAG', help='show a recorded shift')
+    add_parameter_file(recording)
+    add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
+    add('--report', type=Path, metavar='FILE',
+        help='HTML report of evaluate that the page links to')  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
+    from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_web.access.site import Site
-    from checkweigher_web.server import serve
 
     given = arguments
     namespace = None if given.namespace is None else check_namespace(given.namespace)
     site = Site(
         given.host, given.port, given.certificate, given.key, given.users, given.origin, given.idle
     )
+    if given.bag is not None:
+        return _serve_bag(given, site, namespace)
+    for name in ('params', 'estimator', 'report'):
+        if getattr(given, name) is not None:
+            raise UserError(f'--{name}: goes with --bag only')
+    from checkweigher_web.server import serve
+
     serve(site, namespace)
+    return 0
+
+
+def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int:
+    from checkweigher_bringup.errors import UserError
+    from checkweigher_bringup.output import warn_unfinished
+    from checkweigher_bringup.settings import line_parameters
+    from checkweigher_recording.bags.reading import read_bag
+
+    if given.report is not None and not given.report.is_file():
+        raise UserError(
+            f'--report {given.report}: there is no such file; evaluate --html writes it'
+        )
+    parameters = line_parameters(given.params, given.estimator, lane)
+    recording = read_bag(given.bag, lane, progress=True)
+    warn_unfinished(recording)
+    from checkweigher_web.server import serve_shift
+    from checkweigher_web.shift import Shift
+
+    shift = Shift(recording, parameters)
+    del recording  # its samples are in a file now
+    serve_shift(site, shift, given.bag.resolve().name, given.report)
     return 0

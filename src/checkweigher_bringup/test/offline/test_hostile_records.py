@@ -268,7 +268,8 @@ def weigh_at_limits(recording: Recording, count: int) -> Counter[str]:
         except ParameterError as error:
             told['refused' if re.fullmatch('.{,300}', str(error)) else f'{error}'] += 1
             continue
-        weighings = stages.weigh_all(e for e in recording if isinstance(e, SampleBlock | EyeEdge))
+        events = (event for event in recording if isinstance(event, SampleBlock | EyeEdge))
+        weighings = list(stages.weigh_all(events))
         for each in weighings:
             assert each.estimate.reasons or math.isfinite(each.estimate.mass), values
         told['run'] += 1

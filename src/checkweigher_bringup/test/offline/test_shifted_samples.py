@@ -59,7 +59,7 @@ def shifted(recording: Recording, shift: float, begin: float = 0.0) -> Recording
 
 def weigh(recording: Recording, parameters: LineParameters) -> list[Weighing]:
     events = (event for event in recording if not isinstance(event, Reference))
-    return WeighingLine(recording.load_cell, parameters).weigh_all(events)
+    return list(WeighingLine(recording.load_cell, parameters).weigh_all(events))
 
 
 def errors(weighings: Iterable[Weighing], recording: Recording) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All stages in one loop: the weighing of the graph without the graph."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
@@ -105,10 +105,11 @@ def _share(values: dict[str, dict[str, object]]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """Estimate and verdict of one item."""
+    """Estimate and verdict of one item, and the window as it was cut, where that was here."""
 
     estimate: MassEstimate
     verdict: Verdict
+    window: WeighWindow | None = None
 
 
 class WeighingLine:
@@ -132,13 +133,12 @@ class WeighingLine:
         """Return the items that are still on the belt, as faults: the stream has ended."""
         return self._judge(self._segmenter.finish())
 
-    def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> list[Weighing]:
-        """Return the items of a whole stream, to the same bits as by `add` and `finish`.
+    def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
+        """Yield the items of a whole stream, to the same bits as by `add` and `finish`.
 
         The masses of many windows are estimated at once, which takes less time and changes no
         verdict.
         """
-        weighings: list[Weighing] = []
         steps: list[EyeEdge | WeighWindow] = []
         samples = 0
         for event in events:
@@ -146,9 +146,10 @@ class WeighingLine:
             steps += cut
             samples += sum(len(step.counts) for step in cut if isinstance(step, WeighWindow))
             if len(steps) >= _STEPS_AT_ONCE or samples >= _SAMPLES_AT_ONCE:
-                weighings += self._judge(steps)
+                yield from self._judge(steps)
                 steps, samples = [], 0
-        return weighings + self._judge(steps) + self.finish()
+        yield from self._judge(steps)
+        yield from self.finish()
 
     def _cut(self, event: SampleBlock | EyeEdge) -> Sequence[EyeEdge | WeighWindow]:
         """Return the records that an event brings the stages after the segmenter, in order."""
@@ -165,7 +166,7 @@ class WeighingLine:
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.add_estimate(estimate)
-                weighings += [Weighing(estimate, verdict) for verdict in verdicts]
+                weighings += [Weighing(estimate, verdict, step) for verdict in verdicts]
         return weighings
 
 

@@ -1,0 +1,86 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a recorded shift: the views of a lane, and what moves through it."""
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_web.page import LanePage, clock, panel
+from checkweigher_web.shift import Playback, Shift
+
+_PERIOD = 0.5  # s, in which the progress of the weighing is shown
+
+
+class PlaybackPage:
+    """The views of a shift for one browser, with a slider over its items.
+
+    `report` is the address of an accuracy report, empty without one.
+    """
+
+    def __init__(self, shift: Shift, name: str, report: str = '') -> None:
+        self._shift = shift
+        self._playback = Playback(shift, name)
+        with panel('Recording').classes('playback'):
+            with ui.element('div').classes('row'):
+                ui.label(name).classes('name')
+                self._progress = ui.label('').props('role=status')
+                if report:
+                    ui.link('accuracy report', report)
+            # A slider of the browser itself: the keyboard and screen readers know it.
+            self._slider = (
+                ui.element('input')
+                .classes('slider')
+                .props('type=range min=1 max=1 step=1 value=1 aria-label="item of the shift"')
+            )
+            self._slider.on(
+                'input', self._moved, js_handler='event => emit(Number(event.target.value))'
+            )
+            self._where = ui.label('').classes('where')
+            with ui.element('div').classes('row'):
+                for text, step in (('previous item', -1), ('next item', 1)):
+                    ui.button(
+                        text, on_click=lambda step=step: self._go(self._playback.place + step)
+                    )
+                for text, forward in (('previous fault', False), ('next fault', True)):
+                    ui.button(text, on_click=lambda forward=forward: self._go_to_fault(forward))
+        LanePage(self._playback)
+        self._timer = ui.timer(_PERIOD, self._follow)
+        self._follow()
+
+    def _follow(self) -> None:
+        """Show how far the shift is weighed, until it is."""
+        shift, count = self._shift, len(self._shift.items)
+        whole = shift.is_whole
+        self._slider.props['max'] = max(count, 1)
+        self._slider.update()
+        length = (shift.end - shift.begin) / NANOSECONDS
+        text = f'{count} items, {len(shift.faults)} faults in {length / 60:.1f} min'
+        self._progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
+        self._show_place()
+        if whole:
+            self._timer.deactivate()
+
+    def _moved(self, event: GenericEventArguments) -> None:
+        self._playback.go(int(event.args) - 1)
+        self._show_place()
+
+    def _go(self, place: int) -> None:
+        self._playback.go(place)
+        self._show_place()
+
+    def _go_to_fault(self, forward: bool) -> None:
+        if self._playback.go_to_fault(forward=forward):
+            self._show_place()
+        else:
+            ui.notify(f'no fault {"after" if forward else "before"} this item')
+
+    def _show_place(self) -> None:
+        self._slider.props['value'] = self._playback.place + 1
+        self._slider.update()
+        place, items = self._playback.place, self._shift.items
+        if place < len(items):
+            verdict = items[place].verdict
+            self._where.set_text(
+                f'item {place + 1} of {len(items)}, {clock(verdict.t3 or verdict.t1)}'
+            )

@@ -1,0 +1,146 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The page of a recorded shift in a real browser: slider, filter, faults, at any width, by keys."""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+from browsers import (
+    WIDTHS,
+    errors_of,
+    is_cut_off,
+    needs_browser,
+    open_browser,
+    rows_of,
+    shortcomings,
+    text_of,
+    until,
+)
+from lines import edges_of, saturated_at, simulated, without_edges
+import pytest
+from running import run_command
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from served_page import get, served
+
+from checkweigher_recording.bags.writing import write_bag
+
+ITEMS, FAULTS = 12, {4: 'Saturation', 8: 'MissingEdge'}
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a shift with two faults."""
+    sound = simulated(count=ITEMS, seed=6)
+    broken = saturated_at(sound, edges_of(sound, 3)['t2'].stamp + 50_000_000)
+    broken = without_edges(broken, edges_of(sound, 7)['t3'])
+    path = tmp_path_factory.mktemp('bag') / 'shift'
+    write_bag(path, broken.load_cell, broken)
+    return path
+
+
+@pytest.fixture(scope='module')
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('report') / 'report.html'
+    path.write_text('<p>accuracy</p><script>document.title = "it ran"</script>')
+    return path
+
+
+@pytest.fixture(scope='module')
+def port(bag: Path, report: Path) -> Iterator[int]:
+    with served('--bag', str(bag), '--report', str(report)) as (_, found):
+        yield found
+
+
+@pytest.fixture(scope='module')
+def opened(port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    """Open a browser on the page, once for all tests."""
+    with open_browser(tmp_path_factory.mktemp('browser')) as driver:
+        driver.get(f'http://127.0.0.1:{port}/')
+        until(driver, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(driver, '.row'))
+        yield driver
+
+
+@pytest.fixture
+def page(opened: Chrome) -> Chrome:
+    """Return the page at its first item, with all items listed."""
+    opened.set_window_size(1600, 1000)
+    opened.refresh()
+    until(opened, lambda: text_of(opened, '.where').startswith(f'item 1 of {ITEMS}'))
+    until(opened, lambda: len(rows_of(opened)) == 1)
+    return opened
+
+
+def press(page: Chrome, text: str) -> None:
+    page.find_element(By.XPATH, f'//button[normalize-space()="{text}"]').send_keys(Keys.ENTER)
+
+
+def test_the_slider_moves_through_the_items_by_the_keyboard(page: Chrome):
+    slider = page.find_element(By.CSS_SELECTOR, '.slider')
+    for _ in range(4):
+        slider.send_keys(Keys.ARROW_RIGHT)
+    until(page, lambda: text_of(page, '.where').startswith('item 5 of'))
+    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [5, 4, 3, 2, 1])
+    slider.send_keys(Keys.ARROW_LEFT, Keys.ARROW_LEFT)
+    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [3, 2, 1])
+    until(page, lambda: text_of(page, '.mass').endswith(' g'))
+
+
+def test_a_fault_opens_its_signal_with_what_broke(page: Chrome):
+    expected = {4: 'highest value of the converter', 8: 'outfeed eye: t3 is missing'}
+    for number, text in expected.items():
+        press(page, 'next fault')
+        shown = partial(text_of, page, '.marks')
+        until(page, lambda text=text, shown=shown: text in shown())
+        assert text_of(page, '.where').startswith(f'item {number} of')
+        assert text_of(page, '.decision') == '✗ FAULT'
+    press(page, 'next fault')
+    until(page, lambda: 'no fault after this item' in text_of(page, 'body'))
+
+
+def test_the_filter_lists_the_faults_alone_and_a_choice_shows_its_signal(page: Chrome):
+    press(page, 'next fault')
+    press(page, 'next fault')
+    page.find_element(By.CSS_SELECTOR, '[role=checkbox]').send_keys(Keys.SPACE)
+    until(page, lambda: [int(row[0]) for row in rows_of(page)] == [8, 4])
+    for row in rows_of(page):
+        assert row[-1].split() == ['✗', 'FAULT', FAULTS[int(row[0])]]
+    button = page.find_elements(By.CSS_SELECTOR, '.items tbody button')[1]
+    assert button.get_attribute('aria-label') == 'show item 4'
+    button.send_keys(Keys.ENTER)
+    until(page, lambda: 'highest value of the converter' in text_of(page, '.marks'))
+
+
+def test_everything_can_be_seen_and_has_a_name_at_any_width(page: Chrome):
+    press(page, 'next fault')
+    until(page, lambda: text_of(page, '.marks'))
+    for width in WIDTHS:
+        page.set_window_size(width, 900)
+        until(page, lambda: not is_cut_off(page))
+        assert shortcomings(page) == []
+    assert errors_of(page) == []
+
+
+def test_the_report_is_shown_and_nothing_in_it_runs(page: Chrome, port: int):
+    answer = get(port, '/report')
+    assert answer.status == 200
+    assert 'sandbox' in answer.headers['Content-Security-Policy']
+    assert page.find_element(By.LINK_TEXT, 'accuracy report').get_attribute('href')
+    page.get(f'http://127.0.0.1:{port}/report')
+    assert text_of(page, 'p') == 'accuracy'
+    assert page.title != 'it ran'
+    page.get(f'http://127.0.0.1:{port}/')
+
+
+def test_what_the_page_cannot_show_is_a_line(bag: Path, tmp_path: Path):
+    cases: tuple[tuple[tuple[object, ...], str], ...] = (
+        (('--bag', bag, '--report', tmp_path / 'none'), 'there is no such file'),
+        (('--report', bag), '--report: goes with --bag only'),
+    )
+    for options, text in cases:
+        done = run_command('page', '--port', 0, *options)
+        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+        assert text in done.stderr

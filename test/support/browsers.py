@@ -1,0 +1,130 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Debian's Chromium, headless, on a page of this machine, and what a person must be able to see."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import shutil
+
+import pytest
+from running import PATIENCE
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.support.wait import WebDriverWait
+
+BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
+needs_browser = pytest.mark.skipif(
+    not (BROWSER and DRIVER),
+    reason='no chromium and chromedriver: the page was not tested in a browser',
+)
+_OPTIONS = (
+    '--headless=new', '--no-sandbox', '--disable-gpu', '--no-first-run', '--disable-sync',
+    '--disable-background-networking', '--disable-component-update', '--hide-scrollbars',
+)  # fmt: skip
+WIDTHS = (375, 800, 1600)  # px: a phone, a tablet, a desk
+
+# Contrast as of WCAG 2.2, 1.4.3: of text on what is painted behind it, 4.5 or of large text 3 to 1.
+_POOR_CONTRASTS = """
+const parse = text => (text.match(/[\\d.]+/g) || []).map(Number);
+const over = (top, under) => {
+  const a = top[3] ?? 1;
+  return [0, 1, 2].map(k => a * top[k] + (1 - a) * under[k]);
+};
+const behind = element => {
+  const painted = [];
+  for (let e = element; e; e = e.parentElement) {
+    const color = parse(getComputedStyle(e).backgroundColor);
+    painted.push(color);
+    if ((color[3] ?? 1) === 1) break;
+  }
+  return painted.reverse().reduce((under, top) => over(top, under), [255, 255, 255]);
+};
+const luminance = color => {
+  const [r, g, b] = color.slice(0, 3).map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+while (walker.nextNode()) {
+  const element = walker.currentNode.parentElement, text = walker.currentNode.data.trim();
+  const seen = element.checkVisibility({opacityProperty: true, visibilityProperty: true});
+  if (!text || !seen) continue;
+  if (element.closest('script, style, [aria-hidden=true], [aria-disabled=true]')) continue;
+  const style = getComputedStyle(element), back = behind(element);
+  const [x, y] = [luminance(over(parse(style.color), back)), luminance(back)];
+  const ratio = (Math.max(x, y) + 0.05) / (Math.min(x, y) + 0.05);
+  const size = parseFloat(style.fontSize), bold = Number(style.fontWeight) >= 700;
+  const least = size >= 24 || (bold && size >= 18.66) ? 3 : 4.5;
+  if (ratio < least) found.push(`${ratio.toFixed(2)} of ${least}: ${text}`);
+}
+return found;
+"""
+# Controls that a screen reader would call by nothing but their kind.
+_UNLABELLED = """
+const named = e => (e.getAttribute('aria-label') || e.innerText || e.title || e.alt || '').trim()
+  || [...(e.labels || [])].some(l => l.innerText.trim())
+  || (e.getAttribute('aria-labelledby') || '').split(/\\s+/)
+       .some(id => id && document.getElementById(id)?.innerText.trim());
+const kinds = 'a[href], button, input, select, textarea, [role=button], [role=slider], '
+  + '[role=checkbox], [role=switch], [role=img], [role=dialog], [role=region], section';
+return [...document.querySelectorAll(kinds)]
+  .filter(e => e.checkVisibility() && e.type !== 'hidden' && !e.closest('[aria-hidden=true]'))
+  // What takes no focus is a part of a control that is named itself.
+  .filter(e => !(e.tabIndex < 0 && e.parentElement.closest('[role], label')))
+  .filter(e => !named(e)).map(e => e.outerHTML.slice(0, 120));
+"""
+
+
+@contextmanager
+def open_browser(folder: Path) -> Iterator[webdriver.Chrome]:
+    """Open a browser with its files in a folder."""
+    options = Options()
+    options.binary_location = str(BROWSER)
+    for option in (*_OPTIONS, f'--user-data-dir={folder}'):
+        options.add_argument(option)
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
+    driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+def until(driver: webdriver.Chrome, condition: Callable[[], object]) -> object:
+    """Wait until a condition holds, and return what it gave."""
+    return WebDriverWait(driver, PATIENCE, poll_frequency=0.1).until(lambda _: condition())
+
+
+def text_of(driver: webdriver.Chrome, selector: str) -> str:
+    """Return the text that a person sees of the first element of a selector, '' without one."""
+    return str(driver.execute_script(  # in one step: the page changes
+        'return document.querySelector(arguments[0])?.innerText ?? ""', selector))  # fmt: skip
+
+
+def rows_of(driver: webdriver.Chrome) -> list[list[str]]:
+    """Return the texts of the list of items."""
+    return driver.execute_script(
+        'return [...document.querySelectorAll(".items tbody tr")]'
+        '.map(r => [...r.children].map(c => c.innerText))'
+    )
+
+
+def errors_of(driver: webdriver.Chrome) -> list[str]:
+    """Return what the browser complained of."""
+    return [each['message'] for each in driver.get_log('browser') if each['level'] == 'SEVERE']
+
+
+def shortcomings(driver: webdriver.Chrome) -> list[str]:
+    """Return texts of too little contrast and controls without a name on what is shown."""
+    found: list[str] = []
+    for script in (_POOR_CONTRASTS, _UNLABELLED):
+        found += driver.execute_script(script)
+    return found
+
+
+def is_cut_off(driver: webdriver.Chrome) -> bool:
+    """Tell whether the page is wider than its window."""
+    inside = 'return document.documentElement.scrollWidth <= window.innerWidth'
+    return not driver.execute_script(inside)
