@@ -67,6 +67,14 @@ def test_a_load_that_comes_on_as_assumed_leaves_no_misfit_and_no_doubt(make_pass
     assert doubt(window, load).mass == pytest.approx(load.mass, abs=1e-9)
 
 
+def test_a_rise_that_fits_makes_no_estimate_surer_than_the_level(make_pass):
+    window = make_pass(0.2, disturbance=line(13.0, amplitude=1e-3))
+    _, deviation = window_level(window)
+    found = doubt(window, LoadEstimate(0.2001, variance=1e-14))
+    assert found.mass == pytest.approx(0.2001, abs=1e-9)
+    assert 0.5 * deviation < np.sqrt(found.variance) < deviation
+
+
 def test_a_load_that_comes_on_late_draws_the_estimate_to_the_level(make_pass):
     # By 10 ms, a tenth of the rise; the level of the window does not know of it.
     window = make_pass(0.2, platform=STIFF, disturbance=lambda time: np.where(
