@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 import queue
 import sys
@@ -82,12 +82,13 @@ class _Listener(EchoNode):
 
 
 def run_line(
-    params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool
-) -> int:
+    params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool,
+    page: int | None = None,
+) -> int:  # fmt: skip
     """Run the line until a signal asks for its end, and return the exit status.
 
-    The parameters of the `driver` win over the file `params`. A UserError says that there is a line
-    already in this lane.
+    The parameters of the `driver` win over the file `params`; `page` is the port of the page, None
+    for none. A UserError says that there is a line already in this lane.
     """
     with asked_to_end() as asked, memory_file() as own:
         files = [] if params is None else [params]
@@ -108,11 +109,30 @@ def run_line(
             if node.count_drivers():
                 raise UserError('a line runs here already; stop it, or choose another '
                                 '--namespace or ROS_DOMAIN_ID')  # fmt: skip
-            try:
-                return _supervise(processes, node, asked)
-            finally:
-                _end(processes)
-                place.free()
+            with _page_beside(page, namespace):  # that ends after the line
+                try:
+                    return _supervise(processes, node, asked)
+                finally:
+                    _end(processes)
+                    place.free()
+
+
+@contextmanager
+def _page_beside(port: int | None, namespace: str) -> Iterator[None]:
+    """Serve the page while the block lasts, in a process that the line does not depend on.
+
+    The page itself says its address, or why it cannot be served.
+    """
+    if port is None:
+        yield
+        return
+    command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
+    process = start_process([*command, '--namespace', namespace])
+    try:
+        yield
+    finally:
+        process.terminate()
+        end_process(process)
 
 
 def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequence[int]) -> int:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from checkweigher_bringup.commands import add_namespace, add_parameter_file
+from checkweigher_web import PORT
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='where samples and edges come from; default: as in FILE, else the simulator',
     )  # fmt: skip
     add('--bag', type=Path, metavar='BAG', help='bag to play; means --source bag')
+    add('--page', action='store_true', help='serve the page of the line as well, see page --help')
+    add('--page-port', type=int, metavar='N', help=f'port of the page; default {PORT}')
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -36,4 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
         driver['source'] = DriverParameters(source=arguments.source or 'bag').source
     if arguments.bag:
         driver['bag.path'] = str(arguments.bag.absolute())
-    return run_line(arguments.params, namespace, driver, one_process=not arguments.processes)
+    page = None
+    if arguments.page or arguments.page_port is not None:
+        page = PORT if arguments.page_port is None else arguments.page_port
+    return run_line(
+        arguments.params, namespace, driver, one_process=not arguments.processes, page=page
+    )

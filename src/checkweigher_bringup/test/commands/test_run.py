@@ -3,7 +3,9 @@
 """`run` with real processes: what is killed or hangs comes back, and no item goes unjudged."""
 
 from collections.abc import Iterator
+import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +14,8 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 import pytest
-from running import run_command
+from running import PATIENCE, run_command
+from served_page import get
 from supervised_line import SupervisedLine, supervised_line
 
 from checkweigher_dsp.ros.ports import NODES
@@ -75,3 +78,24 @@ def test_of_two_lines_that_start_at_once_one_goes_on(tmp_path: Path):
         for run in runs:
             run.kill()
             run.communicate()
+
+
+def test_the_page_beside_a_line_ends_with_it(tmp_path: Path):
+    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--namespace', 'shown']
+    run = subprocess.Popen(
+        [*words, '--page-port', '0'], text=True, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, env={**os.environ, 'XDG_CONFIG_HOME': str(tmp_path)},
+    )  # fmt: skip
+    try:
+        assert run.stderr is not None
+        said = next(line for line in run.stderr if line.startswith('page: '))
+        found = re.match(r'page: http://127\.0\.0\.1:(\d+)/', said)
+        assert found
+        assert get(int(found[1])).status == 200
+        run.send_signal(signal.SIGINT)
+        assert run.wait(timeout=PATIENCE) == 130
+        with pytest.raises(ConnectionRefusedError):
+            get(int(found[1]))
+    finally:
+        run.kill()
+        run.communicate()
