@@ -8,7 +8,11 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
-    package_data={package_name: ['py.typed'], f'{package_name}.report': ['*.j2']},
+    package_data={
+        package_name: ['py.typed'],
+        f'{package_name}.report': ['*.j2'],
+        f'{package_name}.verification': ['*.yaml', '*.json'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `calibrate` with a technician at its keyboard."""
+"""The commands `calibrate` and `verify` with a technician at the keyboard."""
 
 import subprocess
 import sys
@@ -9,9 +9,9 @@ import sys
 class Dialogue:
     """The command in a process of its own, with a technician at its keyboard."""
 
-    def __init__(self, *arguments: object) -> None:
+    def __init__(self, *arguments: object, command: str = 'calibrate') -> None:
         self.process = subprocess.Popen(
-            [sys.executable, '-m', 'checkweigher_bringup.cli', 'calibrate', *map(str, arguments)],
+            [sys.executable, '-m', 'checkweigher_bringup.cli', command, *map(str, arguments)],
             text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         )  # fmt: skip
 
@@ -25,9 +25,9 @@ class Dialogue:
             text += sign
         return text.strip()
 
-    def answer(self) -> None:
+    def answer(self, text: str = '') -> None:
         assert self.process.stdin is not None
-        self.process.stdin.write('\n')
+        self.process.stdin.write(f'{text}\n')
         self.process.stdin.flush()
 
     def end(self) -> tuple[int, str, str]:

@@ -53,6 +53,8 @@ COMMANDS = (
      'evaluate --protocol paper --html report.html'),
     ('calibrate', 'calibrate the load cell with known masses at rest',
      'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
+    ('verify', 'verify the machine by the book, and write the report',
+     'verify plan.yaml --output /tmp/verification'),
     ('audit', 'verify the chain of an audit log and show what was changed',
      'audit /var/log/checkweigher/lane1.log'),
     ('import', 'turn a CSV log of a scale into a bag',

@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'machine:SEED, one of a family, with its own sample rate, sensitivity and lengths',
     )  # fmt: skip
     add('--seed', type=int, default=1, metavar='S', help='of all that is random')
+    add('--start-time', type=int, metavar='S', help='stamp of the first sample, s since 1970')
     add_new_bag(parser)
     for name, unit, text in (
         ('spacing', 'M', 'between leading edges of successive products'),

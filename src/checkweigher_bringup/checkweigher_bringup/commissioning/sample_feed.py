@@ -31,6 +31,7 @@ class SampleFeed:
         self.name = name
         self.load_cell: LoadCell | None = None
         self._messages: queue.SimpleQueue[_Message] = queue.SimpleQueue()
+        self.latest: SampleBlock | None = None  # of those that `blocks` has given
         self._next: int | None = None
 
     def put(self, message: _Message) -> None:
@@ -56,6 +57,7 @@ class SampleFeed:
             if block is not None:
                 whole = self._next is None or block.first_index == self._next
                 self._next = block.first_index + len(block.counts)
+                self.latest = block
                 yield block.counts, whole
 
     def _take(self) -> SampleBlock | None:

@@ -66,13 +66,18 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))
 
 
-def ask(text: str) -> None:
-    """Ask for something to be done, and wait for Enter."""
+def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
+    """Ask for something to be done, wait for Enter, and return what was typed before it.
+
+    `unfinished` says in the error what the input ended before.
+    """
     print(f'{text}, then press Enter ', end='', file=sys.stderr, flush=True)
-    if not sys.stdin.readline():
-        raise UserError('the input ended before the calibration was done: nothing was written')
+    answer = sys.stdin.readline()
+    if not answer:
+        raise UserError(f'the input ended before {unfinished}')
     if not sys.stdin.isatty():
         print(file=sys.stderr)
+    return answer.strip()
 
 
 def _guided_points(
@@ -86,15 +91,15 @@ def _guided_points(
     points = []
     for mass in wanted:
         ask(f'Put {GRAMS * mass:g} g on the belt' if mass else 'Empty the belt')
-        reading = _read_at_rest(feed, feed.wait_for_load_cell(), steadiness)
-        _show('')
+        reading = read_at_rest(feed, feed.wait_for_load_cell(), steadiness)
+        show('')
         uncertainty = mass_uncertainty if mass else 0.0
         points.append(CalibrationPoint(mass, reading.mean, reading.std_error, uncertainty))
         print(f'{GRAMS * mass:g} g: reading {reading.mean:.1f} +- {reading.std_error:.1f}')
     return points
 
 
-def _read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness) -> StaticReading:
+def read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness) -> StaticReading:
     """Return the reading of a load as soon as it has been at rest for long enough."""
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
@@ -102,7 +107,7 @@ def _read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness)
         found = reading.add(block, whole=whole)
         if reading.latest is not shown and reading.latest is not None:
             shown = reading.latest
-            _show(_line(shown, load_cell, reading.duration))
+            show(_line(shown, load_cell, reading.duration))
         if found is not None:
             return found
     raise AssertionError('a feed has no end')
@@ -117,7 +122,7 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
     )
 
 
-def _show(text: str) -> None:
+def show(text: str) -> None:
     """Show how it is going, on a terminal, in one line."""
     if sys.stderr.isatty():
         print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

@@ -77,8 +77,11 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
     # Without frame_id: it says nothing that the topic does not say.
-    header = store.types[HEADER](store.types[TIME](**fields['header']['stamp']), '')
-    message = store.types[port.message_type](**fields | {'header': header})
+    header = store.types[HEADER](store.types[TIME](**fields.pop('header')['stamp']), '')
+    times = {
+        name: store.types[TIME](**value) for name, value in fields.items() if type(value) is dict
+    }
+    message = store.types[port.message_type](**fields | times, header=header)
     return bytes(store.serialize_cdr(message, port.message_type, little_endian=True))
 
 

@@ -78,7 +78,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Check sums are checked where the file has them; some writers leave them out. The numbers of
     messages must agree wherever the bag states them.
     """
-    with _errors_in_one_line(path), qos_unread():
+    with bag_errors(path), qos_unread():
         if parts := unfinished_parts(path):
             return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
         information = _information(path)
@@ -91,7 +91,7 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 
 
 @contextmanager
-def _errors_in_one_line(path: Path) -> Iterator[None]:
+def bag_errors(path: Path) -> Iterator[None]:
     """Turn any exception of a parser on strange bytes into one line."""
     try:
         yield

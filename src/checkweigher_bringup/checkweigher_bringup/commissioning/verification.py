@@ -1,0 +1,122 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A verification and its files: the plan, what is verified, the procedure, the report."""
+
+import argparse
+import hashlib
+from importlib.metadata import version
+from importlib.util import find_spec
+import json
+from pathlib import Path
+import shutil
+
+from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
+from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.settings import check_namespace, line_parameters
+from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.production.audit_log import AuditError, read_log
+from checkweigher_recording.whole_file import check_new, output_error, write_whole
+from checkweigher_validation.report.verification_page import render_verification
+from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
+from checkweigher_validation.verification.procedure import read_procedure
+from checkweigher_validation.verification.report import as_json, report_of
+
+_PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
+
+
+def verify(arguments: argparse.Namespace) -> str:
+    """Make a procedure and its report, or the report of a procedure again; return the verdict."""
+    folder: Path = arguments.output
+    bag = folder / 'bag'
+    if arguments.params is not None and not arguments.bags:
+        raise UserError('--params: only with --bags; a running line has its own parameters')
+    check_new(folder)
+    if arguments.plan is None:
+        if arguments.audit is not None:
+            raise UserError('--audit: not with --from, the bag has the digest of its log')
+        return write_report(arguments.procedure, folder)
+    plan, text = plan_of(arguments.plan)
+    namespace = check_namespace(arguments.namespace)
+    parameters = line_parameters(arguments.params, None)
+    audit_log = _audit_digests(arguments.audit)
+
+    def identity(values: dict[str, dict[str, object]], how: str) -> str:
+        """Write the parameters of the nodes, and return what is verified as JSON."""
+        file = folder / 'parameters.yaml'
+        write_parameter_file(file, values)
+        return json.dumps({
+            'program': f'checkweigher {version("checkweigher_bringup")}',
+            'program_sha256': program_digest(),
+            'parameters_sha256': hashlib.sha256(file.read_bytes()).hexdigest(),
+            **audit_log,
+            'how': how,
+        })  # fmt: skip
+
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise output_error(folder, error) from None
+    try:
+        if arguments.bags:
+            procedure_of_bags(plan, text, arguments.bags, parameters, identity, bag)
+        else:
+            procedure_on_line(plan, text, namespace, identity, bag)
+    finally:
+        if not bag.exists():  # nothing was recorded
+            shutil.rmtree(folder, ignore_errors=True)
+    return write_report(bag, folder)
+
+
+def write_report(bag: Path, folder: Path) -> str:
+    """Write the report of a procedure into a folder, which is made; return the verdict."""
+    report = report_of(read_procedure(bag))
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise output_error(folder, error) from None
+    write_whole(folder / 'report.json', as_json(report))
+    write_whole(folder / 'report.html', render_verification(report))
+    return str(report['verdict'])
+
+
+def plan_of(path: Path) -> tuple[Plan, str]:
+    """Return the plan of a file, and its text."""
+    try:
+        text = read_input(path).decode('utf-8')
+        return read_plan(text), text
+    except OSError as error:
+        raise UserError(f'{path}: {error.strerror or error}') from None
+    except UnicodeDecodeError:
+        raise UserError(f'{path}: is no text in UTF-8') from None
+    except PlanError as error:
+        raise UserError(f'{path}: {error}') from None
+
+
+def program_digest() -> str:
+    """Return the SHA-256 over the Python files of the program, with their names."""
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        found = find_spec(f'checkweigher_{package}')
+        assert found is not None
+        assert found.submodule_search_locations
+        root = Path(found.submodule_search_locations[0])
+        for file in sorted(root.rglob('*.py')):
+            digest.update(f'{package}/{file.relative_to(root).as_posix()}\n'.encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _audit_digests(path: Path | None) -> dict[str, str | None]:
+    """Return name, digest and last hash of an audit log, which must be whole."""
+    if path is None:
+        return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash'))
+    found = read_log(path)
+    if not found.whole:
+        raise AuditError(f'{path}: the chain is broken at line {found.bad_line}: {found.reason}')
+    return {
+        'audit_log': str(path),
+        'audit_log_sha256': hashlib.sha256(path.read_bytes()).hexdigest(),
+        'audit_log_last_hash': found.entries[-1].hash if found.entries else None,
+    }

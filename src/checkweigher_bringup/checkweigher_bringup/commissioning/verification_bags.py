@@ -1,0 +1,154 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A procedure of steps that were recorded before, each into a bag of its own."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+import itertools
+from pathlib import Path
+from typing import Any
+
+from checkweigher_bringup.errors import UserError
+from checkweigher_driver.calibration.static_calibration import RestReading, Steadiness
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_dsp.records import (
+    GRAMS,
+    NANOSECONDS,
+    EyeEdge,
+    Reference,
+    SampleBlock,
+    StepState,
+    VerificationStep,
+)
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.ports import Port
+from checkweigher_recording.bags.definitions import serialize
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import BagWriter
+from checkweigher_recording.block_cutting import join_recording
+from checkweigher_recording.recording import Recording
+from checkweigher_validation.verification.plan import Plan
+from checkweigher_validation.verification.steps import Step, steps_of
+
+Identity = Callable[[dict[str, dict[str, object]], str], str]
+_Record = tuple[int, Port, Any]  # with its stamp, ns
+
+_PORTS = {
+    SampleBlock: ports.LOAD_CELL_SAMPLES,
+    EyeEdge: ports.PHOTO_EYES,
+    Reference: ports.REFERENCE_MASS,
+}
+_SAME_LOAD = 0.01  # of the load of a step; a reference mass that differs by more is another load
+
+
+def procedure_of_bags(
+    plan: Plan, text: str, bags: Sequence[Path], parameters: LineParameters, identity: Identity,
+    output: Path,
+) -> None:  # fmt: skip
+    """Weigh the bags of the steps, and write the bag of the procedure.
+
+    A bag has the name of its step. `identity` gets the parameters of the nodes and in which way the
+    procedure was made, and returns what is verified as JSON.
+
+    Raises
+    ------
+    UserError
+        If a bag is of no step, of another calibration or load, or at the time of another bag.
+    """
+    steps = {step.name: step for step in steps_of(plan)}
+    for bag in bags:
+        if bag.name not in steps:
+            raise UserError(f'{bag}: is named as no step of the plan; verify --steps shows them')
+    found = [(bag, steps[bag.name], read_bag(bag)) for bag in bags]
+    found.sort(key=lambda each: each[2].blocks[0].stamp)
+    _check_together(found)
+    values = {name: getattr(parameters, name).as_mapping() for name in ports.STAGES}
+    cell, begin = found[0][2].load_cell, found[0][2].blocks[0].stamp
+    told = (
+        (ports.LOAD_CELL_INFO, cell),
+        (ports.VERIFICATION, VerificationStep(begin, '', StepState.PLAN, text=text)),
+        (
+            ports.VERIFICATION,
+            VerificationStep(
+                begin, '', StepState.IDENTITY, text=identity(values, 'of recorded bags')
+            ),
+        ),
+    )
+    with BagWriter(output, ports.ALL) as writer:
+        for port, record in told:
+            writer.put(port, begin, serialize(port, record, begin))
+        items = 0
+        for bag, step, recording in found:
+            for stamp, port, record in _records(bag, step, recording, plan, parameters, items):
+                if port is ports.VERDICT:
+                    items = max(items, record.item_id)
+                writer.put(port, stamp, serialize(port, record, stamp))
+
+
+def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
+    """Refuse bags that cannot be of one procedure."""
+    for (before, _, first), (after, _, second) in itertools.pairwise(found):
+        if second.blocks[0].stamp < end_of(first):
+            raise UserError(f'{after}: begins before {before} ends; they are of no one procedure')
+        if second.load_cell != first.load_cell:
+            raise UserError(f'{after}: has another calibration than {before}; record all again')
+    for bag, step, recording in found:
+        for known in recording.references:
+            if step.load and abs(known.mass / step.load.mass - 1) > _SAME_LOAD:
+                raise UserError(
+                    f'{bag}: its reference_mass is {GRAMS * known.mass:g} g, the plan has '
+                    f'{step.load.name}, {GRAMS * step.load.mass:g} g'
+                )
+
+
+def end_of(recording: Recording) -> int:
+    """Return the end of the last sample, ns."""
+    last = recording.blocks[-1]
+    return last.stamp + round(len(last.counts) * NANOSECONDS / recording.load_cell.sample_rate)
+
+
+def _records(
+    bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
+) -> Iterator[_Record]:
+    """Yield all records of a step in their order; `items` have gone before."""
+    begin, end = recording.blocks[0].stamp, end_of(recording)
+    if step.at_rest:
+        begin, end = _rest(bag, recording, Steadiness(plan.duration, plan.tolerance))
+    yield begin, ports.VERIFICATION, VerificationStep(begin, step.name, StepState.BEGUN, begin)
+    made: list[_Record] = [(each.stamp, _PORTS[type(each)], each) for each in recording]
+    line = WeighingLine(recording.load_cell, parameters)
+    # Not the known masses: the stages take none.
+    for weighing in line.weigh_all(join_recording(recording)):
+        made += _results(weighing, items, begin)
+    yield from sorted(made, key=lambda each: each[0])  # stable: an estimate before its verdict
+    end_mark = VerificationStep(end, step.name, StepState.DONE, begin)
+    yield max(end, made[-1][0]), ports.VERIFICATION, end_mark
+
+
+def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
+    """Yield estimate and verdict, with numbers that no item before has."""
+    estimate, verdict = weighing.estimate, weighing.verdict
+    stamp = verdict.t3 or verdict.t1 or begin
+    if verdict.estimate_id:
+        yield (
+            stamp, ports.MASS_ESTIMATE, replace(estimate, item_id=items + estimate.item_id)
+        )  # fmt: skip
+        verdict = replace(verdict, estimate_id=items + verdict.estimate_id)
+    yield stamp, ports.VERDICT, replace(verdict, item_id=items + verdict.item_id)
+
+
+def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
+    """Return begin and end, ns, of the first stretch in which the load is at rest."""
+    reading = RestReading(recording.load_cell, steadiness)
+    following: int | None = None
+    rate = recording.load_cell.sample_rate
+    for block in recording.blocks:
+        whole = following in (None, block.first_index)
+        following = block.first_index + len(block.counts)
+        if reading.add(block.counts, whole=whole) is not None:
+            end = block.stamp + round(len(block.counts) * NANOSECONDS / rate)
+            return end - round(steadiness.duration * NANOSECONDS), end
+    raise UserError(
+        f'{bag}: the load is nowhere at rest for {steadiness.duration:g} s to within '
+        f'{GRAMS * steadiness.tolerance:g} g; see rest: in the plan'
+    )

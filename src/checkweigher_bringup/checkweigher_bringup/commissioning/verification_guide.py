@@ -1,0 +1,303 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A procedure on a running line with an operator, who is asked for one step after another."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import math
+from pathlib import Path
+import queue
+import sys
+import threading
+import time
+from typing import Any
+
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.serialization import serialize_message
+from std_srvs.srv import Trigger
+
+from checkweigher_bringup.commissioning.sample_feed import SampleFeed
+from checkweigher_bringup.commissioning.static_guide import ask, read_at_rest, show
+from checkweigher_bringup.commissioning.verification_bags import Identity
+from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.recorder import RecorderNode
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.calibration.static_calibration import Steadiness
+from checkweigher_dsp.records import (
+    GRAMS,
+    NANOSECONDS,
+    LoadCell,
+    SampleBlock,
+    StepState,
+    Verdict,
+    VerificationStep,
+    ZeroChange,
+)
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_dsp.ros.line_parameters import python_value
+from checkweigher_recording.bags.writing import BagWriter
+from checkweigher_validation.verification.evaluation import Result, evaluate
+from checkweigher_validation.verification.plan import MINUTE, Plan
+from checkweigher_validation.verification.procedure import (
+    AtRest,
+    Attempt,
+    ItemPass,
+    Procedure,
+    item_pass,
+)
+from checkweigher_validation.verification.steps import Kind, Step, steps_of
+
+_ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
+_SILENCE = 10.0  # s without a product, after which that is said
+_POLL_PERIOD = 0.1  # s
+_TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
+_FLUSH_PERIOD = 1.0  # s
+_UNFINISHED = 'the verification was done; what was recorded is in the bag'
+# Parameters that each ROS node has, which say nothing of the weighing.
+_NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
+
+
+def procedure_on_line(
+    plan: Plan, text: str, namespace: str, identity: Identity, output: Path
+) -> None:
+    """Guide through the steps, and record them into the bag of the procedure.
+
+    `identity` gets the parameters of the nodes and in which way the procedure was made, and returns
+    what is verified as JSON. A UserError says that the line does not run, or that the input ended.
+    """
+    with spinning(namespace) as spinner:
+        node = VerificationNode()
+        spinner.add(node)
+        cell = node.feed.wait_for_load_cell()
+        for _ in node.feed.blocks():
+            if node.latest:
+                break
+        what = identity(_parameters(node), 'on a running line')
+        with BagWriter(output, ports.ALL, namespace, in_place=True) as bag, _writing(bag, node):
+            node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
+            node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
+            _Guide(node, plan, cell).run()
+
+
+class VerificationNode(RecorderNode):
+    """Record a lane, and hear and tell what a verification needs of it.
+
+    `verdicts` has those that came, `latest` is the end of the latest sample in ns. The queue may be
+    read from any thread.
+    """
+
+    def __init__(self) -> None:
+        recorded = tuple(port for port in ports.ALL if port is not ports.VERIFICATION)
+        super().__init__(recorded, None)
+        self.feed = SampleFeed(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
+        self.verdicts: queue.SimpleQueue[Verdict] = queue.SimpleQueue()
+        self.zeros: list[ZeroChange] = []
+        self.latest = 0
+        self._told = self.create_publisher(
+            ports.VERIFICATION.type, ports.VERIFICATION.name, ports.VERIFICATION.qos
+        )
+        self.subscribe(ports.LOAD_CELL_INFO, self.feed.put, qos=ports.LOAD_CELL_INFO.qos)
+        self.subscribe(ports.LOAD_CELL_SAMPLES, self._on_samples)
+        self.subscribe(ports.VERDICT, self.verdicts.put)
+        self.subscribe(ports.ZERO_SETTING, self.zeros.append)
+
+    def tell(self, step: VerificationStep) -> None:
+        """Publish a step and record it."""
+        message = to_message(ports.VERIFICATION, step)
+        self._told.publish(message)
+        self.messages.put((ports.VERIFICATION, time.time_ns(), serialize_message(message)))
+
+    def _on_samples(self, block: SampleBlock) -> None:
+        if self.feed.load_cell is not None:
+            self.latest = end_of_block(block, self.feed.load_cell)
+        self.feed.put(block)
+
+
+def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
+    """Return the end of the last sample of a block, ns."""
+    return block.stamp + round(len(block.counts) * NANOSECONDS / load_cell.sample_rate)
+
+
+@contextmanager
+def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
+    """Write what the node records for as long as the block lasts, in a thread of its own."""
+    ending = threading.Event()
+    failures: list[Exception] = []
+
+    def write() -> None:
+        flushed = time.monotonic()
+        try:
+            while not (ending.is_set() and node.messages.empty()):
+                with suppress(queue.Empty):
+                    bag.put(*node.messages.get(timeout=_POLL_PERIOD))
+                if time.monotonic() - flushed > _FLUSH_PERIOD:
+                    flushed = time.monotonic()
+                    bag.flush()
+        except Exception as error:
+            failures.append(error)
+
+    thread = threading.Thread(target=write, name='bag')
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+    if failures:
+        raise failures[0]
+
+
+class _Guide:
+    """The operator's way through the steps."""
+
+    def __init__(self, node: VerificationNode, plan: Plan, load_cell: LoadCell) -> None:
+        self._node = node
+        self._plan = plan
+        self._cell = load_cell
+        self._steadiness = Steadiness(plan.duration, plan.tolerance)
+        self._attempts: list[Attempt] = []
+        self._warm: int | None = None  # ns, begin of the warm-up
+
+    def run(self) -> None:
+        """Go through all steps."""
+        steps = steps_of(self._plan)
+        for number, step in enumerate(steps, start=1):
+            while not self._make(step, f'{number}/{len(steps)} {step.name}'):
+                pass
+        end = self._node.latest + round(_TRAIL * NANOSECONDS)
+        patience = time.monotonic() + 4 * _TRAIL
+        while self._node.latest < end and time.monotonic() < patience:
+            time.sleep(_POLL_PERIOD)
+
+    def _make(self, step: Step, title: str) -> bool:
+        """Make a step; return whether to go on, not to make it again."""
+        self._wait_for_warm_up(step)
+        reason = ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
+        node = self._node
+        if reason:
+            now = node.latest
+            node.tell(VerificationStep(now, step.name, StepState.SKIPPED, None, reason))
+            self._attempts.append(Attempt(step, now, now, skipped=reason))
+            return True
+        begin = node.latest
+        if step.minutes is not None and self._warm is None:
+            self._warm = begin
+        node.tell(VerificationStep(begin, step.name, StepState.BEGUN, begin))
+        attempt = self._read(step) if step.at_rest else self._count(step, begin)
+        node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
+        self._attempts.append(attempt)
+        found = self._judge()
+        print(_line(found), flush=True)
+        if found.passed:
+            return True
+        return ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
+
+    def _wait_for_warm_up(self, step: Step) -> None:
+        """Wait until the time of a step of the warm-up has come."""
+        if step.minutes is None or self._warm is None:
+            return
+        due = self._warm + round(step.minutes * MINUTE * NANOSECONDS)
+        while (left := due - self._node.latest) > 0:
+            show(f'{step.name}: in {left / NANOSECONDS:.0f} s')
+            time.sleep(_POLL_PERIOD)
+        show('')
+
+    def _read(self, step: Step) -> Attempt:
+        """Read what rests on the belt."""
+        feed = self._node.feed
+        if step.kind == Kind.ZEROING:
+            answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
+            print(f'zero: {answer.message}', flush=True)
+        found = read_at_rest(feed, self._cell, self._steadiness)
+        show('')
+        assert feed.latest is not None
+        end = end_of_block(feed.latest, self._cell)
+        scale = 1 / self._cell.counts_per_kg
+        reading = AtRest(
+            scale * (found.mean - self._cell.zero_counts), abs(scale) * found.std_error,
+            abs(scale) * found.noise, round(self._steadiness.duration * self._cell.sample_rate),
+        )  # fmt: skip
+        begin = end - round(self._steadiness.duration * NANOSECONDS)
+        return Attempt(step, begin, end, reading=reading)
+
+    def _count(self, step: Step, begin: int) -> Attempt:
+        """Take the passes of a step; the last one ends it."""
+        assert step.load is not None
+        items: list[ItemPass] = []
+        while _enough(step, items) < step.count:
+            try:
+                verdict = self._node.verdicts.get(timeout=_SILENCE)
+            except queue.Empty:
+                print(f'no product within {_SILENCE:.0f} s', file=sys.stderr, flush=True)
+                continue
+            # At the planned speed: what it was, the report reads of the estimate.
+            item = item_pass(verdict, step.speed or math.nan)
+            if item.stamp < begin:
+                continue
+            items.append(item)
+            found = f'{GRAMS * item.mass:.3f} g, {GRAMS * (item.mass - step.load.mass):+.3f} g'
+            found = found if item.weighed else ', '.join(item.reasons)
+            print(f'pass {_enough(step, items)} of {step.count}: {found}', flush=True)
+        return Attempt(step, begin, items[-1].stamp, tuple(items))
+
+    def _judge(self) -> Result:
+        """Return the result of the last attempt."""
+        procedure = Procedure(
+            self._plan, '', {}, self._cell, tuple(self._attempts), tuple(self._node.zeros), ''
+        )
+        return evaluate(procedure).results[-1]
+
+
+def _enough(step: Step, items: list[ItemPass]) -> int:
+    """Return how many items count: those that were weighed, or outside the range all."""
+    return sum(item.weighed or step.kind == Kind.OUTSIDE for item in items)
+
+
+def _line(result: Result) -> str:
+    """Return a line on the result of a step."""
+    parts = [result.attempt.step.name, 'passed' if result.passed else 'FAILED']
+    if result.attempt.reading is None:
+        parts.append(f'n {result.count}, faults {result.faults}')
+    for name, value, limit in (
+        ('error', result.error, result.max_error), ('std. dev.', result.std_dev, result.max_std_dev)
+    ):  # fmt: skip
+        if math.isfinite(value) and math.isfinite(limit):
+            parts.append(f'{name} {GRAMS * value:+.4f} g of {GRAMS * limit:.4f} g')
+    return ', '.join([*parts, *result.failures])
+
+
+def call(node: Any, kind: Any, name: str, patience: float) -> Any:
+    """Call a service from another thread than that of its node, and return the answer."""
+    client = node.create_client(kind, name)
+    try:
+        if not client.wait_for_service(patience):
+            raise UserError(f'no answer of the service {client.srv_name}; is the line running?')
+        return _answer(client.call_async(kind.Request()), client.srv_name, patience)
+    finally:
+        node.destroy_client(client)
+
+
+def _answer(future: Any, name: str, patience: float) -> Any:
+    end = time.monotonic() + patience
+    while not future.done():
+        if time.monotonic() > end:
+            raise UserError(f'no answer of {name} within {patience:g} s')
+        time.sleep(0.01)
+    return future.result()
+
+
+def _parameters(node: VerificationNode) -> dict[str, dict[str, object]]:
+    """Return the parameters of the stages and the driver as they are."""
+    found: dict[str, dict[str, object]] = {}
+    for name in ports.NODES:
+        client = AsyncParameterClient(node, name)
+        if not client.wait_for_services(_ANSWER_PATIENCE if name in ports.STAGES else 1.0):
+            if name in ports.STAGES:
+                raise UserError(f'{name}: does not answer; is the line running?')
+            continue
+        listed = _answer(client.list_parameters(), name, _ANSWER_PATIENCE).result.names
+        names = sorted(each for each in listed if not each.startswith(_NOT_OURS))
+        values = _answer(client.get_parameters(names), name, _ANSWER_PATIENCE).values
+        found[name] = dict(zip(names, map(python_value, values), strict=True))
+    return found

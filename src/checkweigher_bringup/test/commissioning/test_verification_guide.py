@@ -1,0 +1,81 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A verification on a simulated line that runs, with an operator at the keyboard."""
+
+import json
+from pathlib import Path
+
+from calibration_dialogue import Dialogue
+from made_procedure import PLAN
+import pytest
+from running import run_command
+import yaml
+
+from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_bringup.spinning import spinning
+from checkweigher_driver.driver_node import DriverNode
+
+# Products 3 s apart: between two of them the belt is empty for long enough to be read. The line
+# carries what the plan calls middle, so passes of small are far off.
+LINE = {
+    'simulator.profile': 'quiet', 'simulator.masses': [0.1945], 'simulator.count': 0,
+    'simulator.spacing': 3.0, 'simulator.seed': 4, 'rate': 4.0,
+}  # fmt: skip
+SHORT = (
+    PLAN[: PLAN.index('outside:')].replace('loads: [small, middle]', 'loads: [middle, small]')
+    .replace('passes: 3', 'passes: 2').replace('minutes: [0, 1]', 'minutes: [0, 0.02]')
+    + 'rest: {duration_s: 0.5, tolerance_g: 0.1}\n'
+)  # fmt: skip
+
+
+def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path):
+    plan, output = tmp_path / 'plan.yaml', tmp_path / 'out'
+    plan.write_text(SHORT)
+    with spinning('verified') as spinner:
+        nodes = [
+            make({'deadlines': False} if name == 'reject' else None)
+            for name, make in STAGE_NODES.items()
+        ]
+        nodes.append(DriverNode(LINE))
+        for node in nodes:
+            spinner.add(node)
+        dialogue = Dialogue(plan, '--output', output, '--namespace', 'verified', command='verify')
+        try:
+            question, again = '', iter(('r', ''))
+            while 'zero_after' not in question:
+                question = dialogue.asked().splitlines()[-1]
+                if '/9 ' in question:
+                    dialogue.answer('no weights' if 'zero_2' in question else '')
+                else:  # passes of small that were none are made once more
+                    assert 'Type r to make it again' in question
+                    dialogue.answer(next(again))
+            status, printed, errors = dialogue.end()
+        finally:
+            dialogue.process.kill()
+            for node in reversed(nodes):
+                spinner.remove(node)
+    assert status == 1, errors
+    assert 'passes_60_small, FAILED' in printed
+    report = json.loads((output / 'report.json').read_text())
+    made = [(step['name'], step['verdict']) for step in report['steps']]
+    assert made == [
+        ('warm_up_zero_0', 'passed'), ('warm_up_0', 'passed'), ('warm_up_zero_0.02', 'passed'),
+        ('warm_up_0.02', 'passed'), ('zero_1', 'passed'), ('zero_2', 'skipped'),
+        ('passes_60_middle', 'passed'), ('passes_60_small', 'failed'),
+        ('passes_60_small', 'failed'), ('zero_after', 'passed'),
+    ]  # fmt: skip
+    assert report['verdict'] == 'failed'
+    steps = {step['name']: step for step in report['steps']}
+    assert steps['zero_2']['why'] == ['no weights']
+    assert steps['passes_60_middle']['count'] == 2
+    assert steps['passes_60_small']['error_g'] == pytest.approx(120, abs=0.5)
+    assert steps['passes_60_middle']['passes'][0]['speed_m_per_min'] == pytest.approx(60, rel=0.01)
+    assert report['identity']['how'] == 'on a running line'
+    known = yaml.safe_load((output / 'parameters.yaml').read_text())
+    assert known['/**/driver']['ros__parameters']['simulator.spacing'] == 3.0
+    assert known['/**/segmenter']['ros__parameters']
+
+    remade = tmp_path / 'again'
+    assert run_command('verify', '--from', output / 'bag', '--output', remade).returncode == 1
+    for name in ('report.html', 'report.json'):
+        assert (remade / name).read_bytes() == (output / name).read_bytes()

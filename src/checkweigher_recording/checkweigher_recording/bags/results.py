@@ -1,0 +1,66 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Reading what a line made of its signal: records of any ports of a bag in log order."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag2 import Reader
+
+from checkweigher_dsp.ros.ports import Port
+from checkweigher_recording.bags.bounds import MOST_EVENTS, qos_unread
+from checkweigher_recording.bags.definitions import BagError, check_definition, deserialize
+from checkweigher_recording.bags.integrity import check_mcap
+from checkweigher_recording.bags.lanes import find_port
+from checkweigher_recording.bags.reading import bag_errors
+
+
+def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
+    """Return the records of ports of a whole MCAP bag by the name of the port, in log order.
+
+    Raises
+    ------
+    BagError
+        If the bag is damaged or foreign, or holds one of the ports for several lanes.
+    """
+    found: dict[str, list[Any]] = {port.name: [] for port in wanted}
+    with bag_errors(path), qos_unread():
+        for file in files_of_bag(path):
+            check_mcap(file)
+        with Reader(path) as reader:
+            ports: dict[str, Port] = {}  # by topic
+            for connection in reader.connections:
+                known = find_port(connection.topic, wanted)
+                if known is None:
+                    continue
+                if known[1] in ports.values():
+                    raise BagError(f'{path}: holds several lanes; record one')
+                check_definition(path, connection, known[1])
+                ports[connection.topic] = known[1]
+            chosen = [each for each in reader.connections if each.topic in ports]
+            if sum(connection.msgcount for connection in chosen) > MOST_EVENTS:
+                raise BagError(f'{path}: longer than fits into memory; record shorter bags')
+            # Of no connections the reader would give all messages.
+            for connection, _, data in reader.messages(chosen) if chosen else ():
+                port = ports[connection.topic]
+                found[port.name].append(deserialize(port, data))
+    return found
+
+
+def files_of_bag(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag in the order of their names; BagError if there are none."""
+    files = sorted(path.glob('*.mcap')) if path.is_dir() else []
+    if not files or not (path / 'metadata.yaml').is_file():
+        raise BagError(f'{path}: not the folder of a whole MCAP bag')
+    return files
+
+
+def digest_of_bag(path: Path) -> str:
+    """Return the SHA-256 over the MCAP files of a bag."""
+    digest = hashlib.sha256()
+    for file in files_of_bag(path):
+        with file.open('rb') as content:
+            while block := content.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()

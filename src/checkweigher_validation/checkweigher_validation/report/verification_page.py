@@ -1,0 +1,99 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a verification as one HTML page, to be read on a screen and to be printed."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from checkweigher_validation.report.content import NONE
+from checkweigher_validation.report.inline_svg import INK, SHADE, STYLE, SURFACE, stand_in
+from checkweigher_validation.report.page import Picture, environment, picture
+
+# Tests with passes, and those with one reading, each with its heading.
+_TESTS = {
+    'warm-up, zero': 'Warm-up: zero',
+    'warm-up, passes': 'Warm-up: passes',
+    'zero, accuracy': 'Zero: accuracy after zeroing',
+    'zero, stability': 'Zero: stability',
+    'outside the range of dynamic setting': 'Range of dynamic setting: passes outside of it',
+    'passes': 'Passes at each speed and load',
+    'eccentricity': 'Eccentricity: other lanes of the belt',
+    'repeatability': 'Repeatability',
+    'static': 'Loads at rest',
+    'zero after the loads': 'Zero after the loads',
+}
+_DRAWN = ('warm-up, passes', 'passes', 'eccentricity', 'repeatability')
+_PANELS = 3  # in a row
+_BLUE = stand_in(90)
+
+Values = Mapping[str, Any]
+
+
+def render_verification(report: Values) -> str:
+    """Return the page of a report, as `checkweigher_validation.verification.report` makes it."""
+    by_test = [
+        (heading, [step for step in report['steps'] if step['test'] == test])
+        for test, heading in _TESTS.items()
+    ]
+    with rc_context(STYLE):
+        pictures = list(_pictures(report['steps']))
+    return environment().get_template('verification.html.j2').render(
+        report=report, tests=[(heading, steps) for heading, steps in by_test if steps],
+        pictures=pictures, looks=[], number=_number,
+    )  # fmt: skip
+
+
+def _number(value: float | None, digits: int = 3, sign: bool = False) -> str:
+    """Return a number as it is shown, with a true minus; a dash if it is not known."""
+    if value is None:
+        return NONE
+    return f'{round(value, digits) + 0.0:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
+
+
+def _pictures(steps: Sequence[Values]) -> list[Picture]:
+    drawn = [step for step in steps if step['test'] in _DRAWN and step['count']]
+    if not drawn:
+        return []
+    panels: dict[str, list[Values]] = {}
+    for step in drawn:
+        at = f'{step["test"]}, {step["speed_m_per_min"]:g} m/min'
+        panels.setdefault(at, []).append(step)
+    rows = -(-len(panels) // _PANELS)
+    figure = Figure(figsize=(9.6, 0.4 + 2.5 * rows))
+    axes = figure.subplots(rows, _PANELS, squeeze=False).ravel()
+    for each, (title, own) in zip(axes, panels.items(), strict=False):
+        _draw(each, own)
+        each.set_title(title)
+    for each in axes[len(panels) :]:
+        each.set_axis_off()
+    text = (
+        'Error of each pass (points), their mean (stroke), and the limit of the mean error (band; '
+        'in category Y of each error), g.'
+    )
+    return [picture('errors', figure, text)]
+
+
+def _draw(axes: Axes, steps: Sequence[Values]) -> None:
+    for place, step in enumerate(steps):
+        errors = [each['error_g'] for each in step['passes'] if each['error_g'] is not None]
+        if step['max_error_g'] is not None:
+            limit = step['max_error_g']
+            axes.fill_between([place - 0.42, place + 0.42], -limit, limit, color=SHADE, lw=0)
+        spread = np.linspace(-0.3, 0.3, len(errors)) if len(errors) > 1 else np.zeros(1)
+        axes.plot(place + spread, errors, '.', ms=4, color=_BLUE, mec=SURFACE, mew=0.3)
+        axes.plot([place - 0.36, place + 0.36], [step['error_g']] * 2, color=INK, lw=1.6)
+    axes.set_xticks(range(len(steps)), [_label(step) for step in steps])
+    axes.axhline(0, color=INK, lw=0.6)
+    axes.set_ylabel('error, g')
+
+
+def _label(step: Values) -> str:
+    more = step['position'] or ''
+    if step['minutes_after_first'] is not None:
+        more = f'{step["minutes_after_first"]:.0f} min'
+    return '\n'.join(filter(None, (f'{step["load_g"]:g} g', more)))

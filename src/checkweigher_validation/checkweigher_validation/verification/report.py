@@ -1,0 +1,210 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a verification: plain values in the form of `report.schema.json`.
+
+It follows from the bag of the procedure alone: times are those of its records, and nothing in it
+is of the computer that makes it. So the same bag gives the same report, to the byte.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+import hashlib
+import json
+import math
+from typing import Any
+
+from checkweigher_dsp.records import GRAMS, NANOSECONDS
+from checkweigher_validation.verification.evaluation import (
+    Evaluation,
+    Result,
+    evaluate,
+    minutes_after,
+)
+from checkweigher_validation.verification.plan import MINUTE
+from checkweigher_validation.verification.procedure import Attempt, ItemPass, Procedure
+
+SCHEMA = 'checkweigher-verification/1'
+Values = dict[str, Any]
+
+_STATEMENT = (
+    'This is the record of a test run. The machine and its program are not type-approved for '
+    'legal metrology, and this report is no certificate of conformity: that is for the authority.'
+)
+_NOT_DONE = (
+    'Climate: static temperatures, temperature effect on no-load, damp heat.',
+    'Electromagnetic compatibility: discharges, bursts, surges, radiated and conducted fields.',
+    'Supply: voltage variations, short power reductions, interruption.',
+    'Tilt, endurance, span stability over time.',
+    'Markings, seals, documents, and whether the reference masses are those of the plan.',
+    'That the machine was without power for 8 h before the warm-up: the operator answers for it.',
+    'Tare devices and the rounding of a display or printer.',
+)
+_SOURCES = (
+    'Limits of mean error and standard deviation, class factors, e: Directive 2014/32/EU, Annex '
+    'VIII, Chapter II (public text). Standard deviations above 300 g and limits in service: from '
+    'memory, not checked against the text of OIML R 51-1:2006.',
+    'Which tests there are: table of contents of OIML R 51-2:2006 (public).',
+    'Numbers of weighings by load (60, 30, 20, 10), warm-up times, zero within 0.25 e and 0.5 e, '
+    'a third of Max for eccentricity, near Min and near Max, a third of the limit for reference '
+    'masses: OIML R 51-1:2006 from memory; its text was not at hand.',
+    'A pass without a mass fails its step; what counts as close to Min, to Max and to a third: '
+    'rules of this program.',
+)
+
+
+def report_of(procedure: Procedure) -> Values:
+    """Return the report of a procedure as plain values; what is not known is None."""
+    found = evaluate(procedure)
+    plan, cell = procedure.plan, procedure.load_cell
+    own = plan.accuracy_class
+    identity = procedure.identity
+    stamps = [stamp for each in procedure.attempts for stamp in (each.begin, each.end)]
+    last = found.last
+    return {
+        'schema': SCHEMA,
+        'statement': _STATEMENT,
+        'verdict': found.verdict,
+        'counts': {
+            'passed': sum(each.passed for each in last),
+            'failed': sum(bool(each.failures) for each in last),
+            'not_made': len(found.missing),
+        },
+        'begin': _time(min(stamps)) if stamps else None,
+        'end': _time(max(stamps)) if stamps else None,
+        'machine': dict(plan.machine),
+        'load_cell': dict(plan.load_cell),
+        'amplifier': dict(plan.amplifier),
+        'accuracy': {
+            'class': own.name,
+            'category': own.category,
+            'factor': own.factor,
+            'e_g': _grams(own.interval),
+            'in_service': own.in_service,
+            'min_g': _grams(plan.minimum),
+            'max_g': _grams(plan.maximum),
+            'text': str(own),
+        },
+        'operator': plan.operator,
+        'place': plan.place,
+        'environment': plan.environment,
+        'references': [
+            {
+                'name': each.name,
+                'mass_g': _grams(each.mass),
+                'uncertainty_g': _grams(each.uncertainty),
+                'certificate': each.certificate,
+                'serial': each.serial,
+            }
+            for each in plan.masses
+        ],
+        'steps': [_step(each, found) for each in found.results],
+        'departures': list(found.departures),
+        'not_done': list(_NOT_DONE),
+        'sources': list(_SOURCES),
+        'calibration': asdict(cell),
+        'identity': dict(identity),
+        'digests': {
+            'bag': procedure.digest,
+            'plan': _digest(procedure.plan_text),
+            'calibration': _digest(canonical(asdict(cell))),
+            'parameters': identity['parameters_sha256'],
+            'audit_log': identity['audit_log_sha256'],
+            'program': identity['program_sha256'],
+        },
+    }
+
+
+def as_json(report: Mapping[str, Any]) -> str:
+    """Return a report as the text of its JSON file."""
+    return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + '\n'
+
+
+def canonical(values: object) -> str:
+    """Return plain values as JSON in one fixed form, for a digest."""
+    return json.dumps(values, sort_keys=True, separators=(',', ':'))
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _step(result: Result, found: Evaluation) -> Values:
+    attempt, step = result.attempt, result.attempt.step
+    verdict = 'skipped' if attempt.skipped else 'passed' if result.passed else 'failed'
+    after = None
+    if step.minutes is not None:
+        first = next(each for each in found.results if each.attempt.step.minutes is not None)
+        after = round(minutes_after(result, first), 2)
+    return {
+        'name': step.name,
+        'test': step.kind.value,
+        'to_do': step.to_do,
+        'load': step.load.name if step.load else None,
+        'load_g': _grams(step.load.mass) if step.load else None,
+        'speed_m_per_min': round(MINUTE * step.speed, 6) if step.speed else None,
+        'position': step.position or None,
+        'minutes_after_first': after,
+        'begin': _time(attempt.begin),
+        'end': _time(attempt.end),
+        'attempt': result.number,
+        'attempts': result.attempts,
+        'verdict': verdict,
+        'why': [attempt.skipped] if attempt.skipped else list(result.failures),
+        'planned': step.count,
+        'count': result.count,
+        'required': result.required,
+        'faults': result.faults,
+        'error_g': _grams(result.error),
+        'max_error_g': _grams(result.max_error),
+        'worst_error_g': _grams(result.worst_error),
+        'std_dev_g': _grams(result.std_dev),
+        'max_std_dev_g': _grams(result.max_std_dev),
+        'spread_g': _grams(result.spread),
+        'uncertainty_g': _grams(result.uncertainty),
+        'coverage_95': _number(result.coverage, 4),
+        'reading': _reading(attempt),
+        'passes': [_pass(each, attempt) for each in attempt.passes],
+    }
+
+
+def _reading(attempt: Attempt) -> Values | None:
+    reading = attempt.reading
+    if reading is None:
+        return None
+    return {
+        'mass_g': _grams(reading.mass),
+        'std_error_g': _grams(reading.std_error),
+        'noise_g': _grams(reading.noise),
+        'samples': reading.samples,
+        'reasons': list(reading.reasons),
+    }
+
+
+def _pass(item: ItemPass, attempt: Attempt) -> Values:
+    assert attempt.step.load is not None
+    return {
+        'time': _time(item.stamp),
+        'mass_g': _grams(item.mass),
+        'error_g': _grams(item.mass - attempt.step.load.mass),
+        'std_dev_g': _grams(item.std_dev),
+        'speed_m_per_min': _number(MINUTE * item.speed, 3),
+        'reasons': list(item.reasons),
+    }
+
+
+def _grams(value: float) -> float | None:
+    """Return kg in g to the microgram, None if not known or without a bound."""
+    return _number(GRAMS * value, 6)
+
+
+def _number(value: float, digits: int) -> float | None:
+    # Adding zero makes minus zero a plain one.
+    return round(value, digits) + 0.0 if math.isfinite(value) else None
+
+
+def _time(stamp: int) -> str:
+    """Return ns since 1970 as ISO 8601 in UTC, to the millisecond."""
+    whole, rest = divmod(stamp, NANOSECONDS)
+    text = datetime.fromtimestamp(whole, UTC).strftime('%Y-%m-%dT%H:%M:%S')
+    return f'{text}.{rest // 1_000_000:03d}Z'

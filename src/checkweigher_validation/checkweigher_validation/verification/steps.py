@@ -1,0 +1,109 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of a verification, in the order in which they are made, and what each asks for.
+
+The order of the tests is that of the test report of OIML R 51-2:2006 (warm-up time, range of
+dynamic setting, zero-setting and so on: its table of contents is what was at hand of it), but for
+zero, which is read before anything is judged by it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+from checkweigher_dsp.records import GRAMS
+from checkweigher_validation.verification.plan import MINUTE, Mass, Passes, Plan
+
+
+class Kind(StrEnum):
+    """Test that a step belongs to."""
+
+    WARM_UP_ZERO = 'warm-up, zero'
+    WARM_UP = 'warm-up, passes'
+    ZEROING = 'zero, accuracy'
+    ZERO = 'zero, stability'
+    OUTSIDE = 'outside the range of dynamic setting'
+    PASSES = 'passes'
+    ECCENTRICITY = 'eccentricity'
+    REPEATABILITY = 'repeatability'
+    STATIC = 'static'
+    ZERO_AFTER = 'zero after the loads'
+
+
+# What the operator is asked to do before a step of a kind.
+_TO_DO = {
+    Kind.WARM_UP_ZERO: 'Leave the belt empty',
+    Kind.WARM_UP: 'Run the belt at {speed:g} m/min and let {load} pass',
+    Kind.ZEROING: 'Leave the belt empty; it is zeroed',
+    Kind.ZERO: 'Leave the belt empty',
+    Kind.OUTSIDE: 'Run the belt at {speed:g} m/min and let {load} pass; each must be a FAULT',
+    Kind.PASSES: 'Run the belt at {speed:g} m/min and let {load} pass',
+    Kind.ECCENTRICITY: 'Run the belt at {speed:g} m/min and let {load} pass, lane {position}',
+    Kind.REPEATABILITY: 'Run the belt at {speed:g} m/min and let {load} pass',
+    Kind.STATIC: 'Stop the belt and put {load} on its middle',
+    Kind.ZERO_AFTER: 'Take off all loads and leave the belt empty',
+}
+# Kinds whose result is one reading of what rests on the belt, not passes.
+AT_REST = (Kind.WARM_UP_ZERO, Kind.ZEROING, Kind.ZERO, Kind.STATIC, Kind.ZERO_AFTER)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step: a reading at rest, or `count` passes of a load at a belt speed."""
+
+    name: str
+    kind: Kind
+    load: Mass | None = None
+    speed: float | None = None  # m/s
+    count: int = 0
+    position: str = ''
+    minutes: float | None = None  # after the first step, of the warm-up
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is a reading at rest."""
+        return self.kind in AT_REST
+
+    @property
+    def to_do(self) -> str:
+        """What the operator has to do."""
+        load = f'{self.load.name} ({GRAMS * self.load.mass:g} g)' if self.load else ''
+        speed = MINUTE * (self.speed or 0)
+        return _TO_DO[self.kind].format(speed=speed, load=load, position=self.position)
+
+
+def steps_of(plan: Plan) -> tuple[Step, ...]:
+    """Return the steps of a plan in their order; no two have one name."""
+    return tuple(_steps(plan))
+
+
+def _steps(plan: Plan) -> Iterator[Step]:
+    if plan.warm_up:
+        for minutes in plan.warm_up.minutes:
+            at = f'{minutes:g}'
+            yield Step(f'warm_up_zero_{at}', Kind.WARM_UP_ZERO, minutes=minutes)
+            yield _of(f'warm_up_{at}', Kind.WARM_UP, plan.warm_up.passes, minutes=minutes)
+    for number in range(1, plan.zero_readings + 1):
+        yield Step(f'zero_{number}', Kind.ZEROING if number == 1 else Kind.ZERO)
+    for number, passes in enumerate(plan.outside, start=1):
+        yield _of(f'outside_{number}', Kind.OUTSIDE, passes)
+    for passes in plan.passes:
+        yield _of(f'passes_{MINUTE * passes.speed:g}_{passes.load.name}', Kind.PASSES, passes)
+    if plan.eccentricity:
+        for position in plan.eccentricity.positions:
+            name = f'eccentricity_{position}'
+            yield _of(name, Kind.ECCENTRICITY, plan.eccentricity.passes, position=position)
+    if plan.repeatability:
+        yield _of('repeatability', Kind.REPEATABILITY, plan.repeatability)
+    for load in plan.static:
+        yield Step(f'static_up_{load.name}', Kind.STATIC, load)
+    for load in reversed(plan.static[:-1]):
+        yield Step(f'static_down_{load.name}', Kind.STATIC, load)
+    if plan.zero_readings:
+        yield Step('zero_after', Kind.ZERO_AFTER)
+
+
+def _of(
+    name: str, kind: Kind, passes: Passes, *, position: str = '', minutes: float | None = None
+) -> Step:
+    return Step(name, kind, passes.load, passes.speed, passes.count, position, minutes)

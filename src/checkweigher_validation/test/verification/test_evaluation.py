@@ -1,0 +1,152 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Evaluation of a procedure against numbers worked by hand and by numpy."""
+
+from dataclasses import replace
+import math
+
+from made_procedure import PLAN, START, attempt_of, procedure_of
+import numpy as np
+import pytest
+
+from checkweigher_dsp.records import ZeroChange
+from checkweigher_validation.verification.evaluation import evaluate
+
+GRAM = 1e-3
+
+
+def test_figures_and_limits_of_passes_are_those_worked_by_hand():
+    # Errors of 0.01, 0.03 and 0.05 g: mean 0.03, deviations -0.02, 0, 0.02, so sigma 0.02 g.
+    passes = attempt_of('passes_60_small', masses=[74.51, 74.53, 74.55], std_devs=[0.02] * 3)
+    result = evaluate(procedure_of(passes)).results[0]
+    assert result.passed
+    assert (result.count, result.faults, result.required) == (3, 0, 60)
+    assert result.error == pytest.approx(0.03 * GRAM)
+    assert result.std_dev == pytest.approx(0.02 * GRAM)
+    assert result.spread == pytest.approx(0.04 * GRAM)
+    assert result.worst_error == pytest.approx(0.05 * GRAM)
+    # XIII(1), e = 0.1 g: 74.5 g is 745 e, so 1 e; up to 100 g sigma may be 0.24 g.
+    assert result.max_error == pytest.approx(0.1 * GRAM)
+    assert result.max_std_dev == pytest.approx(0.24 * GRAM)
+    # k = 2 of the scatter of the mean, 0.02 / sqrt(3), and of the certificate, 0.002 g.
+    expected = 2 * math.sqrt(0.02**2 / 3 + 0.002**2)
+    assert result.uncertainty == pytest.approx(expected * GRAM)
+    # 0.05 g is beyond 1.96 x 0.02 g.
+    assert result.coverage == pytest.approx(2 / 3)
+
+
+def test_random_passes_have_the_figures_that_numpy_gives():
+    random = np.random.default_rng(5)
+    masses = 194.5 + 0.05 + 0.2 * random.standard_normal(60)
+    result = evaluate(procedure_of(attempt_of('repeatability', masses=masses))).results[0]
+    errors = masses - 194.5
+    assert result.error / GRAM == pytest.approx(np.mean(errors), rel=1e-9)
+    assert result.std_dev / GRAM == pytest.approx(np.std(errors, ddof=1), rel=1e-9)
+    assert result.spread / GRAM == pytest.approx(errors.max() - errors.min(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('name', 'masses', 'faults', 'why'),
+    [
+        ('passes_60_small', [74.61, 74.61, 74.61], 0, ('the mean error is beyond its limit',)),
+        ('passes_60_small', [74.1, 74.5, 74.9], 0, ('the standard deviation is beyond its limit',)),
+        ('passes_60_small', [74.5, 74.5], 0, ('2 of 3 planned weighings',)),
+        ('passes_60_small', [74.5, 74.5, 74.5], 1, ('1 passes got no mass',)),
+        ('eccentricity_left', [194.1, 194.5, 194.9], 0, ()),
+        ('eccentricity_left', [194.61] * 3, 0, ('the mean error is beyond its limit',)),
+        ('repeatability', [195.5] * 3, 0, ()),
+        ('repeatability', [193, 194.5, 196], 0, ('the standard deviation is beyond its limit',)),
+        ('outside_1', [], 3, ()),
+        ('outside_1', [], 2, ('2 of 3 planned passes',)),
+        ('outside_1', [194.5], 2, ('1 passes got a mass',)),
+    ],
+)  # fmt: skip
+def test_each_test_is_judged_by_its_own_limits(
+    name: str, masses: list[float], faults: int, why: tuple[str, ...]
+):
+    found = evaluate(procedure_of(attempt_of(name, masses=masses, faults=faults)))
+    assert found.results[0].failures == why
+    assert found.verdict == ('failed' if why else 'incomplete')
+
+
+def test_passes_at_another_speed_are_those_of_another_test():
+    attempt = attempt_of('passes_60_small', masses=[74.5] * 3, speed=1.06)
+    assert evaluate(procedure_of(attempt)).results[0].failures == ('the belt ran at 63.6 m/min',)
+
+
+def test_category_y_bounds_each_pass():
+    plan = PLAN.replace('class: XIII', 'class: Y(a)')
+    # 1.5 e of each at 745 e: a mean of 0 does not help.
+    within, beyond = [74.36, 74.5, 74.64], [74.34, 74.5, 74.66]
+    for masses, passed in ((within, True), (beyond, False)):
+        made = procedure_of(attempt_of('passes_60_small', masses=masses), plan=plan)
+        assert evaluate(made).results[0].passed == passed
+
+
+def test_zeros_are_held_to_the_zero_before_and_loads_to_the_latest():
+    readings = [
+        ('warm_up_zero_0', 3.0, 'passed'),  # g; the first is the reference of the warm-up
+        ('warm_up_zero_1', 3.06, 'failed'),  # 0.5 e are 0.05 g
+        ('zero_1', 3.12, 'passed'),  # set to 3.1 g, 0.25 e are 0.025 g
+        ('zero_2', 3.165, 'passed'),
+        ('static_up_small', 74.5 + 3.165 + 0.09, 'passed'),  # 1 e at 745 e
+        ('static_up_large', 500 + 3.165 + 0.16, 'failed'),  # 1.5 e at 5000 e
+        ('zero_after', 3.18, 'failed'),
+    ]
+    attempts = [
+        attempt_of(name, reading=reading, begin=START + number)
+        for number, (name, reading, _) in enumerate(readings)
+    ]
+    made = procedure_of(*attempts, zeros=[ZeroChange(START + 2, 3.1 * GRAM, 0.0, 0.0)])
+    results = evaluate(made).results
+    assert ['passed' if each.passed else 'failed' for each in results] == [
+        verdict for *_, verdict in readings
+    ]
+    errors = [each.error / GRAM for each in results]
+    assert errors == pytest.approx([0, 0.06, 0.02, 0.045, 0.09, 0.16, 0.06], abs=1e-9)
+    # Without the service the zero of calibration counts.
+    alone = evaluate(procedure_of(attempts[2])).results[0]
+    assert alone.error / GRAM == pytest.approx(3.12)
+
+
+def test_a_reading_that_there_is_none_of_fails():
+    attempt = attempt_of('zero_1', reading=0.0)
+    assert attempt.reading is not None
+    lost = replace(attempt.reading, mass=math.nan, reasons=('SamplesLost',))
+    result = evaluate(procedure_of(replace(attempt, reading=lost))).results[0]
+    assert result.failures == ('no reading: SamplesLost',)
+
+
+def test_the_last_attempt_counts_and_all_are_told():
+    bad, good = ([74.7] * 3, [74.5] * 3)
+    made = procedure_of(
+        attempt_of('passes_60_small', masses=bad), attempt_of('passes_60_small', masses=good)
+    )
+    found = evaluate(made)
+    assert [(each.number, each.attempts, each.passed) for each in found.results] == [
+        (1, 2, False), (2, 2, True)
+    ]  # fmt: skip
+    assert [each.number for each in found.last] == [2]
+    assert 'Step passes_60_small was made 2 times; the last one counts.' in found.departures
+
+
+def test_departures_from_what_is_recommended_are_told():
+    made = procedure_of(
+        attempt_of('passes_60_small', masses=[74.5] * 3), attempt_of('zero_1', skipped='no time'),
+        attempt_of('warm_up_zero_0', reading=0.0, begin=START),
+        attempt_of('warm_up_zero_1', reading=0.0, begin=START + 200 * 10**9),
+        plan=PLAN.replace('uncertainty_g: 0.005', 'uncertainty_g: 0.03'),
+    )  # fmt: skip
+    found = evaluate(made)
+    assert 'zero_1' in found.missing
+    for text in (
+        'Step zero_1 was not made.',
+        'Warm-up is read at 0, 1 min, not at 0, 5, 15 and 30 min.',
+        'Step warm_up_zero_1 was made 3.3 min after the first.',
+        'Step passes_60_small has 3 weighings, 60 are asked for.',
+        'No load in motion is close to Max, 600 g.',
+        'Reference large is known to 0.06 g (k = 2), which is above a third of the limit, 0.05 g.',
+    ):
+        assert text in found.departures, text
+    without = procedure_of(plan=PLAN[: PLAN.index('static:')])
+    assert 'The plan has no test of loads at rest.' in evaluate(without).departures

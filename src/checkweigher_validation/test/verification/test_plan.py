@@ -1,0 +1,68 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The plan of a verification and the steps that follow from it."""
+
+import pytest
+
+from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PlanError, read_plan
+from checkweigher_validation.verification.steps import Kind, steps_of
+
+
+def test_the_example_is_a_plan_in_si_with_weighings_by_load():
+    plan = read_plan(EXAMPLE)
+    assert plan.accuracy_class.interval == pytest.approx(1e-4)
+    assert (plan.minimum, plan.maximum) == pytest.approx((0.06, 0.6))
+    assert [load.mass for load in plan.masses] == pytest.approx([0.0745, 0.1945, 0.5])
+    assert {passes.speed for passes in plan.passes} == {0.5, 1.0}
+    assert {passes.count for passes in plan.passes} == {60}
+    heavier = read_plan(
+        EXAMPLE.replace('mass_g: 500.00', 'mass_g: 5000')
+        .replace('max_g: 600', 'max_g: 6000')
+        .replace('e_g: 0.1', 'e_g: 1')
+    )
+    assert {passes.load.name: passes.count for passes in heavier.passes}['large'] == 30
+
+
+def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
+    steps = steps_of(read_plan(EXAMPLE))
+    names = [step.name for step in steps]
+    assert len(set(names)) == len(names)
+    assert (names[0], names[-1]) == ('warm_up_zero_0', 'zero_after')
+    kinds = list(dict.fromkeys(step.kind for step in steps))
+    assert kinds == list(Kind)
+    static = [step.name.removeprefix('static_') for step in steps if step.kind == Kind.STATIC]
+    assert static == ['up_small', 'up_middle', 'up_large', 'down_middle', 'down_small']
+    passes = next(step for step in steps if step.name == 'passes_30_middle')
+    assert passes.to_do == 'Run the belt at 30 m/min and let middle (194.5 g) pass'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('class: XIII', 'class: XV', "class 'XV' is none of"),
+        ('factor: 1 ', 'factor: 1.5 ', '1.5 is not 1, 2 or 5'),
+        ('e_g: 0.1 ', 'e_g: 0.01 ', 'e_g: 0.01 is below 0.1, the smallest of class XIII'),
+        ('max_g: 600', 'max_g: 50', 'min_g: 60 is not above 0 and below max_g'),
+        ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
+        ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
+        ('loads: [small,', 'loads: [large,', 'loads: large is there twice'),
+        ('operator: A. Tester', 'operator: 7', 'operator: 7 is no text'),
+        ('operator: A. Tester\n', '', 'operator: is missing'),
+        ('in_service: false', 'in_service: 0', 'in_service: 0 is neither true nor false'),
+        ('mass_g: 74.50', 'mass: 74.50', 'references.small.mass_g: is missing'),
+        ('readings: 5', 'readings: 2.5', 'zero.readings: 2.5 is not whole'),
+        ('readings: 5', 'times: 5', 'zero.times: no such key'),
+        ('minutes: [0, 5,', 'minutes: [5, 5,', 'warm_up.minutes: must go up'),
+        ('positions: [left,', 'positions: [right,', 'positions: right is there twice'),
+        ('duration_s: 5 ', 'duration_s: .nan ', 'rest.duration_s: nan is not in'),
+        ('machine:  ', 'machine: [', 'no YAML: line'),
+        ('in_service', 'in_servise', 'in_servise: no such key'),
+        ('# Plan', '#' * LONGEST, 'at most 10000: shorten'),
+    ],
+)
+def test_what_is_wrong_in_a_plan_is_named(old: str, new: str, message: str):
+    assert old in EXAMPLE
+    with pytest.raises(PlanError) as caught:
+        read_plan(EXAMPLE.replace(old, new, 1))
+    assert message in str(caught.value)
+    assert '\n' not in str(caught.value)

@@ -1,0 +1,115 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a verification: its form, its values and its page."""
+
+from importlib.resources import files
+import json
+import re
+from typing import Any
+
+from made_procedure import PLAN, attempt_of, procedure_of
+import pytest
+
+from checkweigher_validation.report.verification_page import render_verification
+from checkweigher_validation.verification.evaluation import evaluate
+from checkweigher_validation.verification.report import as_json, report_of
+
+SCHEMA = json.loads(
+    (files('checkweigher_validation.verification') / 'report.schema.json').read_text()
+)
+_TYPES: dict[str, Any] = {
+    'object': dict, 'array': list, 'string': str, 'number': (int, float), 'integer': int,
+    'boolean': bool, 'null': type(None),
+}  # fmt: skip
+_KNOWN = {
+    '$schema', 'title', 'description', 'type', 'properties', 'required', 'additionalProperties',
+    'items', 'enum', 'pattern', 'minimum',
+}  # fmt: skip
+
+
+def check(schema: dict[str, Any], value: Any, where: str = 'report') -> None:
+    """Hold a value to a JSON schema with the keywords that ours has."""
+    assert set(schema) <= _KNOWN, where
+    types = schema['type'] if isinstance(schema['type'], list) else [schema['type']]
+    fits = any(isinstance(value, _TYPES[name]) for name in types)
+    assert fits, f'{where}: {value!r} is none of {types}'
+    assert not isinstance(value, bool) or 'boolean' in types, where
+    assert value in schema.get('enum', [value]), f'{where}: {value!r}'
+    if isinstance(value, str):
+        assert re.search(schema.get('pattern', ''), value), f'{where}: {value!r}'
+    if isinstance(value, (int, float)) and 'minimum' in schema:
+        assert value >= schema['minimum'], f'{where}: {value!r}'
+    if isinstance(value, list):
+        for number, each in enumerate(value):
+            check(schema['items'], each, f'{where}[{number}]')
+    if isinstance(value, dict):
+        known, more = schema.get('properties', {}), schema['additionalProperties']
+        assert set(schema.get('required', [])) <= set(value), where
+        for name, each in value.items():
+            assert name in known or more, f'{where}.{name}: no such key'
+            check(known.get(name, more), each, f'{where}.{name}')
+
+
+@pytest.fixture
+def report() -> dict[str, Any]:
+    """Report of a run with each kind of result in it."""
+    return report_of(
+        procedure_of(
+            attempt_of('warm_up_zero_0', reading=0.001), attempt_of('outside_1', faults=3),
+            attempt_of('passes_60_small', masses=[74.7] * 3, faults=1),
+            attempt_of('passes_60_small', masses=[74.51, 74.53, 74.55]),
+            attempt_of('eccentricity_left', masses=[]),
+            attempt_of('static_up_small', skipped='no <weights>'),
+        )
+    )  # fmt: skip
+
+
+def test_the_json_has_the_form_of_its_schema(report: dict[str, Any]):
+    read = json.loads(as_json(report))
+    assert read == report
+    check(SCHEMA, read)
+    for spoil in (
+        lambda it: it.pop('verdict'),
+        lambda it: it['steps'][0].update(more=1),
+        lambda it: it['steps'][0].update(begin='today'),
+        lambda it: it['digests'].update(bag='0'),
+        lambda it: it['counts'].update(passed=-1),
+    ):
+        spoilt = json.loads(as_json(report))
+        spoil(spoilt)
+        with pytest.raises(AssertionError):
+            check(SCHEMA, spoilt)
+
+
+def test_values_are_in_grams_and_utc_and_name_what_was_verified(report: dict[str, Any]):
+    first, second = (step for step in report['steps'] if step['name'] == 'passes_60_small')
+    assert (first['attempt'], first['verdict'], first['faults']) == (1, 'failed', 1)
+    assert (second['attempt'], second['verdict'], second['error_g']) == (2, 'passed', 0.03)
+    assert second['passes'][1] == {
+        'time': '2026-05-28T20:26:40.000Z', 'mass_g': 74.53, 'error_g': 0.03, 'std_dev_g': 0.1,
+        'speed_m_per_min': 60.0, 'reasons': [],
+    }  # fmt: skip
+    assert first['passes'][3]['mass_g'] is None
+    assert report['verdict'] == 'failed'  # no pass on the left lane
+    assert report['digests']['bag'] == 64 * '3'
+    assert 'not type-approved' in report['statement']
+    assert any('Climate' in each for each in report['not_done'])
+
+
+def test_the_page_shows_every_reading_and_needs_nothing_else(report: dict[str, Any]):
+    page = render_verification(report)
+    assert page == render_verification(report)
+    for step in report['steps']:
+        assert step['name'] in page
+    for text in ('FAILED'.lower(), '74.530', '+0.030', 'Unknown', 'no &lt;weights&gt;', 64 * '3'):
+        assert text in page, text
+    for reason in (*report['departures'], *report['not_done'], report['statement']):
+        assert reason.split('<')[0] in page
+    assert not re.search(r'(src|href)="(?!#)', page.replace('xlink:href="#', ''))
+    assert '@media print' in page
+
+
+def test_a_page_of_nothing_can_be_made():
+    made = procedure_of(plan=PLAN)
+    assert evaluate(made).verdict == 'incomplete'
+    assert 'incomplete' in render_verification(report_of(made))
