@@ -172,5 +172,6 @@ def test_hostile_command_lines(places: Path, tmp_path: Path):
 
 
 @pytest.mark.soak
-def test_many_hostile_command_lines(places: Path, tmp_path: Path):
-    assert not campaign(places, tmp_path, 200, 2)
+@pytest.mark.parametrize('seed', [2, 3])
+def test_many_hostile_command_lines(places: Path, tmp_path: Path, seed: int):
+    assert not campaign(places, tmp_path, 100, seed)

@@ -123,8 +123,13 @@ def flood_line(folder: Path, count: int) -> str:
                 for name, process in processes.items():
                     wait_for(lambda p=process, b=before[name]: resident_memory(p.pid) < 1.1 * b)
                     assert resident_memory(process.pid, 'VmHWM') < MOST, report
-                after = {name: resident_memory(p.pid) for name, p in processes.items()}
-                report.append(f'{flood.__name__}: kB before {before}, after {after}')
+                after, most = (
+                    {name: resident_memory(p.pid, what) for name, p in processes.items()}
+                    for what in ('VmRSS', 'VmHWM')
+                )
+                report.append(
+                    f'{flood.__name__}: kB before {before}, after {after}, most so far {most}'
+                )
     return '\n'.join(report)
 
 

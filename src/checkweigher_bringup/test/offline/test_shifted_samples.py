@@ -162,6 +162,24 @@ def test_no_good_item_is_refused_on_machines_that_nobody_modelled():
     print(f'\n{items} items tried, 0 faults', end='')
 
 
+@pytest.mark.soak
+@pytest.mark.skipif(not MACHINES.is_dir(), reason='no bags of machines that nobody modelled here')
+@pytest.mark.parametrize('shift', [0.0, -5.0, -10.0])
+def test_what_a_shift_costs_where_products_ride_on_unevenly(shift: float):
+    recordings = map(read_bag, sorted(MACHINES.glob('machine_*/*_[0-9]*')))
+    found = [
+        np.abs(errors(weigh(shifted(recording, shift), LineParameters()), recording))
+        for recording in recordings
+    ]
+    off = np.concatenate(found)
+    beyond, largest = int(np.sum(off > LIMIT)), float(np.nanmax(off))
+    print(
+        f'\n{shift:g} ms: {len(off)} items tried, {beyond} beyond {LIMIT:g}, largest {largest:.1f}'
+    )
+    assert beyond <= 0.005 * len(off) * bool(shift)
+    assert largest < 6.0
+
+
 def test_items_after_the_end_of_a_shift_are_weighed_again():
     recording = read_bag(BAGS / 'paper_60')
     first, last = recording.blocks[0].stamp, recording.blocks[-1].stamp
