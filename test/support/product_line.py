@@ -36,6 +36,7 @@ products:
     upper_limit: 0.165
     parameters: {identifier: {estimator: hann}}
   nuts: {nominal: 0.2, lower_limit: 0.19}
+  tins: {nominal: 0.1, tare: 0.004, tu1_quota: 0.025, filler: {max_correction: 0.003}}
   bars: {nominal: 0.1, length: [0.05, 0.15], speed: [0.5, 1.5]}
   snails: {nominal: 0.1, speed: [0.01, 0.05]}
   half_trained:

@@ -11,6 +11,7 @@ import re
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.production.recipes import Product, read_recipes
 
 
 def line_parameters(
@@ -22,6 +23,27 @@ def line_parameters(
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
+
+
+def recipe_of(arguments: Namespace) -> Product | None:
+    """Return the product that `--recipes` and `--product` name, None without them.
+
+    Raises
+    ------
+    UserError
+        If only one is given, or the file has no such product.
+    RecipeError
+        If the file cannot be used.
+    """
+    path, name = arguments.recipes, arguments.product
+    if path is None and name is None:
+        return None
+    if path is None or name is None:
+        raise UserError('--recipes and --product belong together: the file, and a product of it')
+    products = read_recipes(path)
+    if name not in products:
+        raise UserError(f'--product {name}: {path} has {", ".join(products)}')
+    return products[name]
 
 
 def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:

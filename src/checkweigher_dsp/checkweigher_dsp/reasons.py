@@ -13,7 +13,10 @@ class _Hinted(StrEnum):
 
 
 class Reason(_Hinted):
-    """Why an item cannot be weighed. ``DistanceFault`` is the word of OPC 40200."""
+    """Why an item cannot be weighed, or is rejected by a rule of its batch.
+
+    The words of OPC 40200 are ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota``.
+    """
 
     DISTANCE_FAULT = 'DistanceFault'
     MISSING_EDGE = 'MissingEdge'
@@ -43,6 +46,8 @@ class Reason(_Hinted):
     OVERLOAD = 'Overload'
     FOREIGN_PUBLISHER = 'ForeignPublisher'
     EDGE_MISMATCH = 'EdgeMismatch'
+    MEAN_VALUE_REQUIREMENT = 'MeanValueRequirement'
+    TU1_QUOTA = 'TU1Quota'
 
 
 class StopReason(_Hinted):
@@ -82,6 +87,8 @@ _HINTS = {
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
     Reason.EDGE_MISMATCH: 'the load rose at another time than the eyes say; see Eyes and samples',
+    Reason.MEAN_VALUE_REQUIREMENT: 'the mean of the batch would be below nominal; check the filler',
+    Reason.TU1_QUOTA: 'below TU1, and the batch has as many as it may have; check the filler',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
     Reason.OVERLOAD: 'the load was above the capacity of the load cell; check both and calibration',
     Reason.FOREIGN_PUBLISHER: 'a node that is no part of this line publishes its topics; stop it',

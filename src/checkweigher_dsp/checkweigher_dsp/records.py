@@ -281,7 +281,8 @@ class Verdict:
     `item_id` is that of the estimate, or without one the reject stage's own count. No two verdicts
     share a number, so it is that count too where a restarted segmenter begins at 1 again;
     `estimate_id` is that of the estimate in any case, 0 without one. The rejector has to be told
-    at `reject_at` (ns); a verdict is `late` if it came after that.
+    at `reject_at` (ns); a verdict is `late` if it came after that. The counts of `batch` and the
+    `batch_surplus`, kg, are those of `BatchTally`, with this item.
     """
 
     item_id: int
@@ -296,6 +297,12 @@ class Verdict:
     t1: Stamp | None = None
     estimate_id: int = 0
     late: bool = False
+    product: str = ''
+    batch: str = ''
+    batch_items: int = 0
+    batch_accepted: int = 0
+    batch_below_tu1: int = 0
+    batch_surplus: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,6 +339,36 @@ class Statistics:
     below_tu2: int
     share_below_tu1: float
     throughput: float
+
+
+@dataclass(frozen=True, slots=True)
+class FillerFeedback:
+    """What the filler should change after a subgroup of items; masses in kg, of the contents.
+
+    `stamp` (ns) and `item_id` are those of the last item of the subgroup, which has `items`.
+    `step` is to be added to the set point now, `correction` is the sum of all steps; a limit of the
+    recipe has made a `limited` one smaller.
+    """
+
+    stamp: Stamp | None
+    product: str
+    item_id: int
+    items: int
+    target: float
+    median: float
+    step: float
+    correction: float
+    limited: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """The end of a batch, at `stamp` (ns): the file of its record and the SHA-256 of that."""
+
+    stamp: Stamp
+    batch: str
+    record: str
+    sha256: str
 
 
 @dataclass(frozen=True, slots=True)

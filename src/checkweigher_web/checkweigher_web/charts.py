@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -19,7 +20,6 @@ from checkweigher_dsp.records import (
     Statistics,
     WeighWindow,
 )
-from checkweigher_web.control_chart import SUBGROUP, ControlChart
 from checkweigher_web.empty_belt import Spectrum
 from checkweigher_web.fault_marks import expected_rise, fault_marks
 from checkweigher_web.lane import Item, Stretch

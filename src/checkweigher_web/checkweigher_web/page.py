@@ -14,10 +14,10 @@ from nicegui.element import Element
 
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.health.status_board import StatusBoard, headline
+from checkweigher_dsp.production.control_chart import control_chart
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics, Verdict
 from checkweigher_web import charts
-from checkweigher_web.control_chart import control_chart
 from checkweigher_web.empty_belt import spectrum
 from checkweigher_web.fault_marks import Mark, fault_marks
 from checkweigher_web.lane import Item, Key, Lane

@@ -7,6 +7,7 @@ several commands have are made here.
 """
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 Parser = argparse._ActionsContainer
@@ -42,6 +43,12 @@ def add_weighing(parser: Parser) -> None:
     add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
     add('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
     add('--overwrite', action='store_true', help='replace FILE if it exists')
+
+
+def add_recipe(add: Callable[..., object], what: str) -> None:
+    """Add `--recipes` and `--product`; `what` says what the recipe is for."""
+    add('--recipes', type=Path, metavar='FILE', help='recipe file')
+    add('--product', metavar='NAME', help=f'product of it: {what}')
 
 
 def add_tuning(parser: Parser) -> None:

@@ -3,9 +3,14 @@
 """Write a bag of simulated products."""
 
 import argparse
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import add_new_bag
+from checkweigher_bringup.commands import add_new_bag, add_recipe
 from checkweigher_bringup.errors import UserError
+
+if TYPE_CHECKING:
+    from checkweigher_recording.recording import Event
 
 # Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
 # one of SI.
@@ -13,6 +18,8 @@ _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
     'zero-drift': ('zero_drift', 'g/h', 3.6e6),
+    'filler-drift': ('filler_drift', 'g in 1000 products', 1e6),
+    'filler-spread': ('filler_spread', 'g', 1000.0),
 }
 
 
@@ -40,11 +47,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         add(f'--{name}', type=float, metavar=unit, help=text)
 
+    filler = parser.add_argument_group('the filler before the scale').add_argument
+    filler('--filler-drift', type=float, metavar='G', help='drift in 1000 products, g')
+    filler('--filler-spread', type=float, metavar='G',
+           help='standard deviation from product to product, g')  # fmt: skip
+    filler('--filler-delay', type=int, metavar='N', help='products between filler and scale')
+    add_recipe(filler, 'its filler follows the feedback of this recipe')
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate the line and write the bag."""
+    from checkweigher_bringup.settings import recipe_of
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.progress import with_progress
+    from checkweigher_recording.simulation.closed_loop import with_feedback
     from checkweigher_recording.simulation.simulator import (
         Simulation,
         SimulationParameters,
@@ -59,11 +75,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise UserError('--count 0 is an endless line, which fits in no bag')
     given['speed'] = _to_si('speed', arguments.speed)
     given['masses'] = tuple(_to_si('mass', mass) for mass in arguments.mass)
-    if arguments.zero_drift is not None:
-        given['zero_drift'] = _to_si('zero-drift', arguments.zero_drift)
+    for option in ('zero-drift', 'filler-drift', 'filler-spread'):
+        name = _CONVERTED[option][0]
+        if name in given:
+            given[name] = _to_si(option, given[name])
     parameters = SimulationParameters.from_mapping(own_values(arguments.profile) | given)
+    product = recipe_of(arguments)
     simulation = Simulation(parameters)
-    write_bag(arguments.output, simulation.load_cell, with_progress(simulation, 'simulating'))
+    events: Iterable[Event] = simulation
+    if product is not None:
+        if product.filler is None:
+            raise UserError(f'--product {product.name}: its recipe has no filler, so no feedback')
+        events = with_feedback(simulation, product)
+    write_bag(arguments.output, simulation.load_cell, with_progress(events, 'simulating'))
     print(
         f'{arguments.output}: {parameters.count} products at {arguments.speed:g} m/min, '
         f'profile {parameters.profile}, seed {parameters.seed}'

@@ -90,7 +90,7 @@ def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinne
 @pytest.mark.parametrize(
     ('change', 'product', 'complaint'),
     [
-        (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts, bars, "),
+        (('nuts:', 'walnuts:'), 'nuts', "has no product 'nuts'; it has crisps, walnuts, tins"),
         (('nominal: 0.2', 'nominal: heavy'), 'crisps', "nuts.nominal: 'heavy' is not a number"),
     ],
 )
@@ -120,10 +120,12 @@ def test_the_product_of_the_parameters_is_there_from_the_start(spinner: Spinner,
     wait_for(lambda: bool(line.statistics))
     assert (line.statistics[-1].product, line.statistics[-1].batch) == ('nuts', 'monday')
     assert line.parameters()['reject']['lower_limit'] == 0.19
-    wait_for(lambda: len(line.entries('parameter')) == 2)
+    wait_for(lambda: len(line.entries('parameter')) == 4)
     assert {(e.subject, e.old, e.new) for e in line.entries('parameter')} == {
         ('/lane1/reject.lower_limit', '-inf', 0.19),
+        ('/lane1/reject.nominal', 0.0, 0.2),
         ('/lane1/reject.product', '', 'nuts'),
+        ('/lane1/reject.batch', '', 'monday'),
     }
 
 

@@ -47,9 +47,13 @@ class LineRecipe:
         """Return the name of the product that the reject node has, empty for none."""
         return str((await self._line.get('reject', ['product']))['product'])
 
-    async def set(self, product: Product) -> None:
-        """Set the parameters of a product; if a node refuses, all keep what they had."""
+    async def set(self, product: Product, batch: Values) -> None:
+        """Set the parameters of a product; if a node refuses, all keep what they had.
+
+        `batch` has those of the reject node that are of the batch.
+        """
         restarted, changes = set(self._restarted), product.changes()
+        changes['reject'].update(batch)
         base = await self._base_of(changes)
         await self._advise()
         whole = {node: {**base[node], **changes.get(node, {})} for node in NODES if node in base}
@@ -80,11 +84,22 @@ class LineRecipe:
                 'limits of its parameter file until it has those of a product'
             )
 
-    async def restore(self) -> str:
-        """Set the parameters of the product in the nodes that lost them; return the product."""
+    async def set_batch(self, batch: Values) -> None:
+        """Set the parameters of another batch, if there is a product."""
+        if self._set:
+            self._announce({'reject': batch})
+            await self._line.set({'reject': batch})
+            self._set['reject'].update(batch)
+
+    async def restore(self, batch: Callable[[], Values]) -> str:
+        """Set the parameters of the product in the nodes that lost them; return the product.
+
+        `batch` returns those of the batch, once nothing is accepted any more.
+        """
         lost, product = self.lost, str(self._set['reject']['product'])
         # Until all have theirs nothing is accepted, if the line needs a product.
         await self._line.set({'reject': {'product': ''}})
+        self._set['reject'].update(batch())
         nodes = [node for node in NODES if node in lost or node == 'reject']
         await self._line.set({node: self._set[node] for node in nodes})
         self._restarted -= lost

@@ -10,6 +10,7 @@ from typing import Any, Self, cast
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, read_parameter_file
+from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.records import (
     EyeEdge,
     LoadCell,
@@ -77,6 +78,11 @@ class LineParameters:
             own: Parameters = getattr(self, node)
             made[node] = own.from_mapping({**own.as_mapping(), **values})
         return replace(self, **cast(dict[str, Any], made))
+
+    def with_product(self, product: Product) -> Self:
+        """Return the same parameters with what a recipe sets."""
+        changes = product.changes().items()
+        return self.with_values({f'{node}.{n}': v for node, own in changes for n, v in own.items()})
 
     def with_estimator(self, name: str) -> Self:
         """Return the same parameters with another estimator."""

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Production: recipes, prepackages, statistics and the audit log."""
+"""Production: recipes, prepackages, filler feedback, statistics, records and the audit log."""

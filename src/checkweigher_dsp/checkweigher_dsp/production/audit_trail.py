@@ -18,6 +18,7 @@ from checkweigher_dsp.records import Verdict
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO = 'restored', 'zero'
+RECORD, REPORT = 'record', 'report'  # of a batch
 
 
 class AuditTrail:

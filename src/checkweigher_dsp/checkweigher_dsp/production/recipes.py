@@ -10,6 +10,9 @@
         upper_limit: 0.165        # kg of contents
         length: [0.09, 0.12]      # m, shortest and longest
         speed: [0.5, 1.5]         # m/s, slowest and fastest
+        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
+        mean_value: true          # the mean of the batch is never below nominal
+        filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
         parameters:               # of the nodes, as in a parameter file
           identifier:
             estimator: gauss_markov
@@ -19,16 +22,17 @@ limits that the reject node gets are tare + limit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 import math
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST, limits
+from checkweigher_dsp.production.filler_feedback import FillerParameters
+from checkweigher_dsp.production.prepackages import LARGEST, MAX_SHARE_BELOW_TU1, SMALLEST, limits
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.yaml_files import read_yaml
 
@@ -41,8 +45,13 @@ NODES: dict[str, type[Parameters]] = {
 _READ_ONLY = ('segmenter', 'driver')
 _LIMITS = ('lower_limit', 'upper_limit')
 _RANGES = ('min_length', 'max_length', 'min_speed', 'max_speed')
-_OWN = (*_LIMITS, *_RANGES, 'product', 'needs_product')  # of reject, not for `parameters`
-_KEYS = ('nominal', 'tare', *_LIMITS, 'length', 'speed', 'parameters')
+_RULES = ('nominal', 'tu1', 'tu1_quota', 'mean_value', 'batch', 'batch_counts')
+# Of reject, not for `parameters`.
+_OWN = (*_LIMITS, *_RANGES, *_RULES, 'product', 'needs_product')
+_KEYS = (
+    'nominal', 'tare', *_LIMITS, 'length', 'speed', 'tu1_quota', 'mean_value', 'filler',
+    'parameters',
+)  # fmt: skip
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
 
@@ -67,6 +76,9 @@ class Product:
     length: tuple[float, float] = (0.0, math.inf)  # m, smallest and largest
     speed: tuple[float, float] = (0.0, math.inf)  # m/s, smallest and largest
     parameters: Changes = field(default_factory=dict)  # further ones
+    tu1_quota: float = math.nan  # share of a batch that may be below TU1; NaN for no such rule
+    mean_value: bool = False  # whether the mean of a batch must never be below nominal
+    filler: FillerParameters | None = None
 
     def changes(self) -> Changes:
         """Return the parameters that the product sets, by node and name."""
@@ -78,13 +90,21 @@ class Product:
             max_length=self.length[1],
             min_speed=self.speed[0],
             max_speed=self.speed[1],
+            nominal=self.tare + self.nominal,
+            mean_value=self.mean_value,
             product=self.name,
+        )
+        quota = math.isfinite(self.tu1_quota)
+        made['reject'].update(
+            tu1=self.tare + self.tu1 if quota else 0.0,
+            tu1_quota=self.tu1_quota if quota else MAX_SHARE_BELOW_TU1,
         )
         return made
 
     def as_mapping(self) -> dict[str, object]:
         """Return the recipe as it would stand in the file, limits as masses."""
-        return {name: getattr(self, name) for name in _KEYS}
+        made = {name: getattr(self, name) for name in _KEYS}
+        return made | {'filler': asdict(self.filler) if self.filler else None}
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
@@ -106,6 +126,18 @@ def read_recipes(path: Path) -> dict[str, Product]:
         raise RecipeError(f'{path}: {error}') from None
 
 
+def product_of(values: Mapping[str, Any]) -> Product:
+    """Return the product whose fields are in a mapping, as `asdict` and JSON made it."""
+    unknown = {n for n, value in values.items() if isinstance(value, float) and math.isnan(value)}
+    own = {**values, **dict.fromkeys(unknown, math.nan)}  # one NaN: products are compared
+    filler = own.pop('filler')
+    return Product(
+        length=tuple(own.pop('length')), speed=tuple(own.pop('speed')),
+        parameters=_parameters('parameters', own.pop('parameters')),
+        filler=filler and FillerParameters.from_mapping(filler), **own,
+    )  # fmt: skip
+
+
 def make_product(name: object, values: object) -> Product:
     """Return the product of a recipe; `RecipeError` names the first bad key."""
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
@@ -125,6 +157,9 @@ def make_product(name: object, values: object) -> Product:
         its = limits(nominal)
         tu1, tu2 = its.tu1, its.tu2
     lower, upper = values.get('lower_limit'), values.get('upper_limit')
+    quota = _quota(name, values.get('tu1_quota'), lower, tu1)
+    if math.isfinite(quota) and lower is None:
+        lower = 'TU2'
     if upper is not None:
         upper = _number(f'{name}.upper_limit', upper, nominal, _LARGEST_MASS, 'kg')
     return Product(
@@ -138,7 +173,39 @@ def make_product(name: object, values: object) -> Product:
         length=_range(f'{name}.length', values.get('length'), 'm'),
         speed=_range(f'{name}.speed', values.get('speed'), 'm/s'),
         parameters=_parameters(f'{name}.parameters', values.get('parameters')),
+        tu1_quota=quota,
+        mean_value=_truth(f'{name}.mean_value', values.get('mean_value', False)),
+        filler=_filler(name, values.get('filler')),
     )
+
+
+def _quota(name: str, value: object, lower: object, tu1: float) -> float:
+    """Return the share of a batch that may be below TU1, NaN for no such rule."""
+    if value is None:
+        return math.nan
+    if math.isnan(tu1):
+        raise RecipeError(f'{name}.tu1_quota: 76/211/EEC has no TU1 for this nominal weight')
+    if lower not in (None, 'TU2'):
+        why = 'items from TU2 to TU1 are what it is about, so lower_limit must be TU2'
+        raise RecipeError(f'{name}.tu1_quota: {why}, not {lower}')
+    return _number(f'{name}.tu1_quota', value, 0, MAX_SHARE_BELOW_TU1, 'of the batch')
+
+
+def _truth(key: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise RecipeError(f'{key}: {value!r} is not true or false')
+    return value
+
+
+def _filler(name: str, value: object) -> FillerParameters | None:
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise RecipeError(f'{name}.filler: {value!r} is not "name: value"')
+    try:
+        return FillerParameters.from_mapping(value)
+    except ParameterError as error:
+        raise RecipeError(f'{name}.{error}') from None
 
 
 def _lower_limit(key: str, value: object, nominal: float, tu1: float, tu2: float) -> float:

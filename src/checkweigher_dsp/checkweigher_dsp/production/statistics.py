@@ -13,6 +13,7 @@ import math
 from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
+from checkweigher_dsp.rejection.batch_rules import BatchTally
 
 _MINUTE = 60 * NANOSECONDS
 
@@ -115,6 +116,7 @@ class ProductionRecord:
         self.batch = batch
         self.product: Product | None = None
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
+        self._tallies: dict[tuple[str, str], BatchTally] = {}
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -128,6 +130,28 @@ class ProductionRecord:
         if found is None or found.product != self.product:
             found = self._all[self._key] = ProductionStatistics(self.product)
         return found
+
+    @property
+    def tally(self) -> BatchTally:
+        """The counts of this product in this batch by the last verdict that had them."""
+        return self._tallies.get(self._key, BatchTally(*self._key))
+
+    def add(self, verdict: Verdict) -> bool:
+        """Count an item of the product and batch of its verdict; tell if it was not known yet.
+
+        The number of items in a verdict shows what has been counted: a node that was started again
+        gets verdicts that it had before.
+        """
+        key = verdict.product, verdict.batch
+        if verdict.product:
+            known = self._tallies.get(key)
+            if known is not None and verdict.batch_items <= known.items:
+                return False
+            self._tallies[key] = BatchTally.of(verdict)
+        before = key != self._key and verdict.product
+        statistics = self._all.get(key, self.current) if before else self.current
+        statistics.add(verdict)
+        return True
 
     def summary(self) -> Statistics:
         """Return the counts of this product in this batch."""

@@ -77,7 +77,28 @@ class RejectParameters(Parameters):
     max_speed: float = _speed(
         math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any'
     )
+    nominal: float = parameter(
+        0.0, 'NominalWeight with tare, which batch_surplus of the verdicts counts from; 0 for none',
+        unit='kg', minimum=0,
+    )  # fmt: skip
+    tu1: float = parameter(
+        0.0, 'TU1 of 76/211/EEC with tare: lighter ones are accepted within tu1_quota; 0 for none',
+        unit='kg', minimum=0,
+    )  # fmt: skip
+    tu1_quota: float = parameter(
+        0.025, 'largest share below tu1 of the accepted items of the batch, beyond it TU1Quota',
+        minimum=0, maximum=1,
+    )  # fmt: skip
+    mean_value: bool = parameter(
+        False, 'an item below nominal is accepted only while the mean of the accepted ones of the '
+        'batch stays at nominal or above, else MeanValueRequirement',
+    )  # fmt: skip
     product: str = parameter('', 'product of these limits; the node product sets it')
+    batch: str = parameter('', 'batch whose items are counted; the node product sets it')
+    batch_counts: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0, 0.0), 'counts with which the batch goes on: items, accepted, below TU1, '
+        'surplus in kg; the node product sets them, later ones that reject has itself are kept',
+    )  # fmt: skip
     needs_product: bool = parameter(
         False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
     )
@@ -90,6 +111,13 @@ class RejectParameters(Parameters):
                 raise ParameterError(
                     f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
                 )
+        if len(self.batch_counts) != 4 or not all(map(math.isfinite, self.batch_counts)):
+            raise ParameterError(
+                f'reject.batch_counts: {self.batch_counts} are not items, accepted, below TU1 and '
+                'surplus'
+            )
+        if self.mean_value and not self.nominal:
+            raise ParameterError('reject.mean_value: true needs nominal, the weight in kg')
         for low, high in (
             ('lower_limit', 'upper_limit'), ('min_length', 'max_length'), ('min_speed', 'max_speed')
         ):  # fmt: skip

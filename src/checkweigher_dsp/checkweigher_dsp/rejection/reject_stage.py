@@ -8,7 +8,7 @@ before it hung or died, is a FAULT in time for the rejector all the same.
 
 from collections import OrderedDict, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 
 from checkweigher_dsp.items.item import Item
@@ -23,6 +23,7 @@ from checkweigher_dsp.records import (
     Verdict,
     foreign,
 )
+from checkweigher_dsp.rejection.batch_rules import BatchRules, BatchTally
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
@@ -100,6 +101,7 @@ class RejectStage:
         self.doubted = False
         self.weigh_length = weigh_length
         self._items = RejectItems()
+        self._batches = BatchRules()
         self._tracker: ItemTracker | None = None
         self._stream = _Stream()
         self._early: deque[_Arrival] = deque(maxlen=_MAX_EARLY)
@@ -243,6 +245,8 @@ class RejectStage:
         begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
         missed = history.edges[:begin]
         self._items.recall(history.verdicts, history.last_item_id)
+        for verdict in history.verdicts:
+            self._batches.remember(BatchTally.of(verdict))
         verdicts: list[Verdict] = []
         if missed and self.weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges
@@ -370,8 +374,6 @@ class RejectStage:
             t1 = item.t1 if t1 is None else t1
             t3 = item.t3 if t3 is None else t3
             reject_at = item.reject_at if reject_at is None else reject_at
-        given = number, late, t1, t3, reject_at
-        was = verdict.item_id, verdict.late, verdict.t1, verdict.t3, verdict.reject_at
-        if given == was:  # of nearly all: a copy would take as long as all the rest
-            return verdict
-        return replace(verdict, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at)
+        return self._batches.judge(
+            verdict, self.parameters, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at
+        )

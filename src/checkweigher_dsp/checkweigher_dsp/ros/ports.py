@@ -149,7 +149,7 @@ REJECT_EYE = Port(
     'Edges of an eye that only rejected items pass; `eye` does not matter')
 STOP_REQUEST = Port(
     'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
-    'reject', ('line', 'driver'), (),
+    'reject', ('line', 'driver', 'product'), (),
     'Whether the line should stop, and why; stays until `reset_stop_request`')
 STATISTICS = Port(
     'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
@@ -158,6 +158,14 @@ STATISTICS = Port(
 VERIFICATION = Port(
     'verification', 'checkweigher_msgs/msg/VerificationStep', records.VerificationStep, STATE,
     'verify', ('users',), (), 'Plan and steps of a verification, while one is made')
+FILLER_FEEDBACK = Port(
+    'filler_feedback', 'checkweigher_msgs/msg/FillerFeedback', records.FillerFeedback, STATE,
+    'product', ('filler', 'users'), (),
+    'Correction of the set point of the filler, in kg, after each subgroup of items; where the '
+    'recipe asks for it')
+BATCH_RESULT = Port(
+    'batch_result', 'checkweigher_msgs/msg/BatchResult', records.BatchResult, STATE,
+    'product', ('users',), (), 'The batch that has ended, and the file of its record')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Once a second: see [Diagnostics](#diagnostics)')
@@ -175,7 +183,7 @@ LINE_HISTORY = Port(
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
     SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
-    STOP_REQUEST, STATISTICS, VERIFICATION, DIAGNOSTICS,
+    STOP_REQUEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT, VERIFICATION, DIAGNOSTICS,
 )
 # fmt: on
 PLAYED = ALL[:4]

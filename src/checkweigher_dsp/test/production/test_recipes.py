@@ -64,10 +64,22 @@ def test_what_is_not_given_is_no_limit():
         'reject': {
             'lower_limit': -math.inf, 'upper_limit': math.inf,
             'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
+            'nominal': 0.15, 'tu1': 0.0, 'tu1_quota': 0.025, 'mean_value': False,
             'product': 'crisps',
         }
     }  # fmt: skip
     assert product.length == product.speed == (0.0, math.inf)
+
+
+def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
+    rules = {'tu1_quota': 0.02, 'mean_value': True, 'filler': {'max_correction': 0.004}}
+    product = make_product('crisps', {**GOOD, **rules, 'lower_limit': None})
+    reject = product.changes()['reject']
+    weights = reject['lower_limit'], reject['tu1'], reject['nominal']
+    assert weights == pytest.approx((0.1405, 0.14725, 0.154), rel=EXACT)  # TU2, TU1, nominal
+    assert (reject['tu1_quota'], reject['mean_value']) == (0.02, True)
+    assert product.filler is not None
+    assert product.filler.max_correction == 0.004
 
 
 def test_the_parameters_of_nodes_are_named_as_ros_names_them():
@@ -95,6 +107,11 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
         ('colour', 'red', 'crisps.colour: no such key'),
+        ('tu1_quota', 0.025, 'crisps.tu1_quota: items from TU2 to TU1 are what it is about'),
+        ('mean_value', 1, 'crisps.mean_value: 1 is not true or false'),
+        ('filler', 3, 'crisps.filler: 3 is not'),
+        ('filler', {}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
+        ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
         ('parameters', 3, 'crisps.parameters: 3 is not'),
         ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: its'),
         ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no such node'),

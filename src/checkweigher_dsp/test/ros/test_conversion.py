@@ -13,9 +13,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
     MAX_WINDOW,
+    BatchResult,
     Decision,
     Eye,
     EyeEdge,
+    FillerFeedback,
     LineHistory,
     LoadCell,
     MassEstimate,
@@ -59,6 +61,12 @@ VERDICT = Verdict(
     t1=T1,
     estimate_id=8,
     late=True,
+    product='crisps',
+    batch='b7',
+    batch_items=40,
+    batch_accepted=30,
+    batch_below_tu1=1,
+    batch_surplus=-0.02,
 )
 CELL = LoadCell(960.0, -1e6, 5000.5, -8_000_000, 8_000_001, 3.0, 0.35, 'PW15', 'A7')
 EDGE = EyeEdge(T1, Eye.OUTFEED, True)
@@ -96,6 +104,16 @@ RECORDS = [
         ports.STATISTICS,
         STATISTICS,
         Statistics(None, *2 * [''], *5 * [0], *2 * [()], 0, 0, *7 * [0.0], 0, 0, 0.0, 0.0),
+    ),
+    (
+        ports.FILLER_FEEDBACK,
+        FillerFeedback(T1, 'crisps', 7, 10, 0.15, 0.149, 5e-4, 2e-3, True),
+        FillerFeedback(None, '', 0, 0, 0.0, 0.0, 0.0, 0.0),
+    ),
+    (
+        ports.BATCH_RESULT,
+        BatchResult(T1, 'b7', '/var/batches/b7.jsonl', 64 * 'a'),
+        BatchResult(0, '', '', ''),
     ),
     (
         ports.LINE_HISTORY,

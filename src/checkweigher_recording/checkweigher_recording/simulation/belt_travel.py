@@ -3,8 +3,9 @@
 """Positions of the products of a simulated line: entries and exits of the weigh belt."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,14 +55,19 @@ class BeltTravel:
     """
 
     def __init__(
-        self, line: Line, random: np.random.Generator, products: np.random.Generator | None = None
-    ) -> None:
-        """Begin a line whose speeds follow from `random`, lengths and gaps from `products`."""
+        self, line: Line, random: np.random.Generator, products: np.random.Generator | None = None,
+        next_mass: Callable[[], float] | None = None,
+    ) -> None:  # fmt: skip
+        """Begin a line whose speeds follow from `random`, lengths and gaps from `products`.
+
+        `next_mass` gives the mass of each product, kg; without it they are those of the line.
+        """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
         self._line = line
         self._random = random
         self._products = random if products is None else products
+        self._next_mass = next_mass or cycle(line.masses).__next__
         self._planned = 0
         self._next = 0.0  # m, travel at which the next product enters
         self._knots = 0
@@ -144,7 +150,7 @@ class BeltTravel:
             self._extend()
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
-        mass = line.masses[self._planned % len(line.masses)]
+        mass = self._next_mass()
         self._planned += 1
         if self._complete():
             self.last_exit = t4

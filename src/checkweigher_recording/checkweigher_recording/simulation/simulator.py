@@ -33,6 +33,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.recording import Event, Recording, canonical_order
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
+from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import FloorNoise
@@ -133,6 +134,17 @@ class SimulationParameters(Parameters):
     zero_drift: float = parameter(
         0.0, 'drift of the empty belt', unit='kg/s', minimum=-0.01, maximum=0.01
     )
+    filler_drift: float = parameter(
+        0.0, 'drift of the filler from one product to the next', unit='kg',
+        minimum=-0.01, maximum=0.01,
+    )  # fmt: skip
+    filler_spread: float = parameter(
+        0.0, 'standard deviation of the filler from product to product', unit='kg',
+        minimum=0.0, maximum=1.0,
+    )  # fmt: skip
+    filler_delay: int = parameter(
+        0, 'products that are filled and not yet on the belt', minimum=0, maximum=10_000
+    )
     lead_in: float = parameter(
         2.0, 'empty belt before the first product', unit='s', minimum=0.0, maximum=3600.0
     )
@@ -184,7 +196,8 @@ class Simulation:
 
     Every iteration starts the same line again. What has been yielded is not kept, so a line may be
     of any length; with ``count`` 0 it does not end. The first products do not depend on how many
-    follow.
+    follow. `filler` is that of the iteration that was begun last; a correction that it is given
+    holds for the products that are planned after that, up to a second ahead.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
@@ -193,11 +206,13 @@ class Simulation:
             parameters, min_counts=MIN_COUNTS, max_counts=MAX_COUNTS, capacity=CAPACITY,
             model='simulated', serial_number=f'{parameters.profile}-{parameters.seed}',
         )  # fmt: skip
+        self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
         """Yield sample blocks, eye edges and reference masses in canonical order."""
         rate, size = self._parameters.sample_rate, self._parameters.samples_per_block
         machine = _Machine(self._parameters)
+        self.filler = machine.filler
         waiting: list[Event] = []
         chunk = size * max(1, round(_CHUNK_DURATION * rate / size))
         first = 0
@@ -255,7 +270,7 @@ class _Machine:
         self._parameters = parameters
         self._rate = OVERSAMPLING * parameters.sample_rate
         # A stream of its own for each source, so that none depends on how much another has used.
-        passes, *sources, products, drawn = np.random.SeedSequence(parameters.seed).spawn(7)
+        passes, *sources, products, drawn, filled = np.random.SeedSequence(parameters.seed).spawn(8)
         profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
         line = Line(
             parameters.speed, profile.speed_jitter if profile else 0.0, parameters.spacing,
@@ -269,7 +284,13 @@ class _Machine:
                 # Products stay apart.
                 spacing_jitter=min(variation.spacing, (line.spacing - line.product_length) / 5),
             )  # fmt: skip
-        self._belt = BeltTravel(line, _generator(passes), _generator(products))
+        self.filler = Filler(
+            line.masses, parameters.filler_drift, parameters.filler_spread,
+            parameters.filler_delay, _generator(filled),
+        )  # fmt: skip
+        self._belt = BeltTravel(
+            line, _generator(passes), _generator(products), self.filler.next_mass
+        )
         self._signal: _ProfileSignal | MachineSignal
         if profile:
             self._signal = _ProfileSignal(profile, self._belt, line, 1 / self._rate, sources)

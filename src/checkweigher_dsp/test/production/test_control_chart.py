@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from checkweigher_web.control_chart import SUBGROUP, control_chart
+from checkweigher_dsp.production.control_chart import SUBGROUP, control_chart
 
 A3, B4 = 1.427, 2.089  # of five values: ISO 7870-2, table 2
 

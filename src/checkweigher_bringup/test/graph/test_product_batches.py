@@ -1,0 +1,108 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Batches over real DDS: their rules hold and their counts go on whatever is started again."""
+
+from collections.abc import Iterator
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from checkweigher_msgs.srv import NewBatch
+from graph import wait_for
+from product_line import Line
+import pytest
+
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.production.batch_record import read_lines
+from checkweigher_dsp.ros import ports
+
+# 100 g in 4 g of packaging; 95 g lie between TU2, 91 g, and TU1, 95.5 g.
+GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('lane1') as running:
+        yield running
+
+
+def restart_product(line: Line, parameters: dict[str, object]) -> None:
+    line.spinner.remove(line.product)
+    wait_for(lambda: 'product' not in line.operator.get_node_names())
+    line.product = ProductNode({**parameters, 'allowed_publishers': 'operator'})
+    line.spinner.add(line.product)
+
+
+def judge_by_recipe(line: Line, mass: float) -> Any:
+    """Have an item judged once the reject node has its product."""
+    wait_for(lambda: line.parameters()['reject']['product'] == 'tins')
+    return line.judge(mass)
+
+
+def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
+    spinner: Spinner, tmp_path: Path
+):
+    of_batch: dict[str, object] = {
+        'product': 'tins', 'batch': 'L1', 'batch_folder': str(tmp_path / 'batches')
+    }  # fmt: skip
+    line = Line(spinner, tmp_path, needs_product=True, **of_batch)
+    feedback: list[Any] = []
+    results: list[Any] = []
+    line.listen(ports.FILLER_FEEDBACK, feedback.append)
+    line.listen(ports.BATCH_RESULT, results.append)
+    everything = {'recipes': str(line.recipes), 'audit_log': str(line.log), **of_batch}
+
+    found = [judge_by_recipe(line, GOOD) for _ in range(38)]
+    assert {each.decision for each in found} == {found[0].ACCEPT}
+    early = line.judge(LIGHT)
+    assert (early.decision, list(early.reasons)) == (early.UNDER, ['TU1Quota'])
+    line.judge(GOOD)
+    assert line.judge(LIGHT).decision == early.ACCEPT  # one of 40
+    wait_for(lambda: len(feedback) == 4)
+    # 2 g above the target: half of it, limited to 3 g in all.
+    assert [each.correction for each in feedback] == pytest.approx(
+        [-0.001, -0.002, -0.003, -0.003], abs=1e-9
+    )
+    assert [each.limited for each in feedback] == [False, False, False, True]
+
+    line.restart('reject')
+    wait_for(lambda: bool(line.entries('restored')))
+    again = judge_by_recipe(line, LIGHT)
+    assert (again.decision, list(again.reasons)) == (again.UNDER, ['TU1Quota'])
+    assert (again.batch_items, again.batch_accepted, again.batch_below_tu1) == (42, 40, 1)
+
+    restart_product(line, everything)
+    wait_for(lambda: len(line.entries('selection')) == 2)
+    again = judge_by_recipe(line, GOOD)
+    assert (again.batch, again.batch_items, again.batch_accepted) == ('L1', 43, 41)
+    wait_for(lambda: line.statistics[-1].items == 43)
+
+    line.spinner.remove(line.product)
+    line.restart('reject')
+    line.product = ProductNode({**everything, 'batch': 'other', 'allowed_publishers': 'operator'})
+    line.spinner.add(line.product)
+    again = judge_by_recipe(line, LIGHT)
+    assert (again.decision, again.batch, again.batch_items) == (again.UNDER, 'L1', 44)
+    wait_for(lambda: line.statistics[-1].items == 44)
+    assert (line.statistics[-1].accepted, line.statistics[-1].below_tu1) == (41, 1)
+
+    assert line.call(NewBatch, 'new_batch', batch='L2').success
+    first = line.judge(LIGHT)
+    assert (first.batch, first.batch_items, list(first.reasons)) == ('L2', 1, ['TU1Quota'])
+    wait_for(lambda: bool(results))
+    path = Path(results[0].record)
+    assert (results[0].batch, path.name) == ('L1', 'L1.jsonl')
+    assert results[0].sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert [(e.subject, e.new) for e in line.entries('record')] == [('L1', results[0].sha256)]
+    kinds = [each['kind'] for each in read_lines(path)]
+    assert (kinds[0], kinds[-1], kinds.count('verdict')) == ('begin', 'end', 44)
+    assert kinds.count('filler') == len(feedback)
+    assert not line.call(NewBatch, 'new_batch', batch='L1').success
+
+
+@pytest.mark.usefixtures('spinner')
+def test_a_record_without_recipes_is_refused():
+    with pytest.raises(ParameterError, match=r'product\.batch_folder: needs recipes'):
+        ProductNode({'batch_folder': '/tmp/batches'})

@@ -1,0 +1,41 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated line whose filler follows the feedback of the scale."""
+
+from collections.abc import Iterator
+
+from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.production.filler_feedback import FillerController
+from checkweigher_dsp.production.recipes import Product
+from checkweigher_dsp.records import EyeEdge, SampleBlock
+from checkweigher_recording.recording import Event
+from checkweigher_recording.simulation.simulator import Simulation
+
+
+def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
+    """Yield the events of a line whose filler takes each correction as soon as it is known.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Line with the filler.
+    product : Product
+        Recipe with the feedback; the line weighs by it.
+
+    Raises
+    ------
+    ValueError
+        If the recipe has no feedback.
+    """
+    if product.filler is None:
+        raise ValueError(f'{product.name}: its recipe has no filler')
+    controller = FillerController(product.filler, product.name, product.nominal, product.tare)
+    line = WeighingLine(simulation.load_cell, LineParameters().with_product(product))
+    for event in simulation:
+        yield event
+        if not isinstance(event, SampleBlock | EyeEdge):
+            continue
+        for weighing in line.add(event):
+            feedback = controller.add(weighing.verdict)
+            if feedback is not None and simulation.filler is not None:
+                simulation.filler.correction = feedback.correction
