@@ -26,6 +26,7 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
+            'batch_reporter = checkweigher_bringup.batch_reporter:main',
             'dynamic_setting = checkweigher_bringup.commissioning.dynamic_setting:main',
             'line = checkweigher_bringup.line:main',
             'checkweigher = checkweigher_bringup.cli:main',

@@ -51,6 +51,8 @@ COMMANDS = (
      'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
     ('evaluate', 'show the accuracy of the estimators on passes of known mass',
      'evaluate --protocol paper --html report.html'),
+    ('batch', "report on a batch: the packers' rules, the reference test, histogram, control chart",
+     'batch bags/paper_60 --nominal 134.5 --html batch.html'),
     ('calibrate', 'calibrate the load cell with known masses at rest',
      'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
     ('verify', 'verify the machine by the book, and write the report',

@@ -39,6 +39,7 @@ ARGUMENTS = (
     ('respawn', 'true',
      'whether a process that has ended is started again; false ends the launch with it'),
     ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
+    ('batch_reports', 'false', 'whether each batch that ends gets a report beside its record'),
     ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
 )  # fmt: skip
 
@@ -72,6 +73,7 @@ def make_line(context):
         'respawn_delay': RESPAWN_DELAY,
         'on_exit': partial(on_exit, respawn=respawn),
     }
+    reports = LaunchConfiguration('batch_reports')
     for_driver = [params_file, driver_parameters(context)]
     for_reject = [params_file, reject_parameters(context)]
     return [
@@ -90,6 +92,11 @@ def make_line(context):
         Node(
             package='checkweigher_web', executable='page', output='screen', respawn=respawn,
             respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('page')),
+        ),
+        Node(
+            package='checkweigher_bringup', executable='batch_reporter', output='screen',
+            namespace=LaunchConfiguration('namespace'), respawn=respawn,
+            respawn_delay=RESPAWN_DELAY, condition=IfCondition(reports),
         ),
     ]  # fmt: skip
 

@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from graph import wait_for
 from product_line import Line
 import pytest
 
+from checkweigher_bringup.batch_reporter import BatchReporter
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.parameters import ParameterError
@@ -100,6 +102,19 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert (kinds[0], kinds[-1], kinds.count('verdict')) == ('begin', 'end', 44)
     assert kinds.count('filler') == len(feedback)
     assert not line.call(NewBatch, 'new_batch', batch='L1').success
+
+    line.spinner.add(BatchReporter())
+    wait_for(lambda: bool(line.entries('report')))
+    (report,) = line.entries('report')
+    html, numbers = path.with_suffix('.html'), path.with_suffix('.json')
+    assert report.new == {
+        each.name: hashlib.sha256(each.read_bytes()).hexdigest() for each in (html, numbers)
+    }
+    made = json.loads(numbers.read_text())
+    assert made['products'][0]['decisions'] == {'FAULT': 0, 'ACCEPT': 41, 'UNDER': 3, 'OVER': 0}
+    assert made['products'][0]['reasons'] == {'TU1Quota': 3}
+    assert {each['kind'] for each in made['changes']} >= {'selection', 'restored', 'batch'}
+    assert results[0].sha256 in html.read_text()
 
 
 @pytest.mark.usefixtures('spinner')

@@ -75,9 +75,9 @@ class ProductNode(StageNode[ProductParameters]):
     """Select the product, count the items, and write down what is changed."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        super().__init__(ProductParameters, read_only=True, overrides=overrides)
-        self._log: AuditLog | None = None
+        self._log: AuditLog | None = None  # before the parameters, which may be refused
         self._record: BatchRecorder | None = None
+        super().__init__(ProductParameters, read_only=True, overrides=overrides)
         self._production = ProductionRecord(self.parameters.batch)
         self._filler: FillerController | None = None
         try:
@@ -274,8 +274,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:
         name = str(request.batch).strip()
-        known = self._production.has_batch(name) or (self._record and self._record.has(name))
-        if not name or known:
+        if not name or self._production.has_batch(name) or self._has_record(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
             return response
         try:
@@ -355,14 +354,15 @@ class ProductNode(StageNode[ProductParameters]):
             self._audit.announce({node: value})
         elif (kind, subject) == (audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name):
             self._trail.state(kind, subject, value)
-        elif (kind, subject) == (audit_trail.ZERO, ports.ZERO) or self._reports(kind, subject):
+        elif (kind, subject) == (audit_trail.ZERO, ports.ZERO):
             self._trail.note(kind, subject, None, value)
+        elif kind == audit_trail.REPORT and self._has_record(subject):
+            self._trail.state(kind, subject, value)
         else:
             raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
 
-    def _reports(self, kind: str, batch: str) -> bool:
-        """Tell whether a change is a report on a batch of which there is a record."""
-        return kind == audit_trail.REPORT and self._record is not None and self._record.has(batch)
+    def _has_record(self, batch: str) -> bool:
+        return self._record is not None and self._record.has(batch)
 
     async def _read_started(self) -> None:
         self._notice_started()

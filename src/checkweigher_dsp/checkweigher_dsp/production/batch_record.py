@@ -20,11 +20,13 @@ import threading
 from typing import Any, Final
 from urllib.parse import quote
 
+from checkweigher_dsp.input_files import open_input
 from checkweigher_dsp.records import Decision, FillerFeedback, StopRequest, Verdict
 
 SUFFIX = '.jsonl'
 _RETRY = 1.0  # s
-_MAX_LINE = 2**20
+_MAX_LINE = 2**20  # bytes
+_LARGEST = 2**33  # of a file
 _STOP: Final = None
 
 
@@ -71,7 +73,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
         If the file cannot be read or a line is none of a record.
     """
     try:
-        with path.open('rb') as file:
+        with open_input(path, _LARGEST) as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith(b'\n'):
                     return

@@ -7,8 +7,8 @@ not below the nominal quantity, at most 2.5 % of it are below TU1 = nominal - TN
 TU2 = nominal - 2 TNE. Percentages are not rounded here; the directive rounds them up to the next
 0.1 g (quoted from memory), so the limits here are never the looser ones.
 
-Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is
-not part of this module.
+Nothing here is type-approved for legal metrology. The reference test of Annex II, by samples, is in
+`reference_test`.
 """
 
 from collections.abc import Iterable

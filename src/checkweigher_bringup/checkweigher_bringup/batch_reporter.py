@@ -1,0 +1,69 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A node that writes the report of each batch that ends, beside its record.
+
+It is a process of its own, and less urgent than the line: nothing waits for it. The audit log of
+the lane gets the SHA-256 of the two files.
+"""
+
+import hashlib
+import os
+from pathlib import Path
+
+from checkweigher_bringup.batch_report import read_recorded, write_report
+from checkweigher_dsp.production.audit_trail import REPORT
+from checkweigher_dsp.records import BatchResult
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.change_record import ChangeRecord
+from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.running import run
+from checkweigher_validation.batch.figures import figures_of
+
+_POLL_PERIOD = 0.5  # s
+_SEED = 1  # of the reference test
+_LESS_URGENT = 10  # nice
+
+
+class BatchReporter(PortNode):
+    """Report on each batch of which `product` says that it has ended."""
+
+    def __init__(self) -> None:
+        super().__init__('batch_reporter')
+        self._todo: list[BatchResult] = []
+        self._record = ChangeRecord(self)
+        self.subscribe(ports.BATCH_RESULT, self._todo.append)
+        self.create_timer(_POLL_PERIOD, self._report)
+
+    async def _report(self) -> None:
+        while self._todo:
+            result = self._todo.pop(0)
+            files = write_files(Path(result.record), result.sha256)
+            reason = await self._record.write(REPORT, result.batch, files)
+            if reason:
+                self.warn(f'batch {result.batch!r}: its report is {reason}')
+            self.get_logger().info(f'batch {result.batch!r}: {", ".join(files)}')
+
+
+def write_files(record: Path, sha256: str) -> dict[str, str]:
+    """Write HTML and JSON beside a record; return the SHA-256 of each by the name of its file.
+
+    ValueError if the record is not the one with that hash.
+    """
+    batch = read_recorded(record)
+    if batch.sha256 != sha256:
+        raise ValueError(f'{record}: is not the record that ended, it has another SHA-256')
+    parts = [figures_of(part, _SEED) for part in batch.parts]
+    html, json_file = record.with_suffix('.html'), record.with_suffix('.json')
+    write_report(batch, parts, html, json_file)
+    written = (html, json_file)
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written}
+
+
+def main() -> None:
+    """Run the node."""
+    os.nice(_LESS_URGENT)
+    run(BatchReporter)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,161 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A batch with its items, from results, from their CSV or from the record of the line."""
+
+from collections.abc import Callable, Iterable, Sequence
+import csv
+from dataclasses import dataclass, replace
+import hashlib
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.production.audit_log import Entry
+from checkweigher_dsp.production.batch_record import RecordError, read_lines, verdict_of
+from checkweigher_dsp.production.recipes import Product, product_of
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_validation.accuracy.results import ItemResult
+
+_LARGEST_CSV = 2**30  # bytes
+
+
+class BatchError(ValueError):
+    """A batch that cannot be read; one line that names the file, the place and the error."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchItem:
+    """One item; its mass is of the contents, kg, NaN if it was not weighed."""
+
+    number: int
+    stamp: int | None  # t3, ns
+    decision: Decision
+    reasons: tuple[str, ...]
+    mass: float
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The items of one product in a batch, in the order of their verdicts."""
+
+    product: Product
+    items: tuple[BatchItem, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What passed in a batch.
+
+    `stops` and `corrections` are the lines of the record, `changes` the entries of the audit log of
+    that time; `source` is the file, of which `sha256` is the hash if it is one.
+    """
+
+    name: str
+    source: str
+    parts: tuple[Part, ...]
+    sha256: str = ''
+    begin: str = ''  # ISO 8601; empty where it is not known
+    end: str = ''
+    stops: tuple[dict[str, Any], ...] = ()
+    corrections: tuple[dict[str, Any], ...] = ()
+    changes: tuple[Entry, ...] = ()
+    strays: int = 0  # items of another batch in the record of this one
+
+    def with_changes(self, entries: Iterable[Entry]) -> 'Batch':
+        """Return the batch with the entries of an audit log from its begin to its end."""
+        end = self.end or '~'
+        return replace(self, changes=tuple(e for e in entries if self.begin <= e.time <= end))
+
+
+def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:
+    """Return the batch of items that were weighed offline."""
+    items = tuple(_item(result.verdict, product.tare) for result in results)
+    return Batch(name, source, (Part(product, items),))
+
+
+def read_csv(path: Path, product: Product) -> Batch:
+    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is none."""
+    try:
+        data = read_input(path, _LARGEST_CSV)
+    except (OSError, ValueError) as error:
+        raise BatchError(f'{path}: {getattr(error, "strerror", None) or error}') from None
+    rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
+    needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
+    if missing := sorted(needed - set(rows.fieldnames or ())):
+        raise BatchError(f'{path}: no CSV of weigh or replay: it lacks {", ".join(missing)}')
+    items = []
+    for row in rows:
+        try:
+            items.append(_item_of_row(row, product.tare))
+        except (KeyError, TypeError, ValueError) as error:
+            raise BatchError(f'{path}:{rows.line_num}: is no item: {error}') from None
+    part = Part(product, tuple(items))
+    return Batch(path.stem, str(path), (part,), sha256=hashlib.sha256(data).hexdigest())
+
+
+def read_record(path: Path) -> Batch:
+    """Return the batch of a record of the line; `RecordError` if it is none."""
+    return _Reader(path).batch()
+
+
+class _Reader:
+    """What has been read of a record."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._begin: dict[str, Any] = {}
+        self._end: dict[str, Any] = {}
+        self._products: dict[str, Product] = {'': Product('', math.nan)}
+        self._items: dict[str, list[BatchItem]] = {}
+        self._stops: list[dict[str, Any]] = []
+        self._corrections: list[dict[str, Any]] = []
+        self._strays = 0
+        take: dict[str, Callable[[dict[str, Any]], object]] = {
+            'begin': self._begin.update, 'end': self._end.update, 'product': self._take_product,
+            'verdict': self._take_verdict, 'stop': self._stops.append,
+            'filler': self._corrections.append,
+        }  # fmt: skip
+        for number, values in enumerate(read_lines(path), 1):
+            try:
+                take.get(values.pop('kind'), lambda _: None)(values)
+            except (KeyError, TypeError, ValueError) as error:
+                raise RecordError(f'{path}:{number}: {error}') from None
+        if not self._begin:
+            raise RecordError(f'{path}: is empty')
+
+    def _take_product(self, values: dict[str, Any]) -> None:
+        product = product_of(values)
+        self._products[product.name] = product
+
+    def _take_verdict(self, values: dict[str, Any]) -> None:
+        verdict = verdict_of(values)
+        if verdict.product and verdict.batch != self._begin['batch']:
+            self._strays += 1
+            return
+        product = self._products.get(verdict.product, self._products[''])
+        self._items.setdefault(product.name, []).append(_item(verdict, product.tare))
+
+    def batch(self) -> Batch:
+        """Return all of it."""
+        parts = [Part(self._products[name], tuple(each)) for name, each in self._items.items()]
+        return Batch(
+            self._begin['batch'], str(self._path), tuple(parts),
+            sha256=hashlib.sha256(self._path.read_bytes()).hexdigest(),
+            begin=str(self._begin['time']), end=str(self._end.get('time', '')),
+            stops=tuple(self._stops), corrections=tuple(self._corrections), strays=self._strays,
+        )  # fmt: skip
+
+
+def _item(verdict: Verdict, tare: float) -> BatchItem:
+    mass = verdict.mass - tare
+    return BatchItem(verdict.item_id, verdict.t3, verdict.decision, verdict.reasons, mass)
+
+
+def _item_of_row(row: dict[str, str], tare: float) -> BatchItem:
+    whole, _, part = row['t3'].partition('.')
+    stamp = int(whole) * NANOSECONDS + int(part.ljust(9, '0')) if whole else None
+    mass = float(row['mass_g']) / GRAMS - tare if row['mass_g'] else math.nan
+    reasons = tuple(filter(None, row['reasons'].split(';')))
+    return BatchItem(int(row['item_id']), stamp, Decision[row['decision']], reasons, mass)

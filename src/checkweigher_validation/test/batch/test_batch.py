@@ -1,0 +1,125 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Batches read from a record and from a CSV, and their figures against numbers worked by hand."""
+
+from dataclasses import asdict
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from checkweigher_dsp.production.audit_log import Entry
+from checkweigher_dsp.production.batch_record import RecordError, RecordWriter
+from checkweigher_dsp.production.recipes import make_product
+from checkweigher_dsp.reasons import StopReason
+from checkweigher_dsp.records import Decision, FillerFeedback, StopRequest, Verdict
+from checkweigher_validation.batch.batch import Batch, BatchError, read_csv, read_record
+from checkweigher_validation.batch.figures import as_json, figures_of
+from checkweigher_validation.report.batch_page import render_batch
+
+TARE = 0.004
+TINS = make_product('tins <b>', {'nominal': 0.1, 'tare': TARE, 'tu1_quota': 0.025})
+
+
+def verdict(number: int, decision: Decision, contents: float, *reasons: str) -> Verdict:
+    return Verdict(
+        number, number * 10**9, decision, reasons, contents + TARE, product=TINS.name, batch='L1',
+        batch_items=number,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Path:
+    """A batch of 120: 118 accepted, of 100 g and 102 g in turn but one of 95 g."""
+    writer = RecordWriter(tmp_path)
+    writer.begin('L1', '2026-01-01T10:00:00')
+    writer.write('product', asdict(TINS))
+    for number in range(1, 119):
+        contents = 0.095 if number == 7 else 0.1 + 0.002 * (number % 2)
+        writer.write('verdict', verdict(number, Decision.ACCEPT, contents))
+    writer.write('verdict', verdict(119, Decision.UNDER, 0.0952, 'TU1Quota'))
+    writer.write('verdict', verdict(120, Decision.OVER, 0.12))
+    stray = Verdict(121, 1, Decision.ACCEPT, mass=0.1, product='tins <b>', batch='L0')
+    writer.write('verdict', stray)
+    stop = StopRequest(StopReason.TOO_MANY_REJECTS, 120, text='<script>')
+    writer.write('stop', {'time': '2026-01-01T10:30:00', **asdict(stop)})
+    writer.write('filler', FillerFeedback(1, 'tins <b>', 10, 10, 0.1, 0.101, -5e-4, -5e-4))
+    writer.end('2026-01-01T11:00:00')
+    ended = writer.ended.get(timeout=60)
+    writer.close()
+    return ended.path
+
+
+def test_the_figures_of_a_record_are_those_of_its_items(record: Path):
+    batch = read_record(record)
+    assert (batch.name, batch.end, batch.strays) == ('L1', '2026-01-01T11:00:00', 1)
+    assert batch.sha256 == hashlib.sha256(record.read_bytes()).hexdigest()
+    (part,) = [figures_of(each, seed=1) for each in batch.parts]
+    assert part.decisions == {'FAULT': 0, 'ACCEPT': 118, 'UNDER': 1, 'OVER': 1}
+    assert part.reasons == {'TU1Quota': 1, 'OVER': 1}
+    # 59 odd ones, of which the one of 95 g would have been 102 g, and 59 even ones.
+    assert part.mean == pytest.approx((58 * 102 + 95 + 59 * 100) / 118 * 1e-3, rel=1e-12)
+    assert part.giveaway == pytest.approx(part.mean - 0.1, rel=1e-9)
+    assert part.counts.sum() == 118
+    assert part.chart is not None
+    assert len(part.chart.means) == 23
+    assert part.judgement is not None
+    assert (part.judgement.below_tu1, part.judgement.passed) == (1, True)
+    assert part.reference is not None
+    assert (part.reference.batch_size, part.reference.samples[0].count) == (118, 30)
+
+
+def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(record: Path):
+    entries = [
+        Entry(number, f'2026-01-01T{hour}:30:00', '/reject', 'parameter', 'limit', 1, 2, '')
+        for number, hour in ((1, '09'), (2, 10), (3, 12))
+    ]
+    batch = read_record(record).with_changes(entries)
+    assert [each.sequence for each in batch.changes] == [2]
+    parts = [figures_of(each, seed=1) for each in batch.parts]
+    made = json.loads(json.dumps(as_json(batch, parts), allow_nan=False))
+    assert made['products'][0]['reference_test']['k'] == 0.503
+    assert made['products'][0]['control_chart']['centre'] == pytest.approx(0.101, abs=2e-4)
+    assert (made['stops'][0]['reason'], made['filler'][0]['step']) == ('TooManyRejects', -5e-4)
+    assert [each['sequence'] for each in made['changes']] == [2]
+    page = render_batch(batch, parts)
+    assert page == render_batch(batch, parts)
+    for text in ('tins &lt;b&gt;', '&lt;script&gt;', batch.sha256, 'TU1Quota', 'parameter limit'):
+        assert text in page
+    assert '<b>' not in page
+    assert '<script' not in page
+    assert page.count('<svg') == 2
+
+
+def test_a_batch_in_which_nothing_was_accepted_has_a_report():
+    batch = Batch('none', 'none', ())
+    assert as_json(batch, [])['products'] == []
+    assert 'Batch none' in render_batch(batch, [])
+
+
+def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Path):
+    path = tmp_path / 'masses.csv'
+    path.write_text(
+        'item_id,t3,mass_g,decision,reasons\n'
+        '1,1700000002.000000007,104.5,ACCEPT,\n2,,,FAULT,NoLoad;Saturation\n'
+    )
+    (part,) = read_csv(path, TINS).parts
+    assert part.items[0].mass == pytest.approx(0.1005, rel=1e-12)
+    assert part.items[0].stamp == 1_700_000_002_000_000_007
+    assert (part.items[1].reasons, part.items[1].stamp) == (('NoLoad', 'Saturation'), None)
+    assert figures_of(part, 1).reasons == {'NoLoad': 1, 'Saturation': 1}
+    path.write_text(path.read_text() + '3,x,1,ACCEPT,\n')
+    with pytest.raises(BatchError, match=r'masses\.csv:4: is no item'):
+        read_csv(path, TINS)
+    path.write_text('a,b\n')
+    with pytest.raises(BatchError, match='it lacks decision, item_id, mass_g, reasons, t3'):
+        read_csv(path, TINS)
+
+
+def test_a_record_with_a_bad_line_is_refused_with_its_number(record: Path):
+    lines = record.read_text().splitlines()
+    lines[3] = lines[3].replace('"ACCEPT"', '"MAYBE"')
+    record.write_text('\n'.join(lines) + '\n')
+    with pytest.raises(RecordError, match=r'L1\.jsonl:4: .*MAYBE'):
+        read_record(record)
