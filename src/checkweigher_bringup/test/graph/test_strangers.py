@@ -55,6 +55,7 @@ class Campaign:
         self.counts: Counter[str] = Counter()
         self.stamps: set[int] = set()  # of edges, ns
         self.made_up: set[int] = set()  # of those that no eye saw
+        self.attacked = 0  # until then, ns of the line: where the host is busy it is behind
         line.judge_until(Verdict.ACCEPT)
 
     def run(self, attacks: Sequence[Attack], seconds: float) -> None:
@@ -71,6 +72,8 @@ class Campaign:
             self.spinner.remove(stranger)
         ended = time.monotonic()
         self._take_all()
+        self._hear_edges()
+        self.attacked = self._hear_edge()  # of the driver, as nobody else is left
         during, self.line.found = self.line.found, []
         self._recover()
         self.counts['tried'] += len(attacks)
@@ -104,15 +107,24 @@ class Campaign:
         )
 
     def _next(self) -> Any:
-        """Return the next verdict that is not made up."""
+        """Return the next verdict on a product that entered after the attack."""
         while True:
             verdict = self.line.verdicts.get(timeout=PATIENCE)[1]
-            while not self.line.edges.empty():
-                edge = self.line.edges.get()[1]
-                self.stamps.add(stamp_from(edge.header.stamp))
-            if verdict.item_id < FORGED and stamp_from(verdict.t1) in self.stamps - self.made_up:
+            self._hear_edges()
+            entered = stamp_from(verdict.t1)
+            if verdict.item_id < FORGED and entered in self.stamps - self.made_up:
                 self.line.found.append(verdict)
-                return verdict
+                if entered > self.attacked:
+                    return verdict
+
+    def _hear_edges(self) -> None:
+        while not self.line.edges.empty():
+            self._hear_edge()
+
+    def _hear_edge(self) -> int:
+        edge = self.line.edges.get(timeout=PATIENCE)[1]
+        self.stamps.add(stamp := stamp_from(edge.header.stamp))
+        return stamp
 
 
 def _is_wrong(verdict: Verdict) -> bool:
