@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Tuning of the learned estimator: the covariance of what a pass has beside its load.
 
-.. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o + n d d'
+.. math:: C = R'R + a n N + b \sigma^2 I + c \sum_o \frac{\sigma^2}{\sigma_o^2} R_o'R_o
+   + n (d d' + z^2 1 1')
 
 R are the residuals of the n passes of a speed from the mean curve, and :math:`\sigma^2` the mean of
 their variances. What they cannot tell yet, being few, is drawn from what is known beside them: the
 noise N of the empty belt, white noise, the residuals :math:`R_o` of the other speeds at the same
-places of the belt, and the curve d by which a heavier product rings slower. With few passes these
+places of the belt, the curve d by which a heavier product rings slower, and the error z of the
+zero, which passes that run soon after each other share and so hardly show. With few passes these
 decide, with many the passes. How much each counts, a to c, is averaged over a grid, each point of
 it by the likelihood of passes that were held out from it. [own derivation]
 """
@@ -44,6 +46,7 @@ _LESS = 0.95  # of that gap will do in production
 _FEWEST = 3  # passes that teach weights
 _FOLDS = 8
 _SLOWER = 0.01  # by what share the ringing of one product may be slower than that of another
+_ZERO = 2.0  # z, as a multiple of the standard deviation that the segmenter states
 _LEAST_VARIANCE = 1e-18  # kg^2
 # a, b and c.
 _SHARES = tuple(product((0.0, 0.03, 0.3, 3.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0)))
@@ -79,11 +82,12 @@ class Prior:
     noise: NDArray[np.float64]  # (k, k), kg^2, of the empty belt
     elsewhere: NDArray[np.float64]  # (k, k), residuals of other speeds, each of variance 1
     time: NDArray[np.float64]  # (k,), since t1, in parts
+    zero: float = 0.0  # kg^2, variance of an error that all parts have
 
     def last(self, count: int) -> 'Prior':
         """Return that of the last parts alone."""
         end = slice(-count, None)
-        return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end])
+        return Prior(self.noise[end, end], self.elsewhere[end, end], self.time[end], self.zero)
 
 
 def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
@@ -94,6 +98,7 @@ def weights_by_share(known: Evidence, prior: Prior) -> NDArray[np.float64]:
     if not are_distinct(known.masses):
         drawl = _SLOWER * float(known.masses.mean()) * prior.time * np.gradient(curve)
         scatter = scatter + count * np.outer(drawl, drawl)
+    scatter = scatter + count * prior.zero
     covariances = np.stack(
         [
             scatter + a * count * prior.noise
@@ -199,7 +204,10 @@ class TunedLearned(Tunable):
         settle = self.base.segmenter.settle_time
         windows = [each.window for each in self.group.passes]
         noise = toeplitz(empty_belt_covariances(windows, layout, settle))
-        return Prior(noise, elsewhere, np.maximum(np.arange(layout.count) - layout.lead + 0.5, 0.0))
+        time = np.maximum(np.arange(layout.count) - layout.lead + 0.5, 0.0)
+        deviations = [each.zero_std_dev / each.counts_per_kg for each in windows]
+        zero = float(np.mean(np.square(deviations)))
+        return Prior(noise, elsewhere, time, _ZERO * _ZERO * zero)
 
 
 def empty_belt_covariances(

@@ -63,6 +63,17 @@ def test_with_many_passes_the_weights_are_those_of_gauss_and_markov(machine, not
     assert weights @ covariance @ weights < 1.02 * (best @ covariance @ best)
 
 
+def test_what_is_known_of_the_zero_is_taken_out_though_no_pass_shows_it(machine, nothing):
+    # The empty belt is a part of its own: what the zero is off stands there, too.
+    covariance, curve = machine
+    known = evidence(8, covariance, np.where(np.arange(PARTS), curve, 0.0))
+    sums = [
+        np.abs(weights_by_share(known, replace(nothing, zero=zero)).sum(axis=1)).mean()
+        for zero in (0.0, 1.0)
+    ]
+    assert sums[1] < 1e-3 < 0.01 < sums[0]
+
+
 def test_with_few_passes_what_the_empty_belt_shows_makes_up_for_them(machine, nothing):
     covariance, curve = machine
     few = [evidence(4, covariance, curve, seed) for seed in range(20)]
