@@ -81,18 +81,24 @@ def test_parameters_reach_the_graph_as_they_reach_offline(rows: Rows, tmp_path: 
     parameters.write_text(
         '/**:\n  ros__parameters:\n    lower_limit: 0.1\n    upper_limit: 0.2\n'
         '/**/identifier:\n  ros__parameters:\n    iswd_eksi:\n      rise_noise: [1000.0]\n'
+        '/**/reject:\n  ros__parameters:\n    tu1: 0.14\n    tu1_quota: 0.3\n'
+        '    batch_counts: [4.0, 3.0, 0.0, 0.0]\n'
     )
     bag = BAGS / 'paper_60'
     offline = rows('weigh', bag, '--params', parameters)
     assert rows('replay', bag, '--rate', '0', '--params', parameters) == offline
-    decisions = {row['reference_g']: row['decision'] for row in offline}
+    decisions: dict[str, str] = {}
+    for row in offline:
+        decisions[row['reference_g']] = decisions.get(row['reference_g'], '') + row['decision'][0]
     assert decisions == {
-        '74.500000': 'UNDER',
-        '134.500000': 'ACCEPT',
-        '164.500000': 'ACCEPT',
-        '194.500000': 'ACCEPT',
-        '254.500000': 'OVER',
+        '74.500000': 'UUUUU',
+        # 1 of 4, 2 of 7 and 3 of 10 are below TU1, 4 of 13 would be too many, 4 of 15 are not.
+        '134.500000': 'AAAUA',
+        '164.500000': 'AAAAA',
+        '194.500000': 'AAAAA',
+        '254.500000': 'OOOOO',
     }
+    assert [row['reasons'] for row in offline if row['reasons']] == ['TU1Quota']
     assert [row['mass_g'] for row in offline] != [row['mass_g'] for row in rows('weigh', bag)]
 
 

@@ -381,8 +381,7 @@ class ProductNode(StageNode[ProductParameters]):
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return which recipe is in use, and whether changes are written down."""
-        found = [self._diagnose_recipe(), self._diagnose_log()]
-        return [*found, self._diagnose_record(self._record)] if self._record else found
+        return [self._diagnose_recipe(), self._diagnose_log(), self._diagnose_record()]
 
     def _diagnose_recipe(self) -> Finding:
         product, first = self._production.product, self.parameters.product
@@ -416,11 +415,13 @@ class ProductNode(StageNode[ProductParameters]):
             found.append(Concern(Level.WARN, text, 'name another file in audit_log'))
         return conclude('Audit log', f'written to {self._log.path}', found, values)
 
-    def _diagnose_record(self, record: BatchRecorder) -> Finding:
+    def _diagnose_record(self) -> Finding:
+        if self._record is None:
+            return conclude('Batch record', 'none: batches are not recorded', ())
         found = []
-        if record.trouble:
+        if trouble := self._record.trouble:
             hint = 'make room, or see to the disk: verdicts wait in memory'
-            found.append(Concern(Level.ERROR, record.trouble, hint))
+            found.append(Concern(Level.ERROR, trouble, hint))
         folder = self.parameters.batch_folder
         return conclude('Batch record', f'written to {folder}', found, {'folder': folder})
 
