@@ -21,47 +21,64 @@ from typing import NoReturn
 from checkweigher_dsp.parent_process import end_with_parent
 from checkweigher_dsp.printable import one_line
 
-# Name, purpose and one example of each; its module in commands/ has its name.
-COMMANDS = (
-    ('simulate', 'write a bag of simulated products with known masses',
-     'simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line'),
-    ('weigh', 'weigh a bag offline, with the same stages as the graph',
-     'weigh bags/paper_60 --csv masses.csv'),
-    ('replay', 'play a bag through the ROS graph and show each verdict',
-     'replay bags/paper_60 --rate 0'),
-    ('run', 'run a live line, show each verdict, start again what dies',
-     'run --params my_line.yaml --processes'),
-    ('record', 'record a running graph into a bag',
-     'record --output /tmp/shift1 --duration 60'),
-    ('recover', 'make a whole bag of a recording that broke off',
-     'recover shift1 --output shift1_whole'),
-    ('keep', 'cut an item out of a bag, as a small bag for a report',
-     'keep shift1 --item 17 --output item17'),
-    ('echo', 'show masses and verdicts of a running graph as they come',
-     'echo --namespace lane1'),
-    ('status', 'show what is wrong with a running line, worst first, and what to check',
-     'status --count 1'),
-    ('page', 'show the running lanes in a browser, and act on them with a login',
-     'page --port 8080'),
-    ('user', 'add, list, change and remove the users of the page',
-     'user add anna --role operator'),
-    ('certificate', 'make a self-signed certificate for the page, and show its fingerprint',
-     'certificate scale7.local 192.168.1.7 --certificate page.crt --key page.key'),
-    ('tune', 'learn parameters from passes of known mass',
-     'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
-    ('evaluate', 'show the accuracy of the estimators on passes of known mass',
-     'evaluate --protocol paper --html report.html'),
-    ('batch', "report on a batch: the packers' rules, the reference test, histogram, control chart",
-     'batch bags/paper_60 --nominal 134.5 --html batch.html'),
-    ('calibrate', 'calibrate the load cell with known masses at rest',
-     'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
-    ('verify', 'verify the machine by the book, and write the report',
-     'verify plan.yaml --output /tmp/verification'),
-    ('audit', 'verify the chain of an audit log and show what was changed',
-     'audit /var/log/checkweigher/lane1.log'),
-    ('import', 'turn a CSV log of a scale into a bag',
-     'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output /tmp/log'),
-)  # fmt: skip
+# Name, purpose and one example of each, by folder of commands/: its module there has its name.
+GROUPS = {
+    'line': (
+        ('run', 'run a live line, show each verdict, start again what dies',
+         'run --params my_line.yaml --processes'),
+        ('status', 'show what is wrong with a running line, worst first, and what to check',
+         'status --count 1'),
+        ('echo', 'show masses and verdicts of a running graph as they come',
+         'echo --namespace lane1'),
+        ('record', 'record a running graph into a bag',
+         'record --output /tmp/shift1 --duration 60'),
+        ('calibrate', 'calibrate the load cell with known masses at rest',
+         'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
+        ('page', 'show the running lanes in a browser, and act on them with a login',
+         'page --port 8080'),
+        ('user', 'add, list, change and remove the users of the page',
+         'user add anna --role operator'),
+        ('certificate', 'make a self-signed certificate for the page, and show its fingerprint',
+         'certificate scale7.local 192.168.1.7 --certificate page.crt --key page.key'),
+    ),
+    'recordings': (
+        ('weigh', 'weigh a bag offline, with the same stages as the graph',
+         'weigh bags/paper_60 --csv masses.csv'),
+        ('replay', 'play a bag through the ROS graph and show each verdict',
+         'replay bags/paper_60 --rate 0'),
+        ('simulate', 'write a bag of simulated products with known masses',
+         'simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line'),
+        ('import', 'turn a CSV log of a scale into a bag',
+         'import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 '
+         '--output /tmp/log'),
+        ('keep', 'cut an item out of a bag, as a small bag for a report',
+         'keep shift1 --item 17 --output item17'),
+        ('recover', 'make a whole bag of a recording that broke off',
+         'recover shift1 --output shift1_whole'),
+    ),
+    'accuracy': (
+        ('tune', 'learn parameters from passes of known mass',
+         'tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml'),
+        ('evaluate', 'show the accuracy of the estimators on passes of known mass',
+         'evaluate --protocol paper --html report.html'),
+        ('verify', 'verify the machine by the book, and write the report',
+         'verify plan.yaml --output /tmp/verification'),
+    ),
+    'production': (
+        ('batch', "report on a batch: the packers' rules, the reference test, histogram, "
+         'control chart',
+         'batch bags/paper_60 --nominal 134.5 --html batch.html'),
+        ('audit', 'verify the chain of an audit log and show what was changed',
+         'audit /var/log/checkweigher/lane1.log'),
+    ),
+}  # fmt: skip
+COMMANDS = tuple(row for rows in GROUPS.values() for row in rows)
+_TITLES = {
+    'line': 'a line that runs',
+    'recordings': 'recorded bags',
+    'accuracy': 'how accurate it is',
+    'production': 'what was produced and changed',
+}
 
 _PROGRAM = 'checkweigher'
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # ask a command to end
@@ -77,7 +94,11 @@ class _Parser(argparse.ArgumentParser):
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the command line, with the options of `only` one command or of all."""
     names = [name for name, *_ in COMMANDS]
-    examples = '\n'.join(f'  {_PROGRAM} {example}' for *_, example in COMMANDS)
+    examples = '\n'.join(
+        line
+        for group, rows in GROUPS.items()
+        for line in (f'  # {_TITLES[group]}', *(f'  {_PROGRAM} {example}' for *_, example in rows))
+    )
     parser = _Parser(
         prog=_PROGRAM,
         description='An in-motion checkweigher: masses and verdicts of products on a belt scale.',
@@ -101,9 +122,10 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 
 def _module_of(command: str) -> ModuleType:
+    group = next(group for group, rows in GROUPS.items() if command in {row[0] for row in rows})
     # `import` is a word of Python, and no module can be imported by that name.
     suffix = '_' if iskeyword(command) else ''
-    return import_module(f'checkweigher_bringup.commands.{command}{suffix}')
+    return import_module(f'checkweigher_bringup.commands.{group}.{command}{suffix}')
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

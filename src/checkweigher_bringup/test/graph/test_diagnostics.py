@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from running import PATIENCE, ROOT, run_command
 
-from checkweigher_bringup.commands.status import table
+from checkweigher_bringup.commands.line.status import table
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode

@@ -14,7 +14,7 @@ from recorded_steps import record_steps
 from running import run_command
 
 from checkweigher_bringup.cli import build_parser
-from checkweigher_bringup.commands import verify as verify_command
+from checkweigher_bringup.commands.accuracy import verify as verify_command
 from checkweigher_bringup.settings import line_parameters
 from checkweigher_dsp.production.audit_log import AuditLog
 from checkweigher_recording.bags.reading import read_bag

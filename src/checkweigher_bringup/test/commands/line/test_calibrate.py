@@ -16,7 +16,7 @@ from running import run_command
 import yaml
 
 from checkweigher_bringup.cli import build_parser
-from checkweigher_bringup.commands import calibrate as calibrate_command
+from checkweigher_bringup.commands.line import calibrate as calibrate_command
 from checkweigher_bringup.settings import line_parameters
 from checkweigher_driver.calibration.file import check_calibration_file, write_version
 from checkweigher_driver.calibration.static_calibration import (
