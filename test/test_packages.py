@@ -37,6 +37,7 @@ KEYS = {
     'ruamel': 'python3-ruamel.yaml',
     'scipy': 'python3-scipy',
     'selenium': 'python3-selenium',
+    'websocket': 'python3-selenium',  # comes with it
     'serial': 'python3-serial',
     'tqdm': 'python3-tqdm',
     'yaml': 'python3-yaml',

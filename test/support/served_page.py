@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page, served by a process of its own on a free port."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPResponse
 import os
@@ -35,8 +35,16 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
 
 def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:
     """Return the answer of the page to a request, read to its end."""
+    return _get(port, path, headers)[0]
+
+
+def get_text(port: int, path: str = '/') -> str:
+    """Return what the page sends."""
+    return _get(port, path, {})[1]
+
+
+def _get(port: int, path: str, headers: Mapping[str, str]) -> tuple[HTTPResponse, str]:
     with closing(HTTPConnection('127.0.0.1', port, timeout=PATIENCE)) as connection:
-        connection.request('GET', path, headers=headers)
+        connection.request('GET', path, headers=dict(headers))
         answer = connection.getresponse()
-        answer.read()
-        return answer
+        return answer, answer.read().decode()

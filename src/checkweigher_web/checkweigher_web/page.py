@@ -119,7 +119,9 @@ class LanePage:
         if math.isfinite(verdict.std_dev):
             parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
         if item.estimate is not None:
-            parts += [_number(60 * item.estimate.belt_speed, 1, ' m/min'), item.estimate.estimator]
+            if math.isfinite(item.estimate.belt_speed):
+                parts.append(f'{60 * item.estimate.belt_speed:.1f} m/min')
+            parts.append(item.estimate.estimator)
         if math.isfinite(item.reference):
             parts.append(f'reference {GRAMS * item.reference:.2f} g')
         self._about.set_text(', '.join(parts))
