@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 import errno
+from functools import partial
 import os
 from pathlib import Path
 import socket
@@ -29,8 +30,12 @@ from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
 from checkweigher_web.playback_page import PlaybackPage
 from checkweigher_web.shift import Shift
+from checkweigher_web.work.bar import work_bar
+from checkweigher_web.work.dialogs import Desk
+from checkweigher_web.work.services import Workshop
 
 _LOOK_PERIOD = 1.0  # s
+_AWAY = 15.0  # s, for which a browser without network keeps its page, and a dialog on it
 _LARGEST_MESSAGE = 1 << 20  # bytes, of a browser
 STYLE = Path(__file__).with_name('page.css')
 _REPORT = '/report'
@@ -138,6 +143,7 @@ def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str
     viewers: Counter[str] = Counter()
     watch = Watch(spinner, namespace)
     watch.viewers = lambda name: viewers[name]
+    workshop = Workshop(spinner)
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:
@@ -159,6 +165,8 @@ def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
         header(access, name)
+        if access.sessions is not None:
+            work_bar(Desk(access, watch.lanes[name], partial(workshop.of, name)))
         LanePage(watch.lanes[name], watch.board)
 
     try:
@@ -179,7 +187,10 @@ def _application(site: Site) -> tuple[Access, FastAPI]:
 
 def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     site = access.site
-    ui.run_with(app, title='Checkweigher', tailwind=False, show_welcome_message=False)
+    ui.run_with(
+        app, title='Checkweigher', tailwind=False, show_welcome_message=False,
+        reconnect_timeout=_AWAY,
+    )  # fmt: skip
     bind_events(access)
 
     nicegui.timer(_LOOK_PERIOD, access.expel)

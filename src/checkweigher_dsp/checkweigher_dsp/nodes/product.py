@@ -18,6 +18,7 @@ from checkweigher_dsp.nodes.batch_recorder import BatchRecorder
 from checkweigher_dsp.nodes.line_recipe import LineRecipe
 from checkweigher_dsp.nodes.parameter_audit import ParameterAudit
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_dsp.production.audit_trail import AuditTrail
@@ -47,6 +48,7 @@ from checkweigher_dsp.ros.stage_node import StageNode
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
+_LONGEST_NAME = 64  # characters, of a person
 # Statistics that the audit log keeps.
 _AUDITED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
 
@@ -358,6 +360,10 @@ class ProductNode(StageNode[ProductParameters]):
             self._trail.note(kind, subject, None, value)
         elif kind == audit_trail.REPORT and self._has_record(subject):
             self._trail.state(kind, subject, value)
+        elif (
+            kind == audit_trail.PERSON and len(subject) <= _LONGEST_NAME and isinstance(value, str)
+        ):
+            self._trail.note(kind, one_line(subject), None, one_line(value))
         else:
             raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
 

@@ -17,7 +17,7 @@ from checkweigher_dsp.records import Verdict
 
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
-RESTORED, ZERO = 'restored', 'zero'
+RESTORED, ZERO, PERSON = 'restored', 'zero', 'person'
 RECORD, REPORT = 'record', 'report'  # of a batch
 
 

@@ -13,6 +13,7 @@
         tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
         mean_value: true          # the mean of the batch is never below nominal
         filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
+        reason: true              # a person at the page has to say why something is changed
         parameters:               # of the nodes, as in a parameter file
           identifier:
             estimator: gauss_markov
@@ -50,7 +51,7 @@ _RULES = ('nominal', 'tu1', 'tu1_quota', 'mean_value', 'batch', 'batch_counts')
 _OWN = (*_LIMITS, *_RANGES, *_RULES, 'product', 'needs_product')
 _KEYS = (
     'nominal', 'tare', *_LIMITS, 'length', 'speed', 'tu1_quota', 'mean_value', 'filler',
-    'parameters',
+    'reason', 'parameters',
 )  # fmt: skip
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
@@ -75,6 +76,7 @@ class Product:
     tu2: float = math.nan
     length: tuple[float, float] = (0.0, math.inf)  # m, smallest and largest
     speed: tuple[float, float] = (0.0, math.inf)  # m/s, smallest and largest
+    reason: bool = False  # a person at the page has to say why something is changed
     parameters: Changes = field(default_factory=dict)  # further ones
     tu1_quota: float = math.nan  # share of a batch that may be below TU1; NaN for no such rule
     mean_value: bool = False  # whether the mean of a batch must never be below nominal
@@ -172,6 +174,7 @@ def make_product(name: object, values: object) -> Product:
         tu2=tu2,
         length=_range(f'{name}.length', values.get('length'), 'm'),
         speed=_range(f'{name}.speed', values.get('speed'), 'm/s'),
+        reason=_truth(f'{name}.reason', values.get('reason', False)),
         parameters=_parameters(f'{name}.parameters', values.get('parameters')),
         tu1_quota=quota,
         mean_value=_truth(f'{name}.mean_value', values.get('mean_value', False)),

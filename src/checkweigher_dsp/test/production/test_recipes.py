@@ -106,6 +106,7 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('length', [0, 0], 'crisps.length: from 0 to 0 m nothing would be weighed'),
         ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
+        ('reason', 'yes', "crisps.reason: 'yes' is not true or false"),
         ('colour', 'red', 'crisps.colour: no such key'),
         ('tu1_quota', 0.025, 'crisps.tu1_quota: items from TU2 to TU1 are what it is about'),
         ('mean_value', 1, 'crisps.mean_value: 1 is not true or false'),

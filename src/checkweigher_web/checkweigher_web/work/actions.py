@@ -1,0 +1,121 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Actions of persons on a lane: what an operator and a technician may do."""
+
+from dataclasses import dataclass
+import math
+from pathlib import Path
+
+from lifecycle_msgs.msg import State, Transition
+
+from checkweigher_dsp.production.recipes import Product, RecipeError, read_recipes
+from checkweigher_dsp.records import GRAMS
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.line_parameters import python_value
+from checkweigher_dsp.ros.node_parameters import ros_parameters
+from checkweigher_web.work.services import LaneServices, RefusedError
+
+_MANAGED = 'reject', 'driver'  # in the order in which they start
+_STEPS = {
+    State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
+    State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE,
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the reject node, kg; infinite where there is none."""
+
+    lower: float
+    upper: float
+
+    def __str__(self) -> str:
+        return f'{_grams(self.lower)} and {_grams(self.upper)}'
+
+
+async def products(services: LaneServices) -> dict[str, Product]:
+    """Return the products of the recipe file of a lane, by name.
+
+    `RefusedError` if the lane has none, or its file is not on this machine.
+    """
+    (path,) = await _parameters(services, 'product', 'recipes')
+    if not path:
+        raise RefusedError('the node product has no recipe file: set its parameter recipes')
+    try:
+        return read_recipes(Path(str(path)))
+    except RecipeError as error:
+        raise RefusedError(str(error)) from None
+
+
+async def select_product(services: LaneServices, name: str) -> str:
+    """Select a product."""
+    await services.call('select_product', product=name)
+    return f'product {name} is selected'
+
+
+async def new_batch(services: LaneServices, name: str) -> str:
+    """Begin a batch."""
+    answer = await services.call('new_batch', batch=name)
+    return f'batch {name} has begun; the one before had {answer.finished.items} items'
+
+
+async def zero(services: LaneServices) -> str:
+    """Take the next empty belt for the zero."""
+    answer = await services.call(ports.ZERO)
+    return str(answer.message) or 'the zero is set'
+
+
+async def reset_stop(services: LaneServices) -> str:
+    """Take a stop request back."""
+    answer = await services.call(ports.RESET_STOP_REQUEST)
+    return str(answer.message) or 'the stop request is taken back'
+
+
+async def stop(services: LaneServices) -> str:
+    """Stop weighing: deactivate the driver."""
+    await _change(services, 'driver', Transition.TRANSITION_DEACTIVATE)
+    return 'weighing has stopped'
+
+
+async def start(services: LaneServices) -> str:
+    """Start weighing: have reject and driver work, from whatever state they are in."""
+    for node in _MANAGED:
+        for _ in _STEPS:
+            if (step := _STEPS.get(await state(services, node))) is not None:
+                await _change(services, node, step)
+    return 'weighing has started'
+
+
+async def state(services: LaneServices, node: str) -> int:
+    """Return the state of a managed node."""
+    return int((await services.call(f'{node}/get_state')).current_state.id)
+
+
+async def _change(services: LaneServices, node: str, step: int) -> None:
+    await services.call(f'{node}/change_state', transition=Transition(id=step))
+
+
+async def limits(services: LaneServices) -> Limits:
+    """Return the limits of a lane."""
+    lower, upper = await _parameters(services, 'reject', 'lower_limit', 'upper_limit')
+    return Limits(float(str(lower)), float(str(upper)))
+
+
+async def set_limits(services: LaneServices, wanted: Limits) -> str:
+    """Set both limits, or none."""
+    values = {'lower_limit': wanted.lower, 'upper_limit': wanted.upper}
+    given = [each.to_parameter_msg() for each in ros_parameters(values)]
+    name = 'reject/set_parameters_atomically'
+    result = (await services.call(name, parameters=given)).result
+    if not result.successful:
+        raise RefusedError(result.reason)
+    return f'the limits are {wanted}'
+
+
+def _grams(limit: float) -> str:
+    return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
+
+
+async def _parameters(services: LaneServices, node: str, *names: str) -> list[object]:
+    answer = await services.call(f'{node}/get_parameters', names=list(names))
+    return [python_value(value) for value in answer.values]

@@ -1,0 +1,144 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The buttons of the work on a lane, for the role of the person."""
+
+from collections.abc import Awaitable, Callable
+from functools import partial
+import math
+
+from nicegui import ui
+
+from checkweigher_dsp.records import GRAMS
+from checkweigher_web.access.users import Role
+from checkweigher_web.work import actions
+from checkweigher_web.work.actions import Limits
+from checkweigher_web.work.calibration import calibrate
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
+from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+
+_BUTTONS: tuple[tuple[str, Role, Callable[[Desk, LaneServices], Awaitable[None]]], ...]
+
+
+def work_bar(desk: Desk) -> None:
+    """Show the buttons that the person may use."""
+    with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
+        for label, role, begin in _BUTTONS:
+            if desk.role >= role:
+                ui.button(label, on_click=partial(_begin, desk, label, role, begin)).props(
+                    'outline no-caps'
+                )
+
+
+async def _begin(
+    desk: Desk, label: str, role: Role,
+    begin: Callable[[Desk, LaneServices], Awaitable[None]],
+) -> None:  # fmt: skip
+    """Open a dialog, if the person still has the role."""
+    if desk.role < role:
+        ui.navigate.to('/login')
+        return
+    services = await desk.services()
+    try:
+        known = await actions.products(services)
+        product = known.get(desk.lane.statistics.product) if desk.lane.statistics else None
+        desk.needs_reason = product is not None and product.reason
+    except RefusedError:
+        desk.needs_reason = False
+    try:
+        await begin(desk, services)
+    except RefusedError as error:
+        Dialog(label).tell(Outcome(False, str(error)))
+
+
+async def _product(desk: Desk, services: LaneServices) -> None:
+    known = await actions.products(services)
+    chosen: list[ui.select] = []
+
+    def plan() -> tuple[str, Action]:
+        name = chosen[0].value
+        if name not in known:
+            raise RefusedError('choose a product')
+        return f'select product {name}', lambda: actions.select_product(services, name)
+
+    def fields() -> None:
+        now = desk.lane.statistics.product if desk.lane.statistics else ''
+        select = ui.select(list(known), label='Product', value=now if now in known else None)
+        chosen.append(select.props('outlined dense'))
+
+    text = 'All parameters of the product are set. Change it while the belt is empty.'
+    ask(desk, Role.OPERATOR, 'Product', text, 'Select', plan, fields)
+
+
+async def _batch(desk: Desk, services: LaneServices) -> None:
+    given: list[ui.input] = []
+
+    def plan() -> tuple[str, Action]:
+        name = str(given[0].value or '').strip()
+        return f'begin batch {name}', lambda: actions.new_batch(services, name)
+
+    text = 'The counts of this batch end, and those of the new one begin at 0.'
+    ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, lambda: given.append(field('Batch')))
+
+
+async def _zero(desk: Desk, services: LaneServices) -> None:
+    text = 'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.'
+    plan = 'zero', lambda: actions.zero(services)
+    ask(desk, Role.OPERATOR, 'Zero', text, 'Zero', lambda: plan)
+
+
+async def _stop(desk: Desk, services: LaneServices) -> None:
+    text = (
+        'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it '
+        'is started and its stop is reset.'
+    )
+    plan = 'stop weighing', lambda: actions.stop(services)
+    ask(desk, Role.OPERATOR, 'Stop', text, 'Stop', lambda: plan)
+
+
+async def _start(desk: Desk, services: LaneServices) -> None:
+    text = 'Weighing starts. The machine may move: see that nobody reaches into it.'
+    plan = 'start weighing', lambda: actions.start(services)
+    ask(desk, Role.OPERATOR, 'Start', text, 'Start', lambda: plan)
+
+
+async def _reset(desk: Desk, services: LaneServices) -> None:
+    stop = desk.lane.stop
+    asked = stop is not None and bool(stop.reason)
+    why = f'{stop.reason}: {stop.hint}. ' if asked and stop else 'No stop is requested. '
+    text = f'{why}The machine may run again: see that what caused the stop is put right.'
+    plan = 'reset stop request', lambda: actions.reset_stop(services)
+    ask(desk, Role.OPERATOR, 'Reset stop', text, 'Reset', lambda: plan)
+
+
+async def _limits(desk: Desk, services: LaneServices) -> None:
+    now = await actions.limits(services)
+    given: list[ui.input] = []
+
+    def plan() -> tuple[str, Action]:
+        lower = number(given[0], empty=-math.inf) / GRAMS
+        upper = number(given[1], empty=math.inf) / GRAMS
+        wanted = Limits(lower, upper)
+        return f'set limits to {wanted}', lambda: actions.set_limits(services, wanted)
+
+    def fields() -> None:
+        for label, value in (('Lower limit', now.lower), ('Upper limit', now.upper)):
+            text = f'{GRAMS * value:g}' if math.isfinite(value) else ''
+            given.append(field(label, text, 'g'))
+
+    text = (
+        'Limits of the gross mass; empty for none. The next selection of a product sets those of '
+        'its recipe.'
+    )
+    ask(desk, Role.TECHNICIAN, 'Limits', text, 'Set', plan, fields)
+
+
+_BUTTONS = (
+    ('Product', Role.OPERATOR, _product),
+    ('New batch', Role.OPERATOR, _batch),
+    ('Zero', Role.OPERATOR, _zero),
+    ('Start', Role.OPERATOR, _start),
+    ('Stop', Role.OPERATOR, _stop),
+    ('Reset stop', Role.OPERATOR, _reset),
+    ('Limits', Role.TECHNICIAN, _limits),
+    ('Calibration', Role.TECHNICIAN, calibrate),
+)

@@ -1,0 +1,165 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The services of a lane, called from the page, and what persons did in the audit log."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+import json
+import time
+from typing import Any
+
+from checkweigher_msgs.srv import (
+    CalibrateSpan,
+    FinishCalibration,
+    NewBatch,
+    RecordChange,
+    RecordPasses,
+    SelectProduct,
+)
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.client import Client
+from std_srvs.srv import Trigger
+
+from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.production.audit_trail import PERSON
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.spinner import Spinner
+
+_DISCOVERY = 3.0  # s, for a service to be found
+_PATIENCE = 120.0  # s, for an answer: a load may take half a minute to come to rest
+_LOOK_PERIOD = 1.0  # s
+
+# The node that has a service, by its name in the lane.
+_SERVICES: dict[str, tuple[Any, str]] = {
+    'select_product': (SelectProduct, 'product'),
+    'new_batch': (NewBatch, 'product'),
+    ports.RECORD_CHANGE: (RecordChange, 'product'),
+    ports.ZERO: (Trigger, 'segmenter'),
+    ports.RESET_STOP_REQUEST: (Trigger, 'reject'),
+    ports.CALIBRATE_ZERO: (Trigger, 'driver'),
+    ports.CALIBRATE_SPAN: (CalibrateSpan, 'driver'),
+    ports.FINISH_CALIBRATION: (FinishCalibration, 'driver'),
+    ports.CANCEL_CALIBRATION: (Trigger, 'driver'),
+    ports.RECORD_PASSES: (RecordPasses, 'dynamic_setting'),
+    ports.TUNE_PASSES: (Trigger, 'dynamic_setting'),
+    ports.CANCEL_PASSES: (Trigger, 'dynamic_setting'),
+    **{
+        f'{node}/{name}': (kind, node)
+        for node in ('driver', 'reject')
+        for name, kind in (('get_state', GetState), ('change_state', ChangeState))
+    },
+    **{f'{node}/get_parameters': (GetParameters, node) for node in ('driver', 'product', 'reject')},
+    'reject/set_parameters_atomically': (SetParametersAtomically, 'reject'),
+}
+
+
+class RefusedError(Exception):
+    """What was asked was not done; the message says why, in words."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """Who acts, and from where."""
+
+    name: str
+    address: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an action, in words."""
+
+    done: bool
+    text: str
+
+
+class LaneServices(PortNode):
+    """Clients of the services of a lane, for the thread of the page."""
+
+    def __init__(self, lane: str) -> None:
+        super().__init__('page_work', namespace=f'/{lane}')
+        self._by_name: dict[str, Client] = {
+            name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
+        }
+        self._has_log = False
+
+    async def call(self, name: str, **values: Any) -> Any:
+        """Return the answer of a service; `RefusedError` without one, or if it says no."""
+        client, (kind, node) = self._client(name), _SERVICES[name]
+        deadline = time.monotonic() + _DISCOVERY
+        while not client.service_is_ready():
+            if time.monotonic() > deadline:
+                raise RefusedError(f'the node {node} does not run in this lane')
+            await asyncio.sleep(0.05)
+        answer = await self._answer(client, kind.Request(**values), node)
+        if not getattr(answer, 'success', True):
+            raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
+        return answer
+
+    def _client(self, name: str) -> Client:
+        return self._by_name[name]
+
+    async def _answer(self, client: Client, request: Any, node: str) -> Any:
+        loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: loop.call_soon_threadsafe(came.set))
+        while True:
+            try:
+                await asyncio.wait_for(came.wait(), _LOOK_PERIOD)
+                return future.result()
+            except TimeoutError:
+                gone = not client.service_is_ready()
+                if gone or time.monotonic() - asked > _PATIENCE:
+                    client.remove_pending_request(future)
+                    why = 'ended before it answered' if gone else 'does not answer'
+                    raise RefusedError(f'the node {node} {why}') from None
+
+    async def act(
+        self, person: Person, what: str, reason: str, action: Callable[[], Awaitable[str]]
+    ) -> Outcome:
+        """Do something for a person, written down before with its reason and after with its end.
+
+        `action` returns what was done, or raises `RefusedError`. Without an audit log nothing is
+        written; where a lane has had one, nothing is done without it.
+        """
+        why = f'; reason: {reason}' if reason else ''
+        try:
+            await self._note(person, f'{what}: asked from {person.address}{why}')
+        except RefusedError as error:
+            return Outcome(False, f'nothing was done: not in the audit log: {error}')
+        try:
+            outcome = Outcome(True, await action())
+        except RefusedError as error:
+            outcome = Outcome(False, one_line(error))
+        try:
+            ending = 'done' if outcome.done else f'refused: {outcome.text}'
+            await self._note(person, f'{what}: {ending}')
+        except RefusedError as error:
+            return Outcome(
+                outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
+            )
+        return outcome
+
+    async def _note(self, person: Person, text: str) -> None:
+        self._has_log = self._has_log or self._client(ports.RECORD_CHANGE).service_is_ready()
+        if self._has_log:
+            value = json.dumps(one_line(text))
+            await self.call(ports.RECORD_CHANGE, kind=PERSON, subject=person.name, new_value=value)
+
+
+class Workshop:
+    """The services of all lanes, each made when a person works there first."""
+
+    def __init__(self, spinner: Spinner) -> None:
+        self._spinner = spinner
+        self._lanes: dict[str, LaneServices] = {}
+
+    async def of(self, lane: str) -> LaneServices:
+        """Return the services of a lane."""
+        if lane not in self._lanes:
+            self._lanes[lane] = LaneServices(lane)
+            await asyncio.to_thread(self._spinner.add, self._lanes[lane])
+        return self._lanes[lane]
