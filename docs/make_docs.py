@@ -31,6 +31,7 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
+from checkweigher_dsp.estimation.learning.learner import LearningParameters
 from checkweigher_dsp.nodes.product import ProductParameters
 from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -66,6 +67,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'driver, rejector': ('rejector.', OutputParameters),
     'driver, outputs modbus': ('modbus_outputs.', ModbusOutputParameters),
     'driver, outputs gpio': ('gpio_outputs.', GpioOutputParameters),
+    'identifier, learning': ('learning.', LearningParameters),
     'identifier, every estimator': ('NAME.', EstimatorParameters),
     **{
         f'identifier, estimator {name}': (f'{name}.', type(getattr(IdentifierParameters(), name)))

@@ -100,6 +100,7 @@ def replay(
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # However slow this machine is, a replay gives what `weigh` gives.
     values['reject']['deadlines'] = False
+    values['identifier']['learning.record'] = '-'  # what a line has learned is not in the bag
     values['driver'] = {
         'source': 'bag', 'rate': rate, 'listeners': listeners,
         'bag.path': str(bag.absolute()), 'bag.namespace': lane,

@@ -3,7 +3,9 @@
 """Identification of the mass in denoised weigh windows, by the estimator that was chosen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import hashlib
+import json
 import math
 from typing import ClassVar
 
@@ -23,6 +25,12 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaperParameters
 from checkweigher_dsp.estimation.estimators.learned import LearnedParameters
 from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
+from checkweigher_dsp.estimation.learning.learner import (
+    Learned,
+    LearningParameters,
+    learn,
+    learned_load,
+)
 from checkweigher_dsp.parameters import Parameters, parameter
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import MassEstimate, WeighWindow
@@ -44,6 +52,10 @@ class IdentifierParameters(Parameters):
         0.03, 'largest relative distance from the trained speeds, beyond it SpeedNotTrained',
         minimum=0, maximum=1e9,
     )  # fmt: skip
+    learn: bool = parameter(
+        False, 'learn from products of unknown mass, and weigh by that where it is the better'
+    )
+    learning: LearningParameters = LearningParameters()
     mean: MeanParameters = MeanParameters()
     hann: HannParameters = HannParameters()
     tvlpf: TvlpfParameters = TvlpfParameters()
@@ -62,9 +74,23 @@ class IdentifierParameters(Parameters):
         assert isinstance(chosen, EstimatorParameters)
         return chosen
 
+    @property
+    def basis(self) -> str:
+        """What loads rest on that are learned from: the estimator, and a hash of its parameters."""
+        values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
+        return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
+
 
 class Identifier:
     """Make a mass estimate of each denoised window.
+
+    With `IdentifierParameters.learn` it learns from each of them for those that follow. `known` is
+    what was learned before; without the same estimator and parameters it is worth nothing.
+
+    Attributes
+    ----------
+    learned : Learned
+        What is known by now. It depends on the windows and their order alone.
 
     Examples
     --------
@@ -73,10 +99,13 @@ class Identifier:
     0.2
     """
 
-    def __init__(self, parameters: IdentifierParameters) -> None:
+    def __init__(self, parameters: IdentifierParameters, known: Learned | None = None) -> None:
         self._parameters = parameters
         self._known = parameters.chosen
         self._estimator = ESTIMATORS[parameters.estimator](self._known)
+        basis = parameters.basis
+        self.learned = known if known is not None and known.basis == basis else Learned(basis)
+        self._lesson: tuple[WeighWindow, LoadEstimate] | None = None
 
     @property
     def needs_denoised(self) -> bool:
@@ -93,9 +122,35 @@ class Identifier:
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads = iter(self._estimator.estimate_all(accepted))
         return [
-            refusal or self._estimate(window, next(loads))
+            refusal or self._weigh(window, next(loads))
             for window, refusal in zip(windows, refused, strict=True)
         ]
+
+    def learn(self) -> None:
+        """Learn from the last window now, which the next one would have to wait for."""
+        if self._lesson is not None:
+            self.learned = learn(self.learned, *self._lesson, self._parameters.learning)
+            self._lesson = None
+
+    def forget(self) -> None:
+        """Forget all that was learned."""
+        self.learned, self._lesson = Learned(self.learned.basis), None
+
+    def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
+        """Return the mass of a window, by what was learned from those before it if it may be."""
+        estimate = self._estimate(window, load)
+        if not self._parameters.learn or estimate.reasons:
+            return estimate
+        self.learn()
+        better = learned_load(self.learned, window, load)
+        self._lesson = window, load
+        if better is load:
+            return estimate
+        if not self._known.calibrated:
+            # The gain is that of the estimator, which states how little is known of it.
+            better = replace(better, variance=better.variance + load.variance)
+        learned = self._estimate(window, better)
+        return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
         """Return the estimate of a window that the estimator must not see, with its reasons."""
@@ -145,6 +200,9 @@ class Identifier:
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg
         zero = zero_std_dev * zero_std_dev
+        if load.measured:
+            gain = known.at('gain', speed)
+            return gain * gain * load.variance
         if not known.calibrated:
             return load.variance + zero
         relative = known.at('relative_std_dev', speed) * mass

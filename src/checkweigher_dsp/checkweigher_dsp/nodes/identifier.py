@@ -1,13 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The identifier node: denoised_window to mass_estimate."""
+"""The identifier node: denoised_window to mass_estimate; the service forget_learned."""
 
 from functools import partial
 import time
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from std_srvs.srv import Trigger
 
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
+from checkweigher_dsp.health.learning import describe, learning_finding
+from checkweigher_dsp.nodes.learned_record import LearnedRecord
+from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import WeighWindow, foreign
 from checkweigher_dsp.ros import ports
@@ -22,12 +29,31 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         super().__init__(IdentifierParameters, overrides=overrides)
         self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
         self._workload = WorkloadWatch()
+        self._record: LearnedRecord | None = None
+        self._identifier = Identifier(self.parameters)
+        self._audited: dict[tuple[float, float], tuple[bool, str]] = {}
+        self._kept: tuple[object, ...] = ()
         self.on_parameters()
         self.subscribe(ports.DENOISED_WINDOW, self._on_window, doubted=foreign)
+        self.create_service(
+            Trigger, ports.FORGET_LEARNED, self._on_forget, callback_group=ReentrantCallbackGroup()
+        )
+
+    def start(self) -> None:
+        """Tell also what was known before."""
+        super().start()
+        self._note_learned()
 
     def on_parameters(self) -> None:
         """Begin to use a changed estimator."""
-        self._identifier = Identifier(self.parameters)
+        known = self._identifier.learned
+        if self.parameters.learn and not known.kinds:
+            wanted = self.parameters.learning.record
+            self._record = LearnedRecord(wanted, self.get_fully_qualified_name())
+            known = self._record.read() or known
+            if self._record.trouble:
+                self.warn(self._record.trouble)
+        self._identifier = Identifier(self.parameters, known)
         # What was usual of the estimator before is not of this one.
         self._convergence = ConvergenceWatch()
 
@@ -42,11 +68,59 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._convergence.add(now, estimate)
             for reason in estimate.reasons:
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
+        if self.parameters.learn:
+            self._identifier.learn()
+            self._note_learned()
+
+    async def _on_forget(self, request: Any, response: Any) -> Any:
+        """Forget what was learned, once that is in the audit log."""
+        name = self.get_fully_qualified_name()
+        if reason := await self.change_record.write(audit_trail.LEARNED, name, 'forgotten'):
+            response.message = f'{reason}: not forgotten'
+            return response
+        count = len(self._identifier.learned.kinds)
+        self._identifier.forget()
+        self._audited.clear()
+        self._note_learned()
+        response.success, response.message = True, f'{count} speeds and lengths forgotten'
+        return response
+
+    def _note_learned(self) -> None:
+        """Keep what has been learned, and tell the audit log whether it weighs from now on."""
+        known = self._identifier.learned
+        kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
+        if kept == self._kept:
+            return
+        self._kept = kept
+        if self._record is not None:
+            self._record.write(known)
+        for kind in known.kinds:
+            state = kind.weighs, str(kind.change or '')
+            if state == self._audited.get((kind.speed, kind.length), (False, '')):
+                continue
+            self._audited[kind.speed, kind.length] = state
+            value = {'speed': kind.speed, 'length': kind.length, 'learned': describe(kind)}
+            self.get_logger().info(f'{kind.speed:.3f} m/s: {describe(kind)}')
+            if self.executor is not None:
+                self.executor.create_task(self._audit(value))
+
+    async def _audit(self, value: dict[str, object]) -> None:
+        """Write down what was learned: it follows from the items, and so it is no request."""
+        name = self.get_fully_qualified_name()
+        if reason := await self.change_record.write(audit_trail.LEARNED, name, value):
+            self.warn(f'what was learned: {reason}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how sure the masses are, and how long they take."""
-        limit = self.parameters.max_relative_std_dev
-        return [self._convergence.finding(now, limit), self._workload.finding(now)]
+        """Return how sure the masses are, how long they take, and what was learned."""
+        known = self.parameters
+        trouble = self._record.trouble if self._record is not None else ''
+        return [
+            self._convergence.finding(now, known.max_relative_std_dev),
+            self._workload.finding(now),
+            learning_finding(
+                self._identifier.learned, known.learning, on=known.learn, trouble=trouble
+            ),
+        ]
 
 
 main = partial(run, IdentifierNode)

@@ -352,11 +352,12 @@ class ProductNode(StageNode[ProductParameters]):
     def _write_change(self, kind: str, subject: str, value: Any) -> None:
         namespace, _, node = subject.rpartition('/')
         here = namespace == self.get_namespace().rstrip('/')
+        learner = self.resolve_service_name('identifier')
         if kind == audit_trail.PARAMETER and here and isinstance(value, dict):
             self._audit.announce({node: value})
         elif (kind, subject) == (audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name):
             self._trail.state(kind, subject, value)
-        elif (kind, subject) == (audit_trail.ZERO, ports.ZERO):
+        elif (kind, subject) in ((audit_trail.ZERO, ports.ZERO), (audit_trail.LEARNED, learner)):
             self._trail.note(kind, subject, None, value)
         elif kind == audit_trail.REPORT and self._has_record(subject):
             self._trail.state(kind, subject, value)

@@ -17,7 +17,7 @@ from checkweigher_dsp.records import Verdict
 
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
-RESTORED, ZERO, PERSON = 'restored', 'zero', 'person'
+RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
 RECORD, REPORT = 'record', 'report'  # of a batch
 
 

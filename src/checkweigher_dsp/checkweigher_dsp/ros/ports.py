@@ -192,6 +192,7 @@ PLAYED = ALL[:4]
 ZERO = 'zero'
 RESET_STOP_REQUEST = 'reset_stop_request'
 RESET_OUTPUTS = 'reset_outputs'
+FORGET_LEARNED = 'forget_learned'
 CALIBRATE_ZERO = 'calibrate_zero'
 CANCEL_CALIBRATION = 'cancel_calibration'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'

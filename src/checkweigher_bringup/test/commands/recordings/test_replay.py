@@ -137,3 +137,23 @@ def test_a_second_driver_on_the_same_topics_is_refused(tmp_path: Path):
     said = '/taken/driver runs here already', 'something else publishes /taken/load_cell/samples'
     assert any(text in last_line for text in said)
     assert 'ACCEPT' not in done.stdout
+
+
+def test_what_is_learned_on_the_way_is_the_same_in_the_graph(rows: Rows, tmp_path: Path):
+    line = simulated(profile='machine:206', speed=1.0, count=40, masses=(0.1645,))
+    bag = tmp_path / 'bag'
+    write_bag(bag, line.load_cell, line)
+    record = tmp_path / 'of a line'
+    record.write_text('that replay must neither read nor write')
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(
+        f'/**/identifier: {{ros__parameters: {{learn: true, learning: {{record: {record}}}}}}}'
+    )
+
+    learned = rows('weigh', bag, '--params', parameters)
+
+    assert rows('replay', bag, '--rate', '0', '--params', parameters) == learned
+    assert record.read_text().startswith('that replay')
+    plain = rows('weigh', bag)
+    assert learned[:30] == plain[:30]
+    assert all(a['mass_g'] != b['mass_g'] for a, b in zip(learned[30:], plain[30:], strict=True))

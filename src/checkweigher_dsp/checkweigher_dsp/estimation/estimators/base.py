@@ -4,7 +4,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 import math
 from typing import Any, ClassVar
@@ -32,6 +32,8 @@ class LoadEstimate:
     a1: float = math.nan
     a2: float = math.nan
     b1: float = math.nan
+    # Whether the variance was measured on items, the zero's included.
+    measured: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)

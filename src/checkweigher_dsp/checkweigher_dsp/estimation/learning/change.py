@@ -1,0 +1,88 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of a machine, by what its items have beside the load that was learned."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.estimation.learning.passage import PARTS
+from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
+
+RECENT = 20  # items that show a change
+_ALIKE = 1.25  # factor beyond the loads learned from, within which an item is compared
+_MOVED = 1.5  # standard deviations of a part, by which most items have moved
+_GROWN = 6.0  # times the power that a line had
+_SAME_PHASE = 0.6  # share of the amplitude
+_STRONG = 0.1  # of all power before: a line that matters
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A lasting change: where in the pass, or at which frequency.
+
+    `place` is the share of t1..t3, below 0 before t1, where the load comes on differently, NaN if
+    it is a vibration; `frequency` is then its frequency in Hz. `factor` is by how much: standard
+    deviations of an item at that place, or times the power at that frequency.
+    """
+
+    item_id: int  # with which it was noticed
+    place: float
+    frequency: float
+    factor: float
+
+    def __str__(self) -> str:
+        if np.isnan(self.frequency):
+            return (
+                f'the load differs by {self.factor:.1f} standard deviations at '
+                f'{100 * self.place:.0f} % of the way from t1 to t3'
+            )
+        return f'the vibration at {self.frequency:.1f} Hz has {self.factor:.1f} times its power'
+
+
+def is_comparable(known: Fit, load: float) -> bool:
+    """Tell whether a load, kg, is about one of those that were learned from."""
+    smallest, largest = known.loads
+    return smallest / _ALIKE <= load <= largest * _ALIKE
+
+
+def find_change(
+    known: Fit, residuals: Sequence[NDArray[np.float64]], duration: float, item_id: int
+) -> Change | None:
+    """Return a change that the residuals of the last items show, (k,) each in kg.
+
+    `duration` is that of a part in s, `item_id` that of the last item.
+    """
+    halves = np.array_split(np.array(residuals), 2)
+    # Of each half most items show it: what one or two of them did is no change.
+    before, after = (np.median(half, axis=0) / known.noise for half in halves)
+    moved = np.where(before * after > 0, np.minimum(abs(before), abs(after)), 0.0)
+    power = np.minimum(*(usual_power(half) for half in halves))
+    matters = power - known.spectrum > _STRONG * known.spectrum.sum()
+    grown = np.where(matters, power / known.spectrum, 0.0)
+    place, line = int(np.argmax(moved)), int(np.argmax(grown))
+    if moved[place] < _MOVED and grown[line] < _GROWN:
+        return None
+    # A vibration has another phase in each item, and little of it is left in their mean.
+    last = halves[-1]
+    if grown[line] < _GROWN or np.mean(last, axis=0).std() > _SAME_PHASE * last.std():
+        place = int(np.argmax(abs(after)))
+        share = (place - known.lead + 0.5) / PARTS
+        return Change(item_id, share, float('nan'), float(abs(after[place])))
+    frequency = _peak(power - known.spectrum, line) / (len(known.weights) * duration)
+    return Change(item_id, float('nan'), frequency, float(grown[line]))
+
+
+def strongest_frequency(known: Fit, duration: float) -> float:
+    """Return the frequency of most of the power beside the load, Hz; `duration` of a part in s."""
+    line = 1 + int(np.argmax(known.spectrum[1:]))
+    return _peak(known.spectrum, line) / (len(known.weights) * duration)
+
+
+def _peak(power: NDArray[np.float64], line: int) -> float:
+    """Return the place of a peak of a spectrum, between the lines by their power."""
+    around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
+    share = np.maximum(power[around], 0.0)
+    return float(around @ share / share.sum())

@@ -1,0 +1,170 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a machine has taught while it ran: state in, state out, item by item."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.estimation.estimators.base import LoadEstimate
+from checkweigher_dsp.estimation.learning.change import (
+    RECENT,
+    Change,
+    find_change,
+    is_comparable,
+)
+from checkweigher_dsp.estimation.learning.passage import (
+    Passage,
+    passage_of,
+    rise_parts,
+    with_mass,
+)
+from checkweigher_dsp.estimation.learning.regression import Fit, fit
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import WeighWindow
+
+_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # relative differences of what is one
+_STEP = 5  # items from one fit to the next
+
+
+@dataclass(frozen=True)
+class LearningParameters(Parameters):
+    """Learning from products of unknown mass, with `identifier.learn`."""
+
+    node: ClassVar[str] = 'identifier.learning'
+
+    fewest: int = parameter(
+        30, 'number of items of a belt speed and length that teach before what they taught weighs',
+        minimum=20, maximum=300,
+    )  # fmt: skip
+    most: int = parameter(
+        120, 'number of items of a belt speed and length that teach; the later ones are compared',
+        minimum=20, maximum=300,
+    )  # fmt: skip
+    kinds: int = parameter(
+        8, 'number of belt speeds and lengths that are remembered; the one that was not seen for '
+        'the longest goes',
+        minimum=1, maximum=32,
+    )  # fmt: skip
+    relearn: bool = parameter(
+        False, 'begin again where a change of the machine is noticed, without `forget_learned`'
+    )
+    record: str = parameter(
+        '', 'file that keeps what was learned over a restart; empty for one named after the node '
+        'in $XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher; - for none',
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.most < self.fewest:
+            raise ParameterError(
+                f'{self.node}.most: {self.most}, must not be below fewest, {self.fewest}'
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kind:
+    """What items of one belt speed (m/s) and length (m) have taught.
+
+    Their passes go once all is learned that will be. `recent` are the residuals of the last items
+    that could be compared, (k,) each in kg.
+    """
+
+    speed: float
+    length: float
+    rise: int  # parts from t1 to t2
+    items: int = 0
+    passages: tuple[Passage, ...] = ()
+    fit: Fit | None = None
+    recent: tuple[NDArray[np.float64], ...] = ()
+    change: Change | None = None
+
+    @property
+    def weighs(self) -> bool:
+        """Whether items are weighed by what was learned."""
+        return self.fit is not None and self.fit.trusted and self.change is None
+
+    def has(self, window: WeighWindow) -> bool:
+        """Tell whether an item is of this kind."""
+        return (
+            abs(window.belt_speed - self.speed) <= _SAME_SPEED * self.speed
+            and abs(window.product_length - self.length) <= _SAME_LENGTH * self.length
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Learned:
+    """What was learned of each kind of items, the one seen last at the end.
+
+    It rests on the loads of one estimator with its parameters, the `basis`.
+    """
+
+    basis: str
+    kinds: tuple[Kind, ...] = ()
+
+
+def learned_load(known: Learned, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
+    """Return the load of a window by what was learned, or else `load`, that of the estimator."""
+    kind = _kind_of(known, window)
+    if kind is None or kind.fit is None or not kind.weighs:
+        return load
+    passage = passage_of(window, load, kind.rise)
+    if passage is None or passage.lead < kind.fit.lead:
+        return load
+    worse = max(passage.zero_variance - kind.fit.zero_variance, 0.0)
+    return with_mass(load, kind.fit.mass(passage), kind.fit.variance + worse)
+
+
+def learn(
+    known: Learned, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
+) -> Learned:
+    """Return what is known after an item, whose load the estimator found to be `load`."""
+    kind = _kind_of(known, window)
+    if kind is None:
+        kind = Kind(window.belt_speed, window.product_length, rise_parts(window))
+    passage = passage_of(window, load, kind.rise) if kind.rise else None
+    if passage is None:
+        return known
+    taught = _taught(_compared(kind, passage, window.item_id, parameters), passage, parameters)
+    others = tuple(each for each in known.kinds if not each.has(window))
+    return replace(known, kinds=(*others, taught)[-parameters.kinds :])
+
+
+def _kind_of(known: Learned, window: WeighWindow) -> Kind | None:
+    return next((each for each in reversed(known.kinds) if each.has(window)), None)
+
+
+def _compared(kind: Kind, passage: Passage, item_id: int, parameters: LearningParameters) -> Kind:
+    """Return a kind after an item was held against what was learned."""
+    taught = kind.fit
+    if taught is None or kind.change is not None or passage.lead < taught.lead:
+        return kind
+    if not is_comparable(taught, passage.load):
+        return kind
+    recent = (*kind.recent, taught.residual(passage))[-RECENT:]
+    change = None
+    if len(recent) == RECENT:
+        change = find_change(taught, recent, passage.duration, item_id)
+    if change is None:
+        return replace(kind, recent=recent)
+    if parameters.relearn:
+        return Kind(kind.speed, kind.length, kind.rise)
+    return replace(kind, recent=(), passages=(), change=change)
+
+
+def _taught(kind: Kind, passage: Passage, parameters: LearningParameters) -> Kind:
+    """Return a kind that an item was added to."""
+    if kind.change is not None or kind.items >= parameters.most:
+        return replace(kind, items=kind.items + 1)
+    items, passages = kind.items + 1, (*kind.passages, passage)
+    late = items - parameters.fewest
+    if late < 0 or (late % _STEP and items != parameters.most):
+        return replace(kind, items=items, passages=passages)
+    taught = fit(passages, kind.rise)
+    if items == parameters.most:
+        passages = ()
+    same = taught is not None and kind.fit is not None and taught.lead == kind.fit.lead
+    recent = kind.recent if same else ()
+    return replace(kind, items=items, passages=passages, fit=taught, recent=recent)

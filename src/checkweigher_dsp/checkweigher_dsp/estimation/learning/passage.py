@@ -1,0 +1,81 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What one item of unknown mass shows: the parts of its pass."""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.denoising.window_batch import rise_time
+from checkweigher_dsp.estimation.estimators.base import LoadEstimate
+from checkweigher_dsp.estimation.estimators.learned import (
+    Layout,
+    pass_features,
+    seconds_alone,
+    transit,
+)
+from checkweigher_dsp.records import WeighWindow
+
+PARTS = 64  # from t1 to t3, as many as the estimator `learned` has
+MOST_LEAD = 48  # before t1
+_SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """The parts of a pass, with the load that the chosen estimator found in it.
+
+    `parts` (lead + PARTS,), kg, are those of `pass_features`: `lead` of them are before t1, and the
+    last `quiet` of these have no ring-down of the item before. `duration` is that of one part, s.
+    """
+
+    parts: NDArray[np.float64]
+    quiet: int
+    duration: float
+    load: float  # kg
+    variance: float  # kg^2, that the estimator states for it; 0 if it states none
+    zero_variance: float  # kg^2
+
+    @property
+    def lead(self) -> int:
+        """Number of parts before t1."""
+        return len(self.parts) - PARTS
+
+    def last(self, count: int) -> NDArray[np.float64]:
+        """Return the last parts, (count,)."""
+        return self.parts[-count:]
+
+
+def rise_parts(window: WeighWindow) -> int:
+    """Return how many of the parts of a pass are from t1 to t2; 0 if that cannot be told."""
+    whole = transit(window)
+    share = rise_time(window) / whole if whole > 0 else 0.0
+    return min(max(round(PARTS * share), 1), PARTS - 1) if 0 < share < 1 else 0
+
+
+def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | None:
+    """Return what a window shows, with `rise` parts from t1 to t2.
+
+    None if the item before was still on the belt, or the estimator found no load.
+    """
+    duration, alone = transit(window) / PARTS, seconds_alone(window)
+    if not (load.mass > 0 and alone >= 0 and duration > 0):
+        return None
+    # The zero that is taken off has half a sample of doubt about where it begins.
+    lead = min(int(alone / duration), MOST_LEAD)
+    parts = pass_features(window, Layout(lead, rise, PARTS - rise))
+    if not np.all(np.isfinite(parts)):
+        return None
+    quiet = int(max(alone - _SETTLE_TIME, 0.0) / duration)
+    zero = window.zero_std_dev / window.counts_per_kg
+    variance = load.variance if math.isfinite(load.variance) else 0.0
+    return Passage(parts, min(quiet, lead), duration, load.mass, variance, zero * zero)
+
+
+def with_mass(load: LoadEstimate, mass: float, variance: float) -> LoadEstimate:
+    """Return another load of the same platform, with a variance that was measured."""
+    return replace(
+        load, mass=mass, variance=variance, b1=load.b1 * (mass / load.mass), measured=True
+    )

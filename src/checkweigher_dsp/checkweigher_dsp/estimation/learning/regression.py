@@ -1,0 +1,229 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+r"""Weights of the parts of a pass from items of unknown mass.
+
+.. math:: m = \sum_j w_j y_j,\quad w \propto C^{-1} s,\quad C = R'R / d + a N + b v I + c v P
+
+Items of one product differ little, so what the parts y of a pass do beside each other within such a
+cluster is disturbance: R are the deviations from the means of the clusters, d their degrees of
+freedom, and v is their mean variance about the curve s of a load of 1. That the products of a
+cluster do differ adds a multiple of s s' to C, which changes no weight. Being few, the items are
+drawn towards the noise N of the empty belt, white noise and P, a platform that rings after each
+load. How much each counts is averaged over a grid by the likelihood of the masses of items that
+were held out, in closed form. [own derivation, docs/method.md]
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PARTS, Passage
+
+# a, b and c.
+_SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
+_PLAIN = (0.3, 0.03, 0.1)  # with nothing learned from the items
+_FEWEST = 15  # degrees of freedom
+_ALONE = 0.05  # share of the items that may have less empty belt in front than the weights need
+_APART = 0.02  # of the load: products that differ by more are two
+_APART_STD_DEVS = 6.0  # of those that the estimator states
+# By how much the held-out masses have to scatter less than those of the chosen estimator. Products
+# may themselves scatter by more than two ways of weighing them differ; a gain may then be chance.
+_GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
+_ALIKE = 0.8
+_LEARNED = 5.0  # numbers, at least, that the grid and the weights take from the items
+_PLATFORMS = np.geomspace(15.0, 60.0, 24)  # Hz
+_DAMPING = 0.05
+_FADING = 0.1  # s
+_LEAST_VARIANCE = 1e-18  # kg^2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What items of one speed and length have taught.
+
+    `curve`, `weights` and `noise` are (k,), of the last k parts of a pass: a load of 1, the weights
+    that sum up to its mass, and the standard deviation of a part about it, kg. `spectrum` is the
+    usual power by frequency beside the curve, (k // 2 + 1,), kg^2.
+    """
+
+    curve: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    spectrum: NDArray[np.float64]
+    variance: float  # kg^2, of a mass, from items that were held out
+    variance_before: float  # the same of the chosen estimator
+    zero_variance: float  # kg^2, mean
+    loads: tuple[float, float]  # kg, smallest and largest
+    items: int
+    trusted: bool  # whether the masses are better than those of the chosen estimator
+
+    @property
+    def lead(self) -> int:
+        """Number of parts before t1."""
+        return len(self.weights) - PARTS
+
+    def residual(self, passage: Passage) -> NDArray[np.float64]:
+        """Return what a pass has beside its load, (k,), kg."""
+        parts = passage.last(len(self.weights))
+        return np.asarray(parts - self.mass(passage) * self.curve)
+
+    def mass(self, passage: Passage) -> float:
+        """Return the weighted sum of a pass, kg."""
+        return float(np.add.reduce(self.weights * passage.last(len(self.weights))))
+
+
+def fit(passages: Sequence[Passage], rise: int) -> Fit | None:
+    """Learn from items; None where too few of them have another one of about their mass."""
+    lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
+    used = [each for each in passages if each.lead >= lead]
+    parts = np.array([each.last(lead + PARTS) for each in used])
+    loads = np.array([each.load for each in used])
+    deviation = float(np.median(np.sqrt([each.variance for each in used])))
+    clusters = _clusters(loads, max(_APART * float(np.median(loads)), _APART_STD_DEVS * deviation))
+    freedom = len(used) - len(np.unique(clusters))
+    if freedom < _FEWEST:
+        return None
+    duration = float(np.median([each.duration for each in used]))
+    noise = _lagged(_empty_belt_covariances(passages, lead + PARTS))
+    found = _Items(parts, loads, clusters, freedom, noise, _ringing(lead, rise, duration))
+    weights, held_out = found.learn()
+    before = found.held_out_loads()
+    plain = found.deviations - found.within @ found.weights(_PLAIN, learned=False)
+    alike = found.rms(before) < _ALIKE * float(np.sqrt(plain @ plain / freedom))
+    ratio = found.rms(held_out) / max(found.rms(before), _LEAST_VARIANCE)
+    residuals = parts - np.outer(np.add.reduce(weights * parts, axis=1), found.curve)
+    return Fit(
+        found.curve, weights, np.sqrt(np.mean(np.square(residuals), axis=0)),
+        usual_power(residuals),
+        found.rms(held_out) ** 2 * (freedom + _LEARNED) / freedom, found.rms(before) ** 2,
+        float(np.mean([each.zero_variance for each in used])),
+        (float(loads.min()), float(loads.max())), len(passages),
+        ratio < (_GAIN if alike else _GAIN_OF_DIFFERENT),
+    )  # fmt: skip
+
+
+def usual_power(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the median power of residuals (n, k) by frequency, (k // 2 + 1,).
+
+    They are seen through a Hann window.
+    """
+    taper = np.hanning(residuals.shape[1] + 2)[1:-1]
+    spectra = np.fft.rfft(residuals * (taper / np.sqrt(taper @ taper)))
+    return np.asarray(np.median(spectra.real**2 + spectra.imag**2, axis=0))
+
+
+class _Items:
+    """Items in clusters of about one mass: parts (n, k), loads (n,), both in kg."""
+
+    def __init__(
+        self,
+        parts: NDArray[np.float64],
+        loads: NDArray[np.float64],
+        clusters: NDArray[np.int_],
+        freedom: int,
+        noise: NDArray[np.float64],
+        ringing: NDArray[np.float64],
+    ) -> None:
+        sizes = np.bincount(clusters)[clusters]
+        means = np.bincount(clusters, loads)[clusters] / sizes
+        self._freedom = freedom
+        # An item deviates from the mean of the others by so many times what it does from all.
+        self._others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
+        self._counts = (sizes - 1) / sizes
+        self.curve = np.asarray(means @ parts / (means @ means))
+        self.deviations = loads - means
+        self.within = parts - np.array(
+            [parts[clusters == each].mean(axis=0) for each in range(clusters.max() + 1)]
+        )[clusters]  # fmt: skip
+        beside = self.within - np.outer(self.deviations, self.curve)
+        self._variance = max(float(np.mean(np.square(beside))), _LEAST_VARIANCE)
+        self._scatter = self.within.T @ self.within
+        self._noise, self._ringing = noise, ringing
+
+    def rms(self, errors: NDArray[np.float64]) -> float:
+        """Return the standard deviation within the clusters of held-out errors (n,)."""
+        return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
+
+    def held_out_loads(self) -> NDArray[np.float64]:
+        """Return how far each load is from the mean of the others of its cluster, (n,)."""
+        return self.deviations * self._others
+
+    def weights(
+        self, shares: tuple[float, float, float], *, learned: bool = True
+    ) -> NDArray[np.float64]:
+        """Return the weights by the prior and, if `learned`, by the items."""
+        covariance = self._prior(shares) + (self._scatter if learned else 0.0)
+        weights = np.linalg.solve(covariance, self.curve)
+        return np.asarray(weights / (weights @ self.curve))
+
+    def learn(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the weights, and how far each item is from the others by their weights, (n,)."""
+        found = [self._learn(shares) for shares in _SHARES]
+        weights, errors = (np.array(each) for each in zip(*found, strict=True))
+        deviations = np.array([self.rms(row) for row in errors]) + _LEAST_VARIANCE
+        likelihoods = (deviations.min() / deviations) ** self._freedom
+        counts = likelihoods / likelihoods.sum()
+        return counts @ weights, counts @ errors
+
+    def _learn(
+        self, shares: tuple[float, float, float]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return weights and held-out errors; without an item R'R is less by one outer product."""
+        sides = np.column_stack([self.curve, self.within.T])
+        solved = np.linalg.solve(self._prior(shares) + self._scatter, sides)
+        gain = self.curve @ solved[:, 0]
+        along = self.within @ solved[:, 0]
+        leverage = np.einsum('ij,ji->i', self.within, solved[:, 1:])
+        times = self._others / np.maximum(1 - self._others * leverage, 1e-9)
+        errors = self._others * along * (1 + times * leverage) / (gain + times * along * along)
+        return solved[:, 0] / gain, errors
+
+    def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
+        belt, white, ringing = shares
+        own = white * np.eye(len(self.curve)) + ringing * self._ringing
+        return np.asarray(self._freedom * (belt * self._noise + self._variance * own))
+
+
+def _clusters(loads: NDArray[np.float64], width: float) -> NDArray[np.int_]:
+    """Return the number of the cluster of each load, (n,); between two of them is a gap."""
+    order = np.argsort(loads, kind='stable')
+    result = np.empty(len(loads), dtype=np.int_)
+    result[order] = np.append(0, np.cumsum(np.diff(loads[order]) > width))
+    return result
+
+
+def _lagged(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrix of covariances by their distance."""
+    places = np.arange(len(covariances))
+    return covariances[abs(np.subtract.outer(places, places))]
+
+
+def _empty_belt_covariances(passages: Sequence[Passage], count: int) -> NDArray[np.float64]:
+    """Return the covariances of parts of the empty belt by their distance, (count,), kg^2.
+
+    They are those about zero, for what the zero is off is noise, too; 0 where too little is seen.
+    """
+    sums, seen = np.zeros(count), 0
+    for each in passages:
+        empty = each.parts[each.lead - each.quiet : each.lead]
+        if len(empty):
+            sums[: len(empty)] += np.correlate(empty, empty, 'full')[len(empty) - 1 :]
+            seen += len(empty)
+    return sums / max(seen, 1)
+
+
+def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:
+    """Return the covariance of a platform of any frequency that rings, with a mean variance of 1.
+
+    It is stirred the most while a product rides on, and half as much before and long after that.
+    """
+    time = (np.arange(lead + PARTS) - lead + 0.5) * duration
+    fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)
+    envelope = np.where(time < 0, 0.5, 0.5 + 0.5 * fading)
+    turns = 2 * np.pi * _PLATFORMS * abs(np.subtract.outer(time, time))[..., np.newaxis]
+    swing = np.mean(np.cos(turns) * np.exp(-_DAMPING * turns), axis=-1)
+    result = swing * np.outer(envelope, envelope)
+    return np.asarray(result * (len(time) / np.trace(result)))

@@ -1,0 +1,77 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a line has learned from products of unknown mass, and whether its machine has changed."""
+
+import math
+from statistics import median
+
+import numpy as np
+
+from checkweigher_dsp.estimation.learning.change import strongest_frequency
+from checkweigher_dsp.estimation.learning.learner import Kind, Learned, LearningParameters
+from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.records import GRAMS
+
+_HINT = 'look at what was changed: belt, rollers, feet; then call forget_learned to learn it'
+_QUARTERS = (0.25, 0.5, 0.75, 1.0)
+
+
+def learning_finding(
+    known: Learned, parameters: LearningParameters, *, on: bool, trouble: str = ''
+) -> Finding:
+    """Return the aspect Learning; `trouble` is why the record cannot be kept."""
+    if not on:
+        return Finding('Learning', Level.OK, 'off')
+    concerns = [
+        Concern(Level.WARN, f'{_name(kind)}: since item {kind.change.item_id} {kind.change}', _HINT)
+        for kind in known.kinds
+        if kind.change is not None
+    ]
+    if trouble:
+        concerns.append(Concern(Level.WARN, f'not kept over a restart: {trouble}', 'look at it'))
+    values: dict[str, float | str] = {_name(kind): describe(kind) for kind in known.kinds}
+    weighing = sum(kind.weighs for kind in known.kinds)
+    text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by what was learned'
+    if not weighing:
+        most = max((kind.items for kind in known.kinds), default=0)
+        text = f'{most} items seen, {parameters.fewest} are needed at a speed and length'
+    return conclude('Learning', text, concerns, values)
+
+
+def describe(kind: Kind) -> str:
+    """Return what was learned of one speed and length, in words."""
+    text = f'{kind.items} items'
+    taught = kind.fit
+    if taught is None:
+        return text if kind.change is None else f'{text}; {kind.change}'
+    before, after = (GRAMS * math.sqrt(each) for each in (taught.variance_before, taught.variance))
+    entered = taught.lead + kind.rise
+    rise = taught.curve[taught.lead : entered]
+    level = float(np.mean(taught.curve[entered:]))
+    shares = ' '.join(
+        f'{np.interp(quarter * len(rise), np.arange(len(rise)) + 0.5, rise) / level:.3f}'
+        for quarter in _QUARTERS
+    )
+    spans = (slice(0, taught.lead), slice(taught.lead, entered), slice(entered, None))
+    noise = ', '.join(
+        f'{GRAMS * math.sqrt(float(np.mean(np.square(taught.noise[span])))):.2g}'
+        for span in spans
+        if len(taught.noise[span])
+    )
+    frequency = strongest_frequency(taught, _duration(kind))
+    state = 'weighs' if kind.weighs else 'does not weigh'
+    return (
+        f'{text}, {state}; scatter of held-out items {after:.3g} g, of the estimator '
+        f'{before:.3g} g; rise at quarters of t1..t2 {shares} of the plateau; noise before t1, to '
+        f't2 and to t3 {noise} g; most of it at {frequency:.1f} Hz'
+    )
+
+
+def _duration(kind: Kind) -> float:
+    """Return the usual duration of a part, s."""
+    known = [each.duration for each in kind.passages]
+    return median(known) if known else kind.length / kind.speed / kind.rise
+
+
+def _name(kind: Kind) -> str:
+    return f'{kind.speed:.3f} m/s, {GRAMS * kind.length:.0f} mm'

@@ -1,0 +1,65 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What a line has learned, in a file that outlives its process."""
+
+import os
+from pathlib import Path
+import re
+import tempfile
+
+from checkweigher_dsp.estimation.learning.learner import Learned
+from checkweigher_dsp.estimation.learning.storage import from_text, to_text
+
+_NONE = '-'
+_MAX_SIZE = 2**25  # bytes
+
+
+class LearnedRecord:
+    """The file of one node; `trouble` is why it is of no use at present, empty if it is.
+
+    A file that cannot be read is an empty one, and nothing is ever learned wrong by that: the line
+    weighs as its estimator does, and learns again.
+    """
+
+    def __init__(self, wanted: str, node: str) -> None:
+        self.trouble = ''
+        self._path = None if wanted == _NONE else _path(wanted, node)
+
+    def read(self) -> Learned | None:
+        """Return what was learned before, None if nothing is known of it."""
+        try:
+            if self._path is None or not self._path.exists():
+                return None
+            if self._path.stat().st_size > _MAX_SIZE:
+                raise ValueError(f'more than {_MAX_SIZE} bytes')
+            return from_text(self._path.read_text(encoding='utf-8'))
+        except (OSError, ValueError) as error:
+            self._fail(error)
+            return None
+
+    def write(self, known: Learned) -> None:
+        """Keep what is known, in place of what was."""
+        if self._path is None:
+            return
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            number, name = tempfile.mkstemp(prefix=f'.{self._path.name}-', dir=self._path.parent)
+            with open(number, 'w', encoding='utf-8') as file:
+                file.write(to_text(known))
+            os.replace(name, self._path)
+            self.trouble = ''
+        except OSError as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        text = getattr(error, 'strerror', None) or error
+        self.trouble = f'learning.record: {str(self._path)!r}: {text}'
+
+
+def _path(wanted: str, node: str) -> Path:
+    """Return where the record is, by the full name of the node if no file is wanted."""
+    if wanted:
+        return Path(wanted)
+    state = os.environ.get('XDG_STATE_HOME') or '~/.local/state'
+    name = re.sub(r'[^\w.-]', '_', node.strip('/')) + '.learned'
+    return Path(os.path.expanduser(state), 'checkweigher', name)

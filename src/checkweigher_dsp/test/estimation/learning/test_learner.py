@@ -1,0 +1,195 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Learning item by item: what it weighs, keeps, forgets and notices."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from checkweigher_dsp.estimation.estimators.averages import MeanParameters
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.estimation.learning.learner import LearningParameters
+from checkweigher_dsp.estimation.learning.storage import from_text, to_text
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.health.learning import learning_finding
+
+PARAMETERS = IdentifierParameters(estimator='mean', learn=True)
+MASSES = (0.1, 0.15, 0.2)
+
+
+@pytest.fixture(scope='module')
+def items(make_pass):
+    """Return a function that makes windows of items on a belt with a line of 13 Hz.
+
+    Each item swings at 21 Hz after it has come on, by another part of its mass. A `line` is
+    a frequency that comes on top, a `bump` the part of the mass that the load has more half way in.
+    """
+
+    def make(count, seed=1, line=0.0, bump=0.0, first=0, **fields):
+        random = np.random.default_rng(seed)
+        windows = []
+        for number in range(count):
+            mass = MASSES[(first + number) % len(MASSES)]
+            phases, swing = random.uniform(0, 2 * np.pi, 3), random.standard_normal()
+
+            def disturbance(time, mass=mass, phases=phases, swing=swing):
+                turns = 2 * np.pi * time
+                after = np.maximum(time - 0.05, 0)
+                entry = np.where(time > 0.05, np.exp(-after / 0.06) * np.sin(21 * turns), 0)
+                way = np.clip(time / 0.1, 0, 1)
+                return (
+                    3e-4 * np.cos(13 * turns + phases[0])
+                    + 6e-3 * mass * swing * entry
+                    + (1e-3 * np.cos(line * turns + phases[1]) if line else 0.0)
+                    + bump * mass * way * (1 - way)
+                    + 3e-4 * random.standard_normal(len(time))
+                )
+
+            window = make_pass(mass, disturbance=disturbance, **fields)
+            windows.append(replace(window, item_id=first + number + 1))
+        return windows
+
+    return make
+
+
+def masses(estimates):
+    return [(each.item_id, each.mass, each.std_dev) for each in estimates]
+
+
+def scatter(estimates):
+    """Standard deviation within a mass."""
+    found = np.array([each.mass for each in estimates])
+    kind = np.array([each.item_id % len(MASSES) for each in estimates])
+    return float(np.sqrt(np.mean([np.var(found[kind == each], ddof=1) for each in set(kind)])))
+
+
+def test_after_thirty_items_the_masses_scatter_less_and_say_so(items):
+    windows = items(90)
+    plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(windows)
+    identifier = Identifier(PARAMETERS)
+    learned = identifier.estimate_all(windows)
+
+    assert [each.mass for each in learned[:30]] == [each.mass for each in plain[:30]]
+    assert scatter(learned[30:]) < 0.5 * scatter(plain[30:])
+    # The gain stays that of the estimator, which is all that needs a reference.
+    assert np.mean([each.mass for each in learned[30:]]) == pytest.approx(
+        np.mean([each.mass for each in plain[30:]]), rel=2e-3
+    )
+    finding = learning_finding(identifier.learned, PARAMETERS.learning, on=True)
+    assert finding.level is Level.OK
+    assert 'weighs; scatter' in finding.values['1.000 m/s, 100 mm']
+    # The load comes on evenly: at quarters of t1..t2 a quarter of it each.
+    assert 'plateau' in finding.values['1.000 m/s, 100 mm']
+
+
+def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_the_masses(items):
+    known = MeanParameters(calibrated=True, gain=(1.0,), std_dev=(5e-3,))
+    identifier = Identifier(replace(PARAMETERS, mean=known))
+    learned = identifier.estimate_all(items(200))[50:]
+    stated = np.array([each.std_dev for each in learned])
+    assert np.sqrt(np.mean(stated**2)) == pytest.approx(scatter(learned), rel=0.25)
+
+
+def test_the_masses_depend_on_the_order_of_the_items_alone(items):
+    windows = items(70)
+    at_once = Identifier(PARAMETERS).estimate_all(windows)
+    one_by_one = Identifier(PARAMETERS)
+    assert masses(one_by_one.estimate(window) for window in windows) == masses(at_once)
+    early = Identifier(PARAMETERS)
+    for window, expected in zip(windows, at_once, strict=True):
+        assert masses([early.estimate(window)]) == masses([expected])
+        early.learn()  # as the node does, before the next one comes
+
+
+@pytest.mark.parametrize('when', [17, 45])
+def test_a_line_that_was_started_again_goes_on_with_the_same_bits(items, when):
+    windows = items(70)
+    before = Identifier(PARAMETERS)
+    before.estimate_all(windows[:when])
+    before.learn()
+
+    after = Identifier(PARAMETERS, from_text(to_text(before.learned)))
+
+    rest = windows[when:]
+    assert masses(after.estimate_all(rest)) == masses(before.estimate_all(rest))
+
+
+@pytest.mark.parametrize('text', ['', '[]', '{"version": 1}', '{"version": 2}', 'null'])
+def test_what_is_no_record_is_refused(text):
+    with pytest.raises(ValueError, match=r'not what was learned|version|Expecting'):
+        from_text(text)
+
+
+def test_what_rests_on_another_estimator_or_calibration_is_worth_nothing(items):
+    identifier = Identifier(PARAMETERS)
+    identifier.estimate_all(items(40))
+    identifier.learn()
+    for other in (
+        replace(PARAMETERS, estimator='hann'),
+        replace(PARAMETERS, mean=MeanParameters(gain=(1.01,))),
+    ):
+        assert not Identifier(other, identifier.learned).learned.kinds
+    assert Identifier(PARAMETERS, identifier.learned).learned.kinds
+
+
+def test_what_was_forgotten_does_not_weigh(items):
+    windows = items(60)
+    plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(windows)
+    identifier = Identifier(PARAMETERS)
+    identifier.estimate_all(windows[:50])
+    identifier.forget()
+    assert masses(identifier.estimate_all(windows[50:])) == masses(plain[50:])
+
+
+def test_memory_is_bounded_in_items_and_in_kinds(items):
+    known = LearningParameters(fewest=20, most=20, kinds=2)
+    identifier = Identifier(replace(PARAMETERS, learning=known))
+    for length in (0.06, 0.08, 0.1):
+        identifier.estimate_all(items(25, product_length=length))
+    identifier.learn()
+    lengths = [kind.length for kind in identifier.learned.kinds]
+    assert lengths == [0.08, 0.1]
+    assert all(not kind.passages and len(kind.recent) <= 20 for kind in identifier.learned.kinds)
+
+
+@pytest.mark.parametrize('relearn', [False, True])
+def test_a_vibration_that_is_new_is_told_with_its_frequency(items, relearn):
+    learning = LearningParameters(relearn=relearn)
+    identifier = Identifier(replace(PARAMETERS, learning=learning))
+    identifier.estimate_all(items(130))
+    changed = items(100, seed=2, line=33.0, first=130)
+    plain = Identifier(replace(PARAMETERS, learn=False)).estimate_all(changed)
+    estimates = identifier.estimate_all(changed)
+    identifier.learn()
+
+    (kind,) = identifier.learned.kinds
+    if relearn:
+        assert kind.change is None
+        assert kind.weighs
+        assert scatter(estimates[-40:]) < 0.5 * scatter(plain[-40:])
+        return
+    assert kind.change.frequency == pytest.approx(33.0, abs=1.0)
+    assert 130 < kind.change.item_id <= 150
+    # What was learned is of another machine, and does not weigh any more.
+    assert masses(estimates[30:]) == masses(plain[30:])
+    finding = learning_finding(identifier.learned, learning, on=True)
+    assert finding.level is Level.WARN
+    assert f'vibration at {kind.change.frequency:.1f} Hz' in finding.message
+    assert 'forget_learned' in finding.message
+
+
+def test_a_load_that_comes_on_differently_is_told_with_its_place(items):
+    identifier = Identifier(PARAMETERS)
+    identifier.estimate_all(items(130))
+    identifier.estimate_all(items(30, seed=2, bump=0.3, first=130))
+    identifier.learn()
+    (kind,) = identifier.learned.kinds
+    # Half way from t1 to t2, which is a quarter of the way to t3.
+    assert kind.change.place == pytest.approx(0.25, abs=0.1)
+
+
+def test_a_machine_that_stays_the_same_has_not_changed(items):
+    identifier = Identifier(PARAMETERS)
+    identifier.estimate_all(items(250))
+    assert identifier.learned.kinds[0].change is None
