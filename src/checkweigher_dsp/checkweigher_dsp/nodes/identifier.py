@@ -81,7 +81,9 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         count = len(self._identifier.learned.kinds)
         self._identifier.forget()
         self._audited.clear()
-        self._note_learned()
+        self._kept = ()
+        if self._record is not None:
+            self._record.write(self._identifier.learned)
         response.success, response.message = True, f'{count} speeds and lengths forgotten'
         return response
 

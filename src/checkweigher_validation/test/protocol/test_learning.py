@@ -54,6 +54,6 @@ def test_after_thirty_items_the_scatter_is_near_that_of_a_tuned_machine():
     untrained, after_thirty, on = np.array(table).T
     for name, ratios in (('untrained', untrained), ('30 items', after_thirty), ('on', on)):
         print(f'{name}: mean {ratios.mean():.2f}, worst {ratios.max():.2f}')
-    assert on.mean() < 1.35
-    assert after_thirty.mean() < 0.75 * untrained.mean()
+    assert on.mean() < 1.25
+    assert after_thirty.mean() < 1.5
     assert np.all(on < 1.1 * untrained)
