@@ -110,6 +110,7 @@ def nodes() -> Iterator[Callable[[], list[str]]]:
 def test_signals_are_taken_only_while_somebody_looks(
     browser: Chrome, port: int, nodes: Callable[[], list[str]]
 ):
+    browser.get('about:blank')  # whichever test came before
     until(browser, lambda: 'page_results' in nodes())
     until(browser, lambda: 'page_signals' not in nodes())
     browser.get(f'http://127.0.0.1:{port}/')

@@ -52,8 +52,8 @@ def limit(line: Line) -> object:
 
 
 def health(line: Line) -> tuple[Level, str]:
-    finding = line.product.diagnose(time.monotonic())[-1]
-    return finding.level, finding.message
+    findings = {each.aspect: each for each in line.product.diagnose(time.monotonic())}
+    return findings['Audit log'].level, findings['Audit log'].message
 
 
 def test_on_a_full_disk_nothing_is_changed_and_afterwards_the_log_says_so(line: Line):
