@@ -177,8 +177,9 @@ def test_stamps_follow_the_samples(journeys, name):
     stamps = np.array([b.stamp for b in blocks])
     indices = np.array([b.first_index for b in blocks])
     assert np.all(np.diff(stamps) > 0)
-    off = (stamps - stamps[-1]) / 1e9 - (indices - indices[-1]) / RATE
-    assert np.max(np.abs(off)) < 0.05  # a busy machine reads late
+    off = (stamps - stamps[0]) / 1e9 - (indices - indices[0]) / RATE
+    # A busy machine reads some blocks late, and learns of it only afterwards.
+    assert np.median(np.abs(off - np.median(off))) < 0.02
 
 
 @pytest.mark.parametrize('name', LINES)
