@@ -6,11 +6,11 @@ import asyncio
 from html import escape
 from pathlib import Path
 import secrets
+from typing import Protocol
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
-from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
@@ -34,6 +34,16 @@ _PAGE = """<!doctype html>
 """
 
 
+class Log(Protocol):
+    """What takes lines of the log: a logger of rclpy, whose class is not public."""
+
+    def info(self, message: str, /) -> object:
+        """Take what went as it should."""
+
+    def warning(self, message: str, /) -> object:
+        """Take what somebody should look into."""
+
+
 def logout_form(token: str) -> str:
     """Return the form by which a person logs out, as HTML."""
     return (
@@ -42,7 +52,7 @@ def logout_form(token: str) -> str:
     )
 
 
-def add_login(app: FastAPI, access: Access, log: RcutilsLogger) -> None:
+def add_login(app: FastAPI, access: Access, log: Log) -> None:
     """Serve login and logout; `log` takes who has logged in, and who has failed to."""
     desk = _Desk(access, log)
     app.add_api_route(LOGIN, desk.show, methods=['GET'])
@@ -58,7 +68,7 @@ def add_style(app: FastAPI, path: Path) -> None:
 class _Desk:
     """Takes the forms."""
 
-    def __init__(self, access: Access, log: RcutilsLogger) -> None:
+    def __init__(self, access: Access, log: Log) -> None:
         self._access = access
         self._log = log
         self._turn = asyncio.Lock()
