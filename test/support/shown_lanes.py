@@ -5,14 +5,16 @@
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web.lane import Lane
+from checkweigher_web.lane import SHOWN, Lane
 
 _DEFAULTS = LineParameters()
 
 
-def lane_of(recording: Recording, parameters: LineParameters = _DEFAULTS) -> Lane:
+def lane_of(
+    recording: Recording, parameters: LineParameters = _DEFAULTS, held: float = SHOWN
+) -> Lane:
     """Return a lane that has seen all events of a recording and what became of its items."""
-    lane = Lane('a')
+    lane = Lane('a', held)
     lane.take(recording.load_cell)
     for event in (*recording.blocks, *recording.edges, *recording.references):
         lane.take(event)

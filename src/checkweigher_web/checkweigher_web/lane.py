@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the page knows of a lane: the latest items with their signals, and what the line said."""
 
+from bisect import bisect_right
 from collections import OrderedDict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -26,12 +27,13 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
+from checkweigher_recording.recording import Event, Recording
 from checkweigher_validation.accuracy.results import ResultJoiner
 
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
 _MAX_EDGES = 400
-_KEPT = 20 * NANOSECONDS  # of samples
+SHOWN = 20.0  # s of samples, which the views need
 _AROUND = 3 * NANOSECONDS // 10  # before the first and after the last edge of an item
 
 # Of an item: numbers begin at 1 again where a node is started again, stamps do not.
@@ -69,11 +71,12 @@ class Lane:
     """The latest of a lane, by its records.
 
     Records come in the thread of ROS and are read in that of the page. `version` grows with each
-    record that a page shows.
+    record that a page shows. It holds the samples of the last `held` s.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, held: float = SHOWN) -> None:
         self.name = name
+        self.held = held
         self.version = 0
         self.statistics: Statistics | None = None
         self.stop: StopRequest | None = None
@@ -116,7 +119,7 @@ class Lane:
         if blocks and block.stamp < blocks[-1].stamp:
             blocks.clear()  # the source has begun again
         blocks.append(block)
-        while blocks[0].stamp < block.stamp - _KEPT:
+        while blocks[0].stamp < block.stamp - self.held * NANOSECONDS:
             blocks.popleft()
 
     def forget_signals(self) -> None:
@@ -157,13 +160,33 @@ class Lane:
         """Return the raw signal from `begin` to `end`, ns; None without a sample there."""
         with self._lock:
             load_cell, blocks, edges = self.load_cell, list(self._blocks), list(self._edges)
-        return None if load_cell is None else stretch_of(load_cell, blocks, edges, begin, end)
+        if load_cell is None:
+            return None
+        stamps = [block.stamp for block in blocks]
+        among = slice(max(bisect_right(stamps, begin) - 1, 0), bisect_right(stamps, end))
+        return stretch_of(load_cell, blocks[among], edges, begin, end)
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest stretch without an item among the samples, (n,) kg."""
         with self._lock:
             load_cell, edges, blocks = self.load_cell, list(self._edges), list(self._blocks)
-        return np.zeros(0) if load_cell is None else emptiest(load_cell, blocks, edges)
+        if load_cell is None or not blocks:
+            return np.zeros(0)
+        since = blocks[-1].stamp - SHOWN * NANOSECONDS
+        return emptiest(load_cell, [each for each in blocks if each.stamp >= since], edges)
+
+    def recording(self) -> Recording | None:
+        """Return what is held of samples and edges, from where on there are both; None of none."""
+        with self._lock:
+            load_cell, blocks = self.load_cell, list(self._blocks)
+            edges, references = list(self._edges), list(self._references)
+        if load_cell is None or not blocks:
+            return None
+        begin = blocks[0].stamp
+        if len(edges) == _MAX_EDGES:  # those before are forgotten
+            begin = max(begin, edges[0].stamp)
+        events: tuple[Event, ...] = (*blocks, *edges, *references)
+        return Recording.from_events(load_cell, (e for e in events if e.stamp >= begin))
 
 
 def stretch_of(

@@ -10,7 +10,7 @@ from checkweigher_dsp.health.status_board import StatusBoard
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.spinner import Spinner
-from checkweigher_web.lane import Lane
+from checkweigher_web.lane import SHOWN, Lane
 
 _RESULTS = (
     ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
@@ -32,7 +32,8 @@ class Watch:
     """The lanes that run, found by their verdicts.
 
     A thread of its own looks for lanes and subscribes to their signals while `viewers` says that
-    somebody looks: the executor that serves the nodes cannot change them itself.
+    somebody looks: the executor that serves the nodes cannot change them itself. A lane holds the
+    samples of the last `held` s.
 
     Attributes
     ----------
@@ -42,12 +43,13 @@ class Watch:
         Diagnostics of all lanes.
     """
 
-    def __init__(self, spinner: Spinner, namespace: str | None = None) -> None:
+    def __init__(self, spinner: Spinner, namespace: str | None = None, held: float = SHOWN) -> None:
         self.lanes: dict[str, Lane] = {}
         self.board = StatusBoard(namespace or '')
         self.viewers: Callable[[str], int] = lambda lane: 0
         self._spinner = spinner
         self._only = namespace
+        self._held = held
         self._signals: dict[str, PortNode] = {}
         self._finder = PortNode('page')
         self._finder.subscribe(
@@ -66,7 +68,7 @@ class Watch:
     def _look(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD):
             for name in self._names() - self.lanes.keys():
-                lane = Lane(name)
+                lane = Lane(name, self._held)
                 self._spinner.add(_Listener('page_results', lane, _RESULTS))
                 self.lanes[name] = lane
             for name, lane in self.lanes.items():

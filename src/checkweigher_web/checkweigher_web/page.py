@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a lane: views that follow what the lane shows."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from datetime import UTC, datetime
 import math
 from pathlib import Path
@@ -36,15 +36,20 @@ class LanePage:
     """The views of one lane for one browser.
 
     Each period they show the present state of the lane: a slow browser skips items, it never holds
-    anything up.
+    anything up. With `keep` the item whose signal is shown can be kept.
     """
 
-    def __init__(self, lane: Lane | Playback, board: StatusBoard | None = None) -> None:
+    def __init__(
+        self, lane: Lane | Playback, board: StatusBoard | None = None,
+        keep: Callable[[Item], Awaitable[None]] | None = None,
+    ) -> None:  # fmt: skip
         self._lane = lane
         self._board = board
+        self._keep = keep
         self._version: object = None
         self._kept: Key | None = None  # the item that the viewer has chosen; None for the latest
         self._item: Item | None = None  # the latest
+        self._signalled: Item | None = None  # the one whose signal is shown
         self._analysed: object = None  # version of the lane in what is shown once a second
         self._counted: Key | None = None  # the latest item in the figures over items
         self._rows: dict[Key, tuple[Element, Item]] = {}
@@ -63,6 +68,8 @@ class LanePage:
                 self._signal = _chart('signal of the item')
                 self._marks = ui.element('ol').classes('marks')
                 self._latest = ui.button('show the latest item', on_click=self._show_latest)
+                if keep is not None:
+                    ui.button('keep this item', on_click=self._keep_shown)
             with panel('Items'):
                 self._only_faults = ui.checkbox('faults only', on_change=self._again)
                 with ui.element('div').classes('items'):
@@ -130,7 +137,7 @@ class LanePage:
     def _show_signal(self, item: Item | None) -> None:
         if item is None:  # so old that it is not known any more
             return
-        item = self._lane.with_signals(item)
+        item = self._signalled = self._lane.with_signals(item)
         stretch, cell = item.stretch, self._lane.load_cell
         # That of a fault grows until some of what follows is there, too.
         size = 0 if stretch is None else len(stretch.time)
@@ -150,6 +157,10 @@ class LanePage:
             for mark in marks:
                 with ui.element('li'):
                     ui.label(mark.text)
+
+    async def _keep_shown(self) -> None:
+        if self._keep is not None and self._signalled is not None:
+            await self._keep(self._signalled)
 
     def _show_latest(self) -> None:
         self._kept = None

@@ -25,13 +25,16 @@ from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.login import add_login, add_style
 from checkweigher_web.access.site import PageError, Site
+from checkweigher_web.access.users import Role
 from checkweigher_web.header import header
+from checkweigher_web.lane import SHOWN
 from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
 from checkweigher_web.playback_page import PlaybackPage
 from checkweigher_web.shift import Shift
-from checkweigher_web.work.bar import work_bar
+from checkweigher_web.work.bar import keep_item, work_bar
 from checkweigher_web.work.dialogs import Desk
+from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.services import Workshop
 
 _LOOK_PERIOD = 1.0  # s
@@ -46,7 +49,7 @@ REPORT_POLICY = (
 )
 
 
-def serve(site: Site, namespace: str | None = None) -> None:
+def serve(site: Site, namespace: str | None = None, keep: Path | None = None) -> None:
     """Serve the page until SIGINT or SIGTERM.
 
     Parameters
@@ -55,6 +58,8 @@ def serve(site: Site, namespace: str | None = None) -> None:
         Where, and to whom; port 0 takes a free one.
     namespace : str, optional
         The one lane to show; None for all that run.
+    keep : Path, optional
+        Folder to which persons may keep items.
 
     Raises
     ------
@@ -66,7 +71,7 @@ def serve(site: Site, namespace: str | None = None) -> None:
         try:
             spinner = Spinner()
             try:
-                _serve(found, listener, spinner, namespace)
+                _serve(found, listener, spinner, namespace, keep)
             finally:
                 spinner.stop()
         finally:
@@ -138,10 +143,15 @@ def _listen(site: Site) -> socket.socket:
         raise PageError(f'{where}: is not in 0..65535') from None
 
 
-def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None) -> None:
+def _serve(
+    site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None, keep: Path | None
+) -> None:
     access, app = _application(site)
+    if keep is not None and access.sessions is None:
+        raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
+    keeper = None if keep is None else Keeper(keep)
     viewers: Counter[str] = Counter()
-    watch = Watch(spinner, namespace)
+    watch = Watch(spinner, namespace, SHOWN if keep is None else HELD)
     watch.viewers = lambda name: viewers[name]
     workshop = Workshop(spinner)
 
@@ -165,9 +175,13 @@ def _serve(site: Site, listener: socket.socket, spinner: Spinner, namespace: str
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
         header(access, name)
+        keeping = None
         if access.sessions is not None:
-            work_bar(Desk(access, watch.lanes[name], partial(workshop.of, name)))
-        LanePage(watch.lanes[name], watch.board)
+            desk = Desk(access, watch.lanes[name], partial(workshop.of, name))
+            work_bar(desk)
+            if keeper is not None and desk.role >= Role.OPERATOR:
+                keeping = partial(keep_item, desk, keeper)
+        LanePage(watch.lanes[name], watch.board, keeping)
 
     try:
         _run(app, access, listener)

@@ -3,6 +3,8 @@
 """The page in a real browser, Debian's Chromium, on a line that runs."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -26,7 +28,14 @@ from selenium.webdriver.common.keys import Keys
 from served_page import served
 import yaml
 
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import GRAMS
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_validation.accuracy.results import weigh
+from checkweigher_web.access.users import Role, User, hash_password, write_users
+
 pytestmark = needs_browser
+PASSWORD = 'correct horse'
 LINE = {
     'driver': {'source': 'simulator', 'simulator': {'count': 0, 'seed': 3}},
     'reject': {'lower_limit': 0.1, 'upper_limit': 0.2},
@@ -34,15 +43,26 @@ LINE = {
 
 
 @pytest.fixture(scope='module')
-def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the users, and one for the items that are kept."""
+    folder = tmp_path_factory.mktemp('line')
+    (folder / 'kept').mkdir()
+    anna = User('anna', Role.OPERATOR, hash_password('anna', PASSWORD))
+    write_users(folder / 'users', {'anna': anna})
+    return folder
+
+
+@pytest.fixture(scope='module')
+def port(folder: Path) -> Iterator[int]:
     """Run an endless line and the page, and give the port."""
-    params = tmp_path_factory.mktemp('line') / 'line.yaml'
+    params = folder / 'line.yaml'
     sections = {f'/**/{node}': {'ros__parameters': values} for node, values in LINE.items()}
     params.write_text(yaml.safe_dump(sections))
     words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--params', str(params)]
     line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     try:
-        with served() as (_, found):
+        options = '--users', str(folder / 'users'), '--keep', str(folder / 'kept')
+        with served(*options) as (_, found):
             yield found
     finally:
         line.terminate()
@@ -117,3 +137,42 @@ def test_signals_are_taken_only_while_somebody_looks(
     until(browser, lambda: 'page_signals' in nodes())
     browser.get('about:blank')
     until(browser, lambda: 'page_signals' not in nodes())
+
+
+def press(browser: Chrome, name: str) -> None:
+    path = f'//button[normalize-space()="{name}"]'
+    until(browser, lambda: browser.find_elements(By.XPATH, path))
+    browser.execute_script('arguments[0].click()', browser.find_elements(By.XPATH, path)[-1])
+
+
+def test_an_item_of_the_running_line_is_kept(browser: Chrome, port: int, folder: Path):
+    browser.get(f'http://127.0.0.1:{port}/')
+    until(browser, lambda: rows_of(browser))
+    assert 'keep this item' not in text_of(browser, 'main')
+    browser.get(f'http://127.0.0.1:{port}/login')
+    browser.find_element(By.NAME, 'name').send_keys('anna')
+    browser.find_element(By.NAME, 'password').send_keys(PASSWORD + Keys.ENTER)
+
+    said: list[str] = []
+
+    def kept() -> bool:
+        """Try it with the latest item: the page has to have held what that needs."""
+        press(browser, 'keep this item')
+        press(browser, 'Keep')
+        until(browser, lambda: text_of(browser, '.dialog .result'))
+        said.append(text_of(browser, '.dialog .result'))
+        press(browser, 'Close')
+        until(browser, lambda: not text_of(browser, '.dialog'))
+        return said[-1].startswith('✓')
+
+    until(browser, kept)
+    (bag,) = (folder / 'kept').iterdir()
+    number = bag.name.partition('_')[0].removeprefix('item')
+    (row,) = [row for row in rows_of(browser) if row[0] == number]
+    found = re.search(r'item (\d+) of this bag, ([\d.]+) g, (\w+)', said[-1])
+    assert found, said
+    assert found[3] == row[5].split()[1]
+    assert float(found[2]) == pytest.approx(float(row[2]), abs=0.1 * float(row[3]) + 0.001)
+    results = weigh(read_bag(bag), LineParameters.from_file(folder / 'line.yaml'))
+    verdict = results[int(found[1]) - 1].verdict
+    assert (f'{GRAMS * verdict.mass:.3f}', verdict.decision.name) == (found[2], found[3])

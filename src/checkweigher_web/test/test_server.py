@@ -3,6 +3,7 @@
 """The server of the page as a process of its own, over its real port."""
 
 from collections.abc import Callable, Iterator
+import os
 import signal
 import socket
 
@@ -64,6 +65,17 @@ def test_a_port_that_there_is_not_is_one_line():
     done = run_command('page', '--port', 70000)
     assert (done.returncode, done.stderr.count('\n')) == (2, 1)
     assert 'is not in 0..65535' in done.stderr
+
+
+def test_a_folder_for_items_that_cannot_be_used_is_one_line(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv('XDG_CONFIG_HOME', os.devnull)
+    for folder, said in (
+        ('/nowhere/at/all', 'there is no folder /nowhere/at/all; make it first'),
+        ('/tmp', 'needs a user: checkweigher user add NAME --role R'),
+    ):
+        done = run_command('page', '--port', 0, '--keep', folder)
+        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+        assert said in done.stderr
 
 
 @pytest.mark.parametrize('ending', [signal.SIGINT, signal.SIGTERM])

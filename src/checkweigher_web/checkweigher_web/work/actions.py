@@ -8,6 +8,8 @@ from pathlib import Path
 
 from lifecycle_msgs.msg import State, Transition
 
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.production.recipes import Product, RecipeError, read_recipes
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
@@ -110,6 +112,21 @@ async def set_limits(services: LaneServices, wanted: Limits) -> str:
     if not result.successful:
         raise RefusedError(result.reason)
     return f'the limits are {wanted}'
+
+
+async def line_parameters(services: LaneServices) -> LineParameters:
+    """Return the parameters that a lane weighs with now."""
+    defaults, found = LineParameters(), dict[str, object]()
+    for node in ports.STAGES:
+        names = list(getattr(defaults, node).as_mapping())
+        values = await _parameters(services, node, *names)
+        if len(values) != len(names):
+            raise RefusedError(f'the node {node} is of another version: it lacks parameters')
+        found |= {f'{node}.{name}': each for name, each in zip(names, values, strict=True)}
+    try:
+        return defaults.with_values(found)
+    except ParameterError as error:
+        raise RefusedError(str(error)) from None
 
 
 def _grams(limit: float) -> str:

@@ -10,10 +10,12 @@ from nicegui import ui
 
 from checkweigher_dsp.records import GRAMS
 from checkweigher_web.access.users import Role
+from checkweigher_web.lane import Item
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.calibration import calibrate
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
+from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
 
 _BUTTONS: tuple[tuple[str, Role, Callable[[Desk, LaneServices], Awaitable[None]]], ...]
@@ -27,6 +29,24 @@ def work_bar(desk: Desk) -> None:
                 ui.button(label, on_click=partial(_begin, desk, label, role, begin)).props(
                     'outline no-caps'
                 )
+
+
+async def keep_item(desk: Desk, keeper: Keeper, item: Item) -> None:
+    """Ask whether an item is to be kept, and keep it."""
+    number, recording = item.verdict.item_id, desk.lane.recording()
+
+    async def begin(desk: Desk, services: LaneServices) -> None:
+        async def keep() -> str:
+            parameters = await actions.line_parameters(services)
+            return await keeper.keep(desk.lane.name, recording, parameters, item)
+
+        text = (
+            f'Item {number} is written to {keeper.folder} as a small bag, with what came before it '
+            'and its mass needs.'
+        )
+        ask(desk, Role.OPERATOR, 'Keep item', text, 'Keep', lambda: (f'keep item {number}', keep))
+
+    await _begin(desk, 'Keep item', Role.OPERATOR, begin)
 
 
 async def _begin(

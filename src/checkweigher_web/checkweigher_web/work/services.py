@@ -51,7 +51,10 @@ _SERVICES: dict[str, tuple[Any, str]] = {
         for node in ('driver', 'reject')
         for name, kind in (('get_state', GetState), ('change_state', ChangeState))
     },
-    **{f'{node}/get_parameters': (GetParameters, node) for node in ('driver', 'product', 'reject')},
+    **{
+        f'{node}/get_parameters': (GetParameters, node)
+        for node in ('driver', 'product', *ports.STAGES)
+    },
     'reject/set_parameters_atomically': (SetParametersAtomically, 'reject'),
 }
 

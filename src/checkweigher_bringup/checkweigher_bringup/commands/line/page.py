@@ -29,6 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='a session ends after this time without a click; default 30')  # fmt: skip
     add('--origin', default='', metavar='URL',
         help='https://NAME by which a reverse proxy on this machine serves the page')  # fmt: skip
+    add('--keep', type=Path, metavar='DIR',
+        help='folder to which operators and technicians may keep items, each as a bag')  # fmt: skip
     recording = parser.add_argument_group('a recording in place of the lanes that run')
     add = recording.add_argument
     add('--bag', type=Path, metavar='BAG', help='show a recorded shift')
@@ -42,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_namespace
+    from checkweigher_recording.whole_file import check_folder_of
     from checkweigher_web.access.site import Site
 
     given = arguments
@@ -49,6 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     site = Site(
         given.host, given.port, given.certificate, given.key, given.users, given.origin, given.idle
     )
+    if given.keep is not None:
+        if given.bag is not None:
+            raise UserError('--keep: of a running line only; for a bag there is checkweigher keep')
+        check_folder_of(given.keep / 'item')
     if given.bag is not None:
         return _serve_bag(given, site, namespace)
     for name in ('params', 'estimator', 'report'):
@@ -56,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UserError(f'--{name}: goes with --bag only')
     from checkweigher_web.server import serve
 
-    serve(site, namespace)
+    serve(site, namespace, given.keep)
     return 0
 
 

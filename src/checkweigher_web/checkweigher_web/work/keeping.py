@@ -1,0 +1,83 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Items of a running line, kept as small bags from the samples that the page holds."""
+
+import asyncio
+from datetime import UTC, datetime
+from pathlib import Path
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import GRAMS, NANOSECONDS
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.recording import Recording
+from checkweigher_recording.whole_file import OutputError
+from checkweigher_validation.item_recording import KeepError, keep_item
+from checkweigher_web.lane import Item
+from checkweigher_web.work.services import RefusedError
+
+HELD = 120.0  # s of samples, so that a person has the time to look at a fault first
+_ELSE = 'record the line, and cut the item out with checkweigher keep'
+
+
+class Keeper:
+    """Writes items to a folder, one at a time: each is weighed, which takes the processor."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._turn = asyncio.Lock()
+
+    async def keep(
+        self, lane: str, recording: Recording | None, parameters: LineParameters, item: Item
+    ) -> str:
+        """Write an item out of what is held of its lane, and return where it is.
+
+        Parameters
+        ----------
+        lane : str
+            Namespace.
+        recording : Recording or None
+            What the page holds.
+        parameters : LineParameters
+            Those that the lane weighs with.
+        item : Item
+            What became of it.
+
+        Raises
+        ------
+        RefusedError
+            If that does not hold what the item needs, or the bag cannot be written.
+        """
+        async with self._turn:
+            return await asyncio.to_thread(self._keep, lane, recording, parameters, item)
+
+    def _keep(
+        self, lane: str, recording: Recording | None, parameters: LineParameters, item: Item
+    ) -> str:
+        verdict, estimate = item.verdict, item.estimate
+        stamps = [each for each in item.key if each is not None]
+        if estimate is None or not stamps:
+            raise RefusedError(f'item {verdict.item_id} has no place in the signal: {_ELSE}')
+        if recording is None:
+            raise RefusedError('the page holds no samples yet: it takes them while somebody looks')
+        begin, end = recording.blocks[0].stamp, recording.blocks[-1].stamp
+        held = f'the page holds {(end - begin) / NANOSECONDS:.0f} s'
+        if min(stamps) < begin:
+            raise RefusedError(f'item {verdict.item_id} came before what {held} of: {_ELSE}')
+        try:
+            part, result = keep_item(recording, parameters, estimate, verdict)
+            when = datetime.fromtimestamp(min(stamps) / NANOSECONDS, UTC)
+            name = f'item{verdict.item_id}_{when:%Y%m%dT%H%M%SZ}'
+            path = self.folder / '_'.join([*lane.split('/'), name]).lstrip('_')
+            write_bag(path, part.load_cell, part, lane)
+        except KeepError:
+            raise RefusedError(
+                f'{held}, and item {verdict.item_id} is weighed another way in it: what it needs '
+                f'came before, or a parameter was changed since; {_ELSE}'
+            ) from None
+        except OutputError as error:
+            raise RefusedError(str(error)) from None
+        found = result.verdict
+        weighed = f'{found.decision.name} {" ".join(found.reasons)}'.strip()
+        return (
+            f'{path}: it is item {found.item_id} of this bag, {GRAMS * found.mass:.3f} g, {weighed}'
+        )

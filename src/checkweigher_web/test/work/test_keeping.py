@@ -1,0 +1,88 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Items that the page keeps from what it holds of a simulated line."""
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+from lines import simulated
+import pytest
+from shown_lanes import lane_of
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.recording import Recording
+from checkweigher_validation.accuracy.results import weigh
+from checkweigher_web.lane import Item, Lane
+from checkweigher_web.work.keeping import HELD, Keeper
+from checkweigher_web.work.services import RefusedError
+
+DEFAULTS = LineParameters()
+
+
+@pytest.fixture(scope='module')
+def recording() -> Recording:
+    return simulated(count=40, seed=4)
+
+
+def held_of(recording: Recording) -> Lane:
+    """Return a lane that holds the whole recording."""
+    return lane_of(recording, held=HELD)
+
+
+def keep(folder: Path, held: Lane, item: Item, parameters: LineParameters = DEFAULTS) -> str:
+    return asyncio.run(Keeper(folder).keep('a/b', held.recording(), parameters, item))
+
+
+def test_an_item_is_kept_with_what_its_mass_needs(recording: Recording, tmp_path: Path):
+    lane = held_of(recording)
+    item = lane.items()[20]
+    text = keep(tmp_path, lane, item)
+    (bag,) = tmp_path.iterdir()
+    assert text.startswith(f'{bag}: ')
+    assert bag.name.startswith(f'a_b_item{item.verdict.item_id}_')
+    part = read_bag(bag, 'a/b')
+    assert part.load_cell == recording.load_cell
+    assert len(part.blocks) < len(recording.blocks)
+    (found,) = [each for each in weigh(part, DEFAULTS) if each.verdict.t1 == item.verdict.t1]
+    assert found.verdict.decision == item.verdict.decision
+    assert abs(found.verdict.mass - item.verdict.mass) < 0.1 * item.verdict.std_dev
+    assert f'item {found.verdict.item_id} of this bag' in text
+    with pytest.raises(RefusedError, match='exists already'):
+        keep(tmp_path, lane, item)
+
+
+def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recording, tmp_path: Path):
+    lane = held_of(recording)
+    items = lane.items()
+    with pytest.raises(RefusedError, match='weighed another way'):
+        keep(tmp_path, lane, items[0], DEFAULTS.with_values({'reject.lower_limit': 9.0}))
+    with pytest.raises(RefusedError, match='no place in the signal'):
+        keep(tmp_path, lane, replace(items[0], estimate=None))
+    # The source is HELD later, less the last 5 s: the first items are forgotten.
+    last = recording.blocks[-1]
+    later = last.stamp + round((HELD - 5) * NANOSECONDS)
+    lane.take(SampleBlock(later, last.first_index + 10**6, last.counts))
+    held = lane.recording()
+    assert held is not None
+    assert held.blocks[-1].stamp - held.blocks[0].stamp <= HELD * NANOSECONDS
+    with pytest.raises(RefusedError, match='came before what the page holds'):
+        keep(tmp_path, lane, items[-1])
+    lane.forget_signals()
+    with pytest.raises(RefusedError, match='while somebody looks'):
+        keep(tmp_path, lane, items[0])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_begins_where_all_edges_are_held(recording: Recording):
+    lane = held_of(recording)
+    first = lane.recording()
+    assert first is not None
+    assert first.edges == recording.edges
+    for edge in recording.edges * 3:  # far more than are kept
+        lane.take(edge)
+    held = lane.recording()
+    assert held is not None
+    assert held.blocks[0].stamp >= held.edges[0].stamp > first.blocks[0].stamp
