@@ -130,6 +130,13 @@ class Person:
         self.until(lambda: self.text('.dialog .result').startswith(sign))
         return self.text('.dialog .result')
 
+    def does(self, name: str, sign: str, verb: str = '') -> str:
+        self.open(name)
+        self.press(verb or name)
+        result = self.result(sign)
+        self.close()
+        return result
+
     def close(self) -> None:
         self.press('Close')
         self.until(lambda: not self.text('.dialog'))
@@ -149,10 +156,15 @@ def test_a_person_works_on_the_line_by_the_page_alone(line: Line, tmp_path: Path
 
         person.log_in('anna')
         assert 'Calibration' not in person.buttons('.work')
-        person.open('Zero')
-        person.press('Zero')
-        person.result('✓')
-        person.close()
+        person.does('Zero', '✓')
+        # The diagnostics come from the driver, once a second.
+        inactive = 'the driver is inactive'
+        assert 'has stopped' in person.does('Stop', '✓')
+        person.until(lambda: inactive in person.text('[aria-label=Diagnostics]'))
+        assert 'driver refused' in person.does('Stop', '✗')
+        assert 'has started' in person.does('Start', '✓')
+        person.until(lambda: inactive not in person.text('[aria-label=Diagnostics]'))
+        assert 'no stop was requested' in person.does('Reset stop', '✓', 'Reset')
         person.open('New batch')
         person.fill('Batch', 'L1')
         person.press('Begin')
@@ -172,6 +184,11 @@ def test_a_person_works_on_the_line_by_the_page_alone(line: Line, tmp_path: Path
         person.log_out()
         assert line.noted('anna') == [
             'zero: asked from 127.0.0.1', 'zero: done',
+            'stop weighing: asked from 127.0.0.1', 'stop weighing: done',
+            'stop weighing: asked from 127.0.0.1',
+            'stop weighing: refused: driver refused; see Diagnostics',
+            'start weighing: asked from 127.0.0.1', 'start weighing: done',
+            'reset stop request: asked from 127.0.0.1', 'reset stop request: done',
             'begin batch L1: asked from 127.0.0.1', 'begin batch L1: done',
             'begin batch L1: asked from 127.0.0.1',
             "begin batch L1: refused: batch 'L1': a name that was not used before is needed",

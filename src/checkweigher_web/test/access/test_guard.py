@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from html import unescape
 from http.client import HTTPConnection
 from http.cookies import SimpleCookie
 import json
@@ -79,7 +80,8 @@ def users(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def port(users: Path) -> Iterator[int]:
-    with served('--users', str(users), '--origin', ORIGIN, '--idle', str(IDLE / 60)) as (_, found):
+    options = '--users', str(users), '--origin', ORIGIN, '--idle', str(IDLE / 60)
+    with served(*options, '--namespace', '') as (_, found):
         yield found
 
 
@@ -170,14 +172,14 @@ def test_failures_in_a_row_have_to_wait(browser: Browser):
         assert time.monotonic() < deadline
 
 
-def shake_hands(browser: Browser, client: str) -> str:
-    """Open a socket of a page by Socket.IO's protocol, and return what the server answers."""
+def open_socket(browser: Browser, client: str) -> tuple[str, str]:
+    """Open a socket of a page by Socket.IO's protocol; return its path and the server's answer."""
     query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'
     path = f'{SOCKET}/?EIO=4&transport=polling&{query}'
     opened = json.loads(browser.ask(path).text.removeprefix('0'))
     path += f'&sid={opened["sid"]}'
     assert browser.ask(path, '40').status == 200
-    return browser.ask(path).text
+    return path, browser.ask(path).text
 
 
 def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int):
@@ -185,8 +187,56 @@ def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int
     client = re.findall(r'client_id\W+([\w-]{36})', browser.ask('/').text)[0]
     other = Browser(port)
     other.log_in('mallory')
-    assert 'handshake failed' in shake_hands(other, client)
-    assert shake_hands(browser, client).startswith('40{"sid"')
+    assert 'handshake failed' in open_socket(other, client)[1]
+    assert open_socket(browser, client)[1].startswith('40{"sid"')
+
+
+def click_of(page: str, client: str, label: str) -> dict[str, object]:
+    """Return the event of a button, as the page of a client sends it."""
+    parsed = re.search(r'parseElements\(String\.raw`(.*?)`', page, re.DOTALL)
+    assert parsed, page[:3000]
+    elements = json.loads(unescape(parsed[1]))
+    ((number, button),) = [
+        (number, each) for number, each in elements.items()
+        if each.get('props', {}).get('label') == label
+    ]  # fmt: skip
+    (event,) = [each for each in button['events'] if each['type'] == 'click']
+    return {
+        'id': int(number),
+        'client_id': client,
+        'listener_id': event['listener_id'],
+        'args': ['{}'],
+    }
+
+
+def read_until(browser: Browser, path: str, wanted: str) -> str:
+    """Return what a socket is sent until that contains something."""
+    text, end = '', time.monotonic() + PATIENCE
+    while wanted not in text:
+        assert time.monotonic() < end, text
+        text += browser.ask(path).text
+        if text.endswith('2'):
+            browser.ask(path, '3')
+    return text
+
+
+def test_an_event_from_the_socket_of_another_user_is_not_taken(port: int):
+    victim, other = Browser(port), Browser(port)
+    for browser, name in ((victim, 'anna'), (other, 'mallory')):
+        browser.log_in(name, **{'X-Forwarded-For': f'10.3.0.{len(name)}'})
+    pages = {browser: browser.ask('/').text for browser in (victim, other)}
+    clients = {b: re.findall(r'client_id\W+([\w-]{36})', page)[0] for b, page in pages.items()}
+    paths = {browser: open_socket(browser, client)[0] for browser, client in clients.items()}
+    stop, zero = (click_of(pages[victim], clients[victim], name) for name in ('Stop', 'Zero'))
+    # With the number 1 the server says when it has handled the event.
+    other.ask(paths[other], f'421{json.dumps(["event", stop])}')
+    read_until(other, paths[other], '431[')
+    victim.ask(paths[victim], f'42{json.dumps(["event", zero])}')
+    shown = read_until(victim, paths[victim], 'becomes the zero')
+    assert 'Weighing stops' not in shown
+    # The same event from the page's own socket is taken.
+    victim.ask(paths[victim], f'42{json.dumps(["event", stop])}')
+    read_until(victim, paths[victim], 'Weighing stops')
 
 
 def test_a_session_ends_with_its_user_and_with_time(browser: Browser, users: Path):

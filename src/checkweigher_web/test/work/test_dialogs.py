@@ -1,0 +1,51 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The desk of a person, whose role is asked again at the moment of acting."""
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+
+from nicegui import Client, ui
+import pytest
+from starlette.requests import Request
+
+from checkweigher_web.access.guard import Access
+from checkweigher_web.access.site import Site
+from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
+from checkweigher_web.lane import Lane
+from checkweigher_web.work.dialogs import Desk
+from checkweigher_web.work.services import LaneServices
+
+ANNA = User('anna', Role.OPERATOR, hash_password('anna', 'correct horse'))
+
+
+async def nobody() -> LaneServices:
+    raise AssertionError('the services of the lane were asked for')
+
+
+async def nothing() -> str:
+    raise AssertionError('it was done')
+
+
+@pytest.mark.parametrize('needed', [Role.OPERATOR, Role.TECHNICIAN])
+def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_path: Path):
+    users = tmp_path / 'users'
+    write_users(users, {'anna': ANNA})
+    access = Access(Site(users=users))
+    assert access.sessions is not None
+    identifier = access.sessions.begin(ANNA, '127.0.0.1')
+    scope = {'type': 'http', 'path': '/', 'headers': [], 'checkweigher.session': identifier}
+
+    async def act() -> None:
+        with Client(ui.page('/'), request=Request(scope)):
+            desk = Desk(access, Lane('a'), nobody)
+        assert desk.role == Role.OPERATOR
+        if needed == Role.OPERATOR:  # with a dialog open she loses it
+            known = read_users(users)
+            write_users(users, {'anna': replace(known['anna'], role=Role.VIEWER)})
+        outcome = await desk.perform(needed, 'zero', '', nothing)
+        assert not outcome.done
+        assert outcome.text == f'this needs a login as {needed.name.lower()}'
+
+    asyncio.run(act())
