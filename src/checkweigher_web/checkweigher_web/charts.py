@@ -226,7 +226,9 @@ def spectrum_chart(found: Spectrum | None) -> Options:
     """Return the spectrum of the empty belt with its lines."""
     if found is None:
         return nothing('needs a stretch of the empty belt')
-    line = _line('amplitude', found.frequencies, GRAMS * found.amplitudes, DENOISED, width=1)
+    shown = found.frequencies <= _HIGHEST
+    amplitudes = GRAMS * found.amplitudes[shown]
+    line = _line('amplitude', found.frequencies[shown], amplitudes, DENOISED, width=1)
     line['markLine'] = _marks({f'{each.frequency:.0f}': each.frequency for each in found.lines})
     figure = _figure([line], 'Hz', 'g')
     figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 import math
 from pathlib import Path
 import time
-from typing import Any
 
 from nicegui import ui
 from nicegui.element import Element
@@ -27,6 +26,8 @@ _PERIOD = 0.1  # s; what comes in between is shown at once
 _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
 _SHOWN = 100  # items in the list
 _HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict'
+_REASON_HEADS = 'items', 'reason', 'what to check'
+_STATUS_HEADS = 'level', 'node', 'what is, and what to check'
 _STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
 # Colour is never the only sign.
 _SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
@@ -75,10 +76,11 @@ class LanePage:
                 with ui.element('div').classes('items'):
                     self._list = _table_of(_HEADS)
             with panel('Production'):
-                self._production = ui.element('div')
+                self._production = _Table(('what', 'value'))
             with panel('Faults' if board is None else 'Diagnostics'):
                 self._headline = ui.label('')
-                self._diagnostics = ui.element('div')
+                heads = _REASON_HEADS if board is None else _STATUS_HEADS
+                self._diagnostics = _Table(heads)
             with panel('Masses of the accepted items'):
                 self._histogram = _chart('histogram of the masses')
             with panel('Control chart: means'):
@@ -89,7 +91,7 @@ class LanePage:
                 self._zero = _chart('zero of the empty belt')
             with panel('Empty belt'):
                 self._spectrum = _chart('spectrum of the empty belt')
-                self._lines = ui.element('div')
+                self._lines = _Table(('Hz', 'g', 'what it might be'))
         ui.timer(_PERIOD, self._update)
         ui.timer(_SLOW_PERIOD, self._update_machine)
 
@@ -226,7 +228,7 @@ class LanePage:
                 ('below TU1', str(statistics.below_tu1)), ('below TU2', str(statistics.below_tu2)),
                 ('items/min', _number(statistics.throughput, 1)),
             ]  # fmt: skip
-        _table(self._production, ('what', 'value'), rows, _cells)
+        self._production.show(rows)
 
     def _update_machine(self) -> None:
         if self._board is None:
@@ -246,11 +248,10 @@ class LanePage:
             else {}
         )
         self._headline.set_text('' if counts else 'no fault until now')
-        _table(
-            self._diagnostics, ('items', 'reason', 'what to check'),
-            [(str(counts[each]), each, _hint(each))
-             for each in sorted(counts, key=counts.__getitem__, reverse=True)], _cells,
-        )  # fmt: skip
+        self._diagnostics.show(
+            (str(counts[each]), each, _hint(each))
+            for each in sorted(counts, key=counts.__getitem__, reverse=True)
+        )
 
     def _show_diagnostics(self, board: StatusBoard) -> None:
         rows = [
@@ -260,10 +261,9 @@ class LanePage:
         ]
         self._headline.set_text(headline(rows))
         shown = [row for row in rows if row.level != Level.OK]
-        _table(
-            self._diagnostics, ('level', 'node', 'what is, and what to check'),
-            [(row.level.name, f'{row.node} {row.aspect}', row.message) for row in shown], _cells,
-        )  # fmt: skip
+        self._diagnostics.show(
+            (row.level.name, f'{row.node} {row.aspect}', row.message) for row in shown
+        )
 
     def _show_spectrum(self) -> None:
         cell = self._lane.load_cell
@@ -275,11 +275,9 @@ class LanePage:
         found = spectrum(self._lane.empty_belt(), cell.sample_rate, speed, platform)
         _set(self._spectrum, charts.spectrum_chart(found))
         lines = found.lines if found else ()
-        _table(
-            self._lines, ('Hz', 'g', 'what it might be'),
-            [(f'{each.frequency:.1f}', _grams(each.amplitude), each.guess) for each in lines],
-            _cells,
-        )  # fmt: skip
+        self._lines.show(
+            (f'{each.frequency:.1f}', _grams(each.amplitude), each.guess) for each in lines
+        )
 
 
 def list_lanes(lanes: Mapping[str, Lane]) -> None:
@@ -313,18 +311,32 @@ def _chart(label: str) -> ui.echart:
 
 def _set(chart: ui.echart, options: charts.Options) -> None:
     if chart.options != options:
-        chart.options.clear()
-        chart.options.update(options)
+        # As it is: NiceGUI would make an observed list of each point, most of the page's work.
+        dict.__setitem__(chart.props, 'options', options)
         chart.update()
 
 
-def _table(
-    place: Element, heads: Iterable[str], rows: Iterable[Any], fill: Callable[[Any], object]
-) -> None:
-    place.clear()
-    with place, _table_of(heads):
-        for row in rows:
-            fill(row)
+class _Table:
+    """A table whose texts change in place: most stay as they are, and elements are dear."""
+
+    def __init__(self, heads: tuple[str, ...]) -> None:
+        self._columns = len(heads)
+        self._body = _table_of(heads)
+        self._rows: list[tuple[Element, list[ui.label]]] = []
+
+    def show(self, rows: Iterable[tuple[str, ...]]) -> None:
+        """Show rows, each with a text for each column."""
+        given = list(rows)
+        while len(self._rows) > len(given):
+            self._rows.pop()[0].delete()
+        while len(self._rows) < len(given):
+            with self._body, ui.element('tr') as row:
+                self._rows.append((row, [_cell('') for _ in range(self._columns)]))
+        for (_, cells), texts in zip(self._rows, given, strict=True):
+            for cell, text in zip(cells, texts, strict=True):
+                cell.set_text(text)
+            first = texts[0]
+            cells[0].classes(replace=f'level-{first}' if first in Level.__members__ else '')
 
 
 def _table_of(heads: Iterable[str]) -> Element:
@@ -337,15 +349,9 @@ def _table_of(heads: Iterable[str]) -> Element:
         return ui.element('tbody')
 
 
-def _cells(row: Iterable[str]) -> None:
-    with ui.element('tr'):
-        for number, text in enumerate(row):
-            _cell(text, f'level-{text}' if number == 0 and text in Level.__members__ else '')
-
-
-def _cell(text: str, look: str = '') -> None:
-    with ui.element('td').classes(look):
-        ui.label(text)
+def _cell(text: str) -> ui.label:
+    with ui.element('td'):
+        return ui.label(text)
 
 
 def _grams(mass: float, unit: str = '', digits: int = 3) -> str:
