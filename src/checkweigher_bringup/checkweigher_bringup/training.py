@@ -22,7 +22,7 @@ from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
 from checkweigher_validation.jobs import ALL_CORES, run_jobs
 from checkweigher_validation.tuning.choice import choose
-from checkweigher_validation.tuning.parameter_file import parameter_file
+from checkweigher_validation.tuning.parameter_file import accuracy_lines, parameter_file
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
@@ -99,6 +99,4 @@ def train(
     else:
         text = parameter_file(tuned, source)
     write_whole(output, text)
-    comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
-    shown = ('estimator', 'chosen:', *names)
-    print('\n'.join(line for line in comments if line.split()[0] in shown))
+    print('\n'.join(accuracy_lines(text)))

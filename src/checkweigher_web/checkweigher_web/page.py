@@ -76,11 +76,11 @@ class LanePage:
                 with ui.element('div').classes('items'):
                     self._list = _table_of(_HEADS)
             with panel('Production'):
-                self._production = _Table(('what', 'value'))
+                self._production = Table(('what', 'value'))
             with panel('Faults' if board is None else 'Diagnostics'):
                 self._headline = ui.label('')
                 heads = _REASON_HEADS if board is None else _STATUS_HEADS
-                self._diagnostics = _Table(heads)
+                self._diagnostics = Table(heads)
             with panel('Masses of the accepted items'):
                 self._histogram = _chart('histogram of the masses')
             with panel('Control chart: means'):
@@ -91,7 +91,7 @@ class LanePage:
                 self._zero = _chart('zero of the empty belt')
             with panel('Empty belt'):
                 self._spectrum = _chart('spectrum of the empty belt')
-                self._lines = _Table(('Hz', 'g', 'what it might be'))
+                self._lines = Table(('Hz', 'g', 'what it might be'))
         ui.timer(_PERIOD, self._update)
         ui.timer(_SLOW_PERIOD, self._update_machine)
 
@@ -316,7 +316,7 @@ def _set(chart: ui.echart, options: charts.Options) -> None:
         chart.update()
 
 
-class _Table:
+class Table:
     """A table whose texts change in place: most stay as they are, and elements are dear."""
 
     def __init__(self, heads: tuple[str, ...]) -> None:

@@ -3,14 +3,14 @@
 """A person works on a running line by the page alone, in a real browser."""
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from browsers import needs_browser, open_browser
-import pytest
 from running import PATIENCE
 from selenium.common.exceptions import TimeoutException, WebDriverException
 from selenium.webdriver import Chrome
@@ -41,9 +41,9 @@ class Line:
         return [str(each.new) for each in entries if (each.kind, each.subject) == ('person', name)]
 
 
-@pytest.fixture(scope='module')
-def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Line]:
-    folder = tmp_path_factory.mktemp('line')
+@contextmanager
+def running_line(folder: Path, **driver: object) -> Iterator[Line]:
+    """Run a line with a simulated driver, and its page."""
     known = hash_password('x', PASSWORD)
     roles = {'anna': Role.OPERATOR, 'ben': Role.TECHNICIAN, 'vera': Role.VIEWER}
     write_users(folder / 'users', {n: User(n, role, known) for n, role in roles.items()})
@@ -51,8 +51,8 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Line]:
     (folder / 'recipes.yaml').write_text(yaml.safe_dump({'products': recipes}))
     values = {
         'driver': {
-            'source': 'simulator', 'simulator.count': 0, 'simulator.lead_in': EMPTY,
-            'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5,
+            'source': 'simulator', 'simulator.count': 0,
+            'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5, **driver,
         },
         'product': {
             'recipes': str(folder / 'recipes.yaml'), 'audit_log': str(folder / 'audit.log')
@@ -68,6 +68,20 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Line]:
     finally:
         running.terminate()
         running.wait()
+
+
+@contextmanager
+def dynamic_setting(folder: Path) -> Iterator[None]:
+    """Run the node beside a line, which trains little."""
+    values = {'folder': folder, 'estimator': 'tvlpf', 'budget': 4}
+    words = [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
+    module = 'checkweigher_bringup.commissioning.dynamic_setting'
+    node = subprocess.Popen([sys.executable, '-m', module, '--ros-args', *words])
+    try:
+        yield
+    finally:
+        node.terminate()
+        node.wait()
 
 
 class Person:
@@ -147,8 +161,9 @@ class Person:
 
 
 @needs_browser
-def test_a_person_works_on_the_line_by_the_page_alone(line: Line, tmp_path: Path):
-    with open_browser(tmp_path) as browser:
+def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
+    empty = {'simulator.lead_in': EMPTY}
+    with running_line(tmp_path, **empty) as line, open_browser(tmp_path) as browser:
         person = Person(browser, line)
         person.log_in('vera')
         assert not person.buttons('.work')
@@ -233,3 +248,46 @@ def test_a_person_works_on_the_line_by_the_page_alone(line: Line, tmp_path: Path
         assert line.noted('ben')[-1] == 'write calibration: done'
         severe = [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE']
         assert not severe
+
+
+@needs_browser
+def test_trained_parameters_count_when_a_person_has_seen_the_table(tmp_path: Path):
+    passing = {'simulator.masses': [0.2], 'simulator.speed': 1.5}
+    file, learned = tmp_path / 'machine.yaml', tmp_path / 'machine.new.yaml'
+    file.write_text('# what the line has\n')
+    with running_line(tmp_path, **passing) as line, open_browser(tmp_path) as browser:
+        person = Person(browser, line)
+        person.log_in('ben')
+
+        def begun() -> bool:
+            person.open('Dynamic setting')
+            person.until(lambda: re.search('Recorded|✗', person.text('.dialog')))
+            if runs := '✗' not in person.text('.dialog'):
+                return runs
+            assert 'dynamic_setting does not run' in person.text('.dialog .result')
+            person.close()
+            return False
+
+        assert not begun()
+        with dynamic_setting(tmp_path):
+            person.until(begun)
+            person.press('Train')
+            assert 'no passes' in person.result('✗')
+            person.fill('Mass', '200')
+            person.fill('Passes', '1000')
+            person.press('Record passes')
+            person.until(lambda: re.match(r'recording, (8|9|\d\d+) of', person.text('.state')))
+            person.press('End recording')
+            person.until(lambda: 'of 1000 passes of 200 g recorded' in person.text('.state'))
+            person.press('Train')
+            person.until(lambda: person.text('.accuracy tbody').startswith('tvlpf'))
+            assert learned.exists()
+            assert file.read_text() == '# what the line has\n'
+            person.press('Take over')
+            person.until(lambda: 'version 2' in person.text('.dialog .result'))
+            person.until(lambda: not person.text('.accuracy'))
+        assert 'tvlpf' in file.read_text()
+        assert (tmp_path / 'machine.v1.yaml').read_text() == '# what the line has\n'
+        assert line.noted('ben')[-1] == 'take over the trained parameters: done'
+        kinds = [each.kind for each in read_log(tmp_path / 'audit.log').entries]
+        assert kinds.count('tuned') == 1

@@ -27,7 +27,7 @@ _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Guide through the speeds, train, and write the parameter file."""
+    """Guide through the speeds, train, show how accurate it is, and ask before it replaces."""
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
@@ -40,6 +40,13 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     new = output.with_name(f'{output.stem}.new{output.suffix}')
     estimators = estimator_names([arguments.estimator], ()) if arguments.estimator else None
     train(bags, new, estimators, base, budget=arguments.budget or BUDGET)
+    taken = ask(
+        f'Type yes to take these parameters over as {output}',
+        f'the parameters were taken over; they are in {new}',
+    )
+    if taken.lower() not in ('y', 'yes'):
+        print(f'{output}: not written; the parameters are in {new}')
+        return
     version = replace_version(output, new)
     print(f'{output}: version {version} written; start the line with it')
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dynamic setting by services: passes of known mass at each belt speed, then training.
 
+What training learned waits beside the parameters of the line until somebody takes it over.
 The commands `record` and `tune` run in processes of their own: training takes minutes of all
 cores, and the line must not wait for it.
 """
@@ -9,6 +10,7 @@ cores, and the line must not wait for it.
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+import hashlib
 import math
 import os
 from pathlib import Path
@@ -29,14 +31,18 @@ from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.parent_process import child_environment
+from checkweigher_dsp.production.audit_trail import TUNED
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
+from checkweigher_recording.whole_file import OutputError
+from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for a child to complete its bag
 _LESS_URGENT = 10  # than the line; nice
+_NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} first'
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self.destroy_node()
             raise
         self._file = self._folder / 'machine.yaml'
-        self._learned = self._folder / 'machine.new.yaml'  # before it is the newest version
+        self._learned = self._folder / 'machine.new.yaml'  # until it is taken over
         self._child: subprocess.Popen[bytes] | None = None
         self._recording: Path | None = None
         self._cancelled = False
@@ -79,8 +85,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self.create_service(RecordPasses, ports.RECORD_PASSES, self._on_record)
         self.create_service(Trigger, ports.TUNE_PASSES, self._on_tune)
         self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
+        self.create_service(Trigger, ports.SHOW_TUNED, self._on_show)
+        self.create_service(Trigger, ports.ACCEPT_TUNED, self._on_accept)
         self.create_timer(_POLL_PERIOD, self._poll)
-        self._tell(DynamicSetting.IDLE, '')
+        self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
     def _bags(self) -> list[Path]:
         """Return the bags in the order of recording, without the one that is being recorded."""
@@ -102,11 +110,24 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._said.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(self._said)
 
+    def _waiting(self) -> str:
+        """Return what can be done with what was learned."""
+        return (
+            f'tuned: {self._learned} waits; {ports.SHOW_TUNED} shows how accurate it is, '
+            f'{ports.ACCEPT_TUNED} takes it over, {ports.CANCEL_PASSES} drops it'
+        )
+
     # Services
 
+    def _busy(self) -> str:
+        """Return why nothing can begin now, empty if it can."""
+        if self._child is None:
+            return ''
+        return f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
+
     def _on_record(self, request: Any, response: Any) -> Any:
-        if self._child is not None:
-            response.message = f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
+        if busy := self._busy():
+            response.message = busy
         elif not (math.isfinite(request.mass) and request.mass > 0 and request.passes > 0):
             given = f'mass {request.mass:g} kg, passes {request.passes}'
             response.message = f'{given}: both must be above 0'
@@ -125,14 +146,15 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     def _on_tune(self, request: Any, response: Any) -> Any:
         bags = self._bags()
-        if self._child is not None:
-            response.message = f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
+        if busy := self._busy():
+            response.message = busy
         elif not bags:
             response.message = f'{self._folder}: no passes; call {ports.RECORD_PASSES} first'
         else:
             known = self.parameters
             options = ['--params', known.parameters] if known.parameters else []
             options += ['--estimator', known.estimator] if known.estimator != 'best' else []
+            self._learned.unlink(missing_ok=True)
             self._begin(
                 'tune', *bags, '--output', self._learned, '--overwrite', '--budget', known.budget,
                 *options,
@@ -143,14 +165,64 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return response
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
-        """End recording or training; passes that were recorded are kept."""
+        """End recording or training, or drop what was learned; passes and parameters stay."""
         response.success = True
         response.message = 'nothing is under way'
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
             response.message = 'it ends; passes that were weighed are kept'
+        elif self._learned.exists():
+            self._learned.unlink()
+            response.message = f'what was learned is dropped; {self._file} stays as it was'
+            self._tell(DynamicSetting.IDLE, response.message)
         return response
+
+    def _candidate(self) -> bytes | None:
+        """Return what was learned and waits, None without."""
+        try:
+            return self._learned.read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def _on_show(self, request: Any, response: Any) -> Any:
+        """Show how accurate the parameters are that wait."""
+        learned = self._candidate()
+        if learned is None:
+            response.message = _NOTHING_WAITS
+        else:
+            text = learned.decode('utf-8', errors='replace')
+            response.success, response.message = True, '\n'.join(accuracy_lines(text))
+        return response
+
+    async def _on_accept(self, request: Any, response: Any) -> Any:
+        """Take over what was learned, once that is in the audit log."""
+        learned = self._candidate()
+        if learned is None or self._busy():
+            response.message = self._busy() or _NOTHING_WAITS
+            return response
+        name = self.get_fully_qualified_name()
+        value = {'file': str(self._file), 'sha256': hashlib.sha256(learned).hexdigest()}
+        if reason := await self.change_record.write(TUNED, name, value):
+            response.message = f'{reason}: not taken over'
+            return response
+        try:
+            if self._busy() or self._candidate() != learned:
+                raise OutputError('what was learned has changed meanwhile')
+            response.message = self._take_over()
+            response.success = True
+        except (OutputError, OSError) as error:
+            response.message = f'not taken over: {error}'
+            await self.change_record.write(TUNED, name, response.message)
+        return response
+
+    def _take_over(self) -> str:
+        """Make what was learned the newest version of the file, and say so."""
+        version = replace_version(self._file, self._learned)
+        text = f'{self._file}, version {version}; the line takes it at its next start'
+        self._tell(DynamicSetting.IDLE, text)
+        self.get_logger().info(text)
+        return text
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
         """End a child and its own children, which training would wait for.
@@ -195,6 +267,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._child, bag, self._recording = None, self._recording, None
         if was == DynamicSetting.RECORDING and bag is not None and not passes:
             shutil.rmtree(bag, ignore_errors=True)  # it was made for this, and nothing is in it
+        if was == DynamicSetting.TUNING and (status or self._cancelled):
+            self._learned.unlink(missing_ok=True)
         if status and not self._cancelled:
             self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
         elif was == DynamicSetting.RECORDING:
@@ -203,9 +277,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         elif self._cancelled:
             self._tell(DynamicSetting.IDLE, 'training cancelled')
         else:
-            version = replace_version(self._file, self._learned)
-            text = f'learned; the line takes {self._file} as its parameters, version {version}'
-            self._tell(DynamicSetting.IDLE, text)
+            self._tell(DynamicSetting.IDLE, self._waiting())
         if self._said.state == DynamicSetting.FAILED:
             self.warn(self._said.text)
         else:

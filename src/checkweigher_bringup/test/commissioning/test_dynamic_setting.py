@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import hashlib
 import math
 from pathlib import Path
 import queue
@@ -25,8 +26,10 @@ from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingNod
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.production.audit_log import read_log
 from checkweigher_dsp.ros import ports
 from checkweigher_recording.bags.writing import write_bag
 
@@ -101,7 +104,15 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
                 assert max(said.passes for said in heard) == PASSES
         assert [Path(bag).name for bag in heard[-1].bags] == ['passes_1', 'passes_2'][: len(speeds)]
         assert technician.call(Trigger, ports.TUNE_PASSES).success
+        waiting = technician.wait(lambda said: said.text.startswith('tuned'))[-1]
+        assert waiting.file == ''
+        assert not (folder / 'machine.yaml').exists()
+        heads, *accuracy = technician.call(Trigger, ports.SHOW_TUNED).message.splitlines()
+        assert heads.split()[0] == 'estimator'
+        assert [line.split()[0] for line in accuracy] == [estimator] * len(speeds)
+        assert technician.call(Trigger, ports.ACCEPT_TUNED).success
         learned = technician.wait(lambda said: said.file != '')[-1]
+        assert 'nothing that was learned' in technician.call(Trigger, ports.ACCEPT_TUNED).message
     assert learned.file == str(folder / 'machine.yaml')
 
     for speed in speeds:  # other passes of other masses than those it was trained on
@@ -157,6 +168,54 @@ def test_a_training_that_is_cancelled_ends_and_leaves_no_parameters(tmp_path: Pa
     assert not (tmp_path / 'machine.yaml').exists()
 
 
+def test_what_was_learned_waits_until_it_is_taken_over_or_dropped(tmp_path: Path):
+    file, learned, log = (tmp_path / name for name in ('machine.yaml', 'machine.new.yaml', 'log'))
+    file.write_text('# what the line has\n')
+    with spinning('taken') as spinner:
+        spinner.add(ProductNode({'audit_log': str(log)}))
+        learned.write_text('# estimator A\n# hann 60.0 12 0.4 0.5\n')  # of a node before this one
+        spinner.add(DynamicSettingNode({'folder': str(tmp_path)}))
+        technician = Technician(spinner)
+        technician.wait(lambda said: said.text.startswith('tuned'))
+        dropped = technician.call(Trigger, ports.CANCEL_PASSES)
+        assert dropped.message == f'what was learned is dropped; {file} stays as it was'
+        assert not learned.exists()
+        for name in (ports.SHOW_TUNED, ports.ACCEPT_TUNED):
+            assert 'nothing that was learned waits' in technician.call(Trigger, name).message
+        assert file.read_text() == '# what the line has\n'
+
+        learned.write_text(text := '# estimator A\n# hann 60.0 12 0.2 0.3\nhann: 1\n')
+        shown = technician.call(Trigger, ports.SHOW_TUNED)
+        assert shown.message == 'estimator A\nhann 60.0 12 0.2 0.3'
+        assert technician.call(RecordPasses, ports.RECORD_PASSES, mass=0.1, passes=3).success
+        assert technician.call(Trigger, ports.ACCEPT_TUNED).message.startswith('busy')
+        assert technician.call(Trigger, ports.CANCEL_PASSES).success
+        technician.wait(lambda said: '0 of 3' in said.text)
+        taken = technician.call(Trigger, ports.ACCEPT_TUNED)
+        assert taken.message == f'{file}, version 2; the line takes it at its next start'
+    assert file.read_text() == text
+    assert (tmp_path / 'machine.v1.yaml').read_text() == '# what the line has\n'
+    (entry,) = (each for each in read_log(log).entries if each.kind == 'tuned')
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    assert entry.subject == '/taken/dynamic_setting'
+    assert entry.new == {'file': str(file), 'sha256': digest}
+
+
+def test_without_an_entry_in_the_audit_log_nothing_is_taken_over(tmp_path: Path):
+    learned = tmp_path / 'machine.new.yaml'
+    learned.write_text('')
+    with spinning('unwritten') as spinner:
+        spinner.add(ProductNode({'audit_log': str(tmp_path / 'log')}))
+        spinner.add(DynamicSettingNode({'folder': str(tmp_path)}))
+        technician = Technician(spinner)
+        (tmp_path / 'log').unlink()
+        refused = technician.call(Trigger, ports.ACCEPT_TUNED)
+    assert not refused.success
+    assert 'not in the audit log' in refused.message
+    assert learned.exists()
+    assert not (tmp_path / 'machine.yaml').exists()
+
+
 def test_a_folder_has_to_be_given():
     with spinning('without'), pytest.raises(ParameterError, match='is no folder'):
         DynamicSettingNode()
@@ -176,6 +235,9 @@ def test_the_command_guides_through_the_speeds(tmp_path: Path):
             assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
         with line(spinner, 1.5):
             dialogue.answer()
+            assert 'take these parameters over' in dialogue.asked()
+            assert not output.exists()
+            dialogue.answer('yes')
             status, printed, errors = dialogue.end()
     assert status == 0, errors
     assert 'the belt ran at 60' in printed

@@ -353,11 +353,15 @@ class ProductNode(StageNode[ProductParameters]):
         namespace, _, node = subject.rpartition('/')
         here = namespace == self.get_namespace().rstrip('/')
         learner = self.resolve_service_name('identifier')
+        tuner = self.resolve_service_name(ports.DYNAMIC_SETTING.name)
         if kind == audit_trail.PARAMETER and here and isinstance(value, dict):
             self._audit.announce({node: value})
         elif (kind, subject) == (audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name):
             self._trail.state(kind, subject, value)
-        elif (kind, subject) in ((audit_trail.ZERO, ports.ZERO), (audit_trail.LEARNED, learner)):
+        elif (kind, subject) in (
+            (audit_trail.ZERO, ports.ZERO), (audit_trail.LEARNED, learner),
+            (audit_trail.TUNED, tuner),
+        ):  # fmt: skip
             self._trail.note(kind, subject, None, value)
         elif kind == audit_trail.REPORT and self._has_record(subject):
             self._trail.state(kind, subject, value)

@@ -19,6 +19,7 @@ PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibra
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
 RECORD, REPORT = 'record', 'report'  # of a batch
+TUNED = 'tuned'
 
 
 class AuditTrail:

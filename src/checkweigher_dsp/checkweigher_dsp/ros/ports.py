@@ -196,6 +196,7 @@ FORGET_LEARNED = 'forget_learned'
 CALIBRATE_ZERO = 'calibrate_zero'
 CANCEL_CALIBRATION = 'cancel_calibration'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
+SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 # Services of types of their own names.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'

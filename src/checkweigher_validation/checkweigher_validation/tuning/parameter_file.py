@@ -5,6 +5,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
+from itertools import dropwhile
 
 import yaml
 
@@ -76,6 +77,16 @@ def parameter_file(
         content, default_flow_style=None, sort_keys=False, width=_WIDTH, allow_unicode=True
     )
     return '\n'.join(lines) + '\n' + body
+
+
+def accuracy_lines(text: str) -> list[str]:
+    """Return the table of accuracies at the head of a parameter file, and why one was chosen.
+
+    Heads, a line for each estimator at each speed, and a line ``chosen: ...`` where several were
+    compared; empty for a file that was not tuned.
+    """
+    comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
+    return list(dropwhile(lambda line: not line.startswith('estimator '), comments))
 
 
 def _plain(values: Mapping[str, object]) -> dict[str, object]:

@@ -15,6 +15,7 @@ from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.calibration import calibrate
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
+from checkweigher_web.work.dynamic_setting import set_dynamically
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
 
@@ -161,4 +162,5 @@ _BUTTONS = (
     ('Reset stop', Role.OPERATOR, _reset),
     ('Limits', Role.TECHNICIAN, _limits),
     ('Calibration', Role.TECHNICIAN, calibrate),
+    ('Dynamic setting', Role.TECHNICIAN, set_dynamically),
 )

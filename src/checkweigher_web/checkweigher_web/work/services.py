@@ -9,6 +9,7 @@ import json
 import time
 from typing import Any
 
+from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import (
     CalibrateSpan,
     FinishCalibration,
@@ -46,6 +47,8 @@ _SERVICES: dict[str, tuple[Any, str]] = {
     ports.RECORD_PASSES: (RecordPasses, 'dynamic_setting'),
     ports.TUNE_PASSES: (Trigger, 'dynamic_setting'),
     ports.CANCEL_PASSES: (Trigger, 'dynamic_setting'),
+    ports.SHOW_TUNED: (Trigger, 'dynamic_setting'),
+    ports.ACCEPT_TUNED: (Trigger, 'dynamic_setting'),
     **{
         f'{node}/{name}': (kind, node)
         for node in ('driver', 'reject')
@@ -88,19 +91,29 @@ class LaneServices(PortNode):
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
         self._has_log = False
+        self.setting: DynamicSetting | None = None  # how far it is, once it was heard
+        self.subscribe(ports.DYNAMIC_SETTING, self._hear, qos=ports.DYNAMIC_SETTING.qos)
+
+    def _hear(self, said: DynamicSetting) -> None:
+        self.setting = said
 
     async def call(self, name: str, **values: Any) -> Any:
         """Return the answer of a service; `RefusedError` without one, or if it says no."""
-        client, (kind, node) = self._client(name), _SERVICES[name]
+        client, (kind, node) = await self.found(name), _SERVICES[name]
+        answer = await self._answer(client, kind.Request(**values), node)
+        if not getattr(answer, 'success', True):
+            raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
+        return answer
+
+    async def found(self, name: str) -> Client:
+        """Return the client of a service that is there; `RefusedError` if it is not."""
+        client, (_, node) = self._client(name), _SERVICES[name]
         deadline = time.monotonic() + _DISCOVERY
         while not client.service_is_ready():
             if time.monotonic() > deadline:
                 raise RefusedError(f'the node {node} does not run in this lane')
             await asyncio.sleep(0.05)
-        answer = await self._answer(client, kind.Request(**values), node)
-        if not getattr(answer, 'success', True):
-            raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
-        return answer
+        return client
 
     def _client(self, name: str) -> Client:
         return self._by_name[name]

@@ -1,0 +1,163 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The dynamic setting in steps: passes at each belt speed, training, and a table to judge it by."""
+
+from pathlib import Path
+
+from checkweigher_msgs.msg import DynamicSetting
+from nicegui import ui
+
+from checkweigher_dsp.records import GRAMS
+from checkweigher_dsp.ros import ports
+from checkweigher_web.access.users import Role
+from checkweigher_web.page import Table
+from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field
+from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+
+_ROLE = Role.TECHNICIAN
+_PERIOD = 0.2  # s
+_MANY = 100_000  # passes
+_STEPS = (
+    'Set a belt speed, record passes of one known mass, and let that product pass as often; then '
+    'the same at the next speed. Train on all that was recorded: it takes minutes, and the line '
+    'weighs on. The table then tells how accurate each estimator was on passes that it was not '
+    'trained on. The line keeps its parameters until you take the trained ones over; it uses them '
+    'from its next start on, and the file before is kept. To close this dialog ends nothing.'
+)
+_STATES = {
+    DynamicSetting.RECORDING: 'recording',
+    DynamicSetting.TUNING: 'training',
+    DynamicSetting.FAILED: 'failed',
+}
+_ENDINGS = {
+    DynamicSetting.RECORDING: 'End recording',
+    DynamicSetting.TUNING: 'End training',
+}
+_HEADS = 'estimator', 'm/min', 'passes', 'A trained g', 'A held out g'
+
+
+async def set_dynamically(desk: Desk, services: LaneServices) -> None:
+    """Guide through a dynamic setting, from where it stands."""
+    await services.found(ports.RECORD_PASSES)
+    Guide(desk, services)
+
+
+class Guide:
+    """The dialog of the dynamic setting; what it begins goes on without it."""
+
+    def __init__(self, desk: Desk, services: LaneServices) -> None:
+        self._desk = desk
+        self._services = services
+        self._said: DynamicSetting | None = None
+        self._table: list[str] = []  # what the person sees, line by line
+        self._dialog = Dialog('Dynamic setting')
+        with self._dialog.body:
+            ui.label(_STEPS)
+            self._mass = field('Mass', unit='g')
+            self._passes = field('Passes', '60')
+            self._state = ui.label('').classes('state').props('role=status')
+            self._bags = ui.label('')
+            self._accuracy = ui.element('div').classes('accuracy')
+            self._chosen = ui.label('')
+            self._reason = reason_field(desk)
+            ui.timer(_PERIOD, self._update)
+        self._dialog.closing.set_text('Close')
+        self._dialog.button('Record passes', self._record)
+        self._dialog.button('Train', self._train)
+        self._ending = self._dialog.button('End', self._end)
+        self._taking = self._dialog.button('Take over', self._take_over)
+        for button in (self._ending, self._taking):
+            button.set_visibility(False)
+
+    async def _update(self) -> None:
+        """Show how far it is."""
+        said = self._services.setting
+        if said is None or said is self._said:
+            return
+        self._said = said
+        lines = await self._trained()
+        if self._accuracy.is_deleted:  # the dialog was closed meanwhile
+            return
+        self._show(lines)
+        self._state.set_text(_state(said, waits=bool(self._table)))
+        bags = ', '.join(Path(bag).name for bag in said.bags)
+        self._bags.set_text(f'Recorded: {bags or "nothing"}')
+        ending = _ENDINGS.get(said.state, 'Drop' if self._table else '')
+        self._ending.set_text(ending)
+        self._ending.set_visibility(bool(ending))
+        self._taking.set_visibility(bool(self._table))
+
+    async def _trained(self) -> list[str]:
+        """Return the table of what waits to be taken over, empty without."""
+        try:
+            return str((await self._services.call(ports.SHOW_TUNED)).message).splitlines()
+        except RefusedError:
+            return []
+
+    def _show(self, lines: list[str]) -> None:
+        if lines == self._table:
+            return
+        self._table = lines
+        rows = [tuple(line.split()) for line in lines[1:] if not line.startswith('chosen:')]
+        self._accuracy.clear()
+        if rows:
+            with self._accuracy:
+                Table(_HEADS).show(rows)
+        self._chosen.set_text('; '.join(line for line in lines if line.startswith('chosen:')))
+
+    async def _record(self) -> None:
+        try:
+            mass, passes = number(self._mass), number(self._passes)
+            if not (passes.is_integer() and 0 < passes < _MANY):
+                raise RefusedError(f'Passes: {passes:g} is no number of passes')
+        except RefusedError as error:
+            self._dialog.tell(Outcome(False, str(error)))
+            return
+
+        async def record() -> str:
+            answer = await self._services.call(
+                ports.RECORD_PASSES, mass=mass / GRAMS, passes=int(passes)
+            )
+            return f'let the product pass; recorded as {Path(answer.bag).name}'
+
+        await self._perform(f'record {passes:g} passes of {mass:g} g', record)
+
+    async def _train(self) -> None:
+        async def train() -> str:
+            await self._services.call(ports.TUNE_PASSES)
+            return 'training has begun'
+
+        await self._perform('train on the recorded passes', train)
+
+    async def _end(self) -> None:
+        seen = self._said
+
+        async def end() -> str:
+            now = self._services.setting
+            if seen is None or now is None or now.state != seen.state:
+                raise RefusedError('it has ended already')
+            return str((await self._services.call(ports.CANCEL_PASSES)).message)
+
+        await self._perform(f'{self._ending.text.lower()}, dynamic setting', end)
+
+    async def _take_over(self) -> None:
+        seen = self._table
+
+        async def take_over() -> str:
+            if await self._trained() != seen:
+                raise RefusedError('what was trained is not what the table shows: look again')
+            return str((await self._services.call(ports.ACCEPT_TUNED)).message)
+
+        await self._perform('take over the trained parameters', take_over)
+
+    async def _perform(self, what: str, action: Action) -> None:
+        reason = str(self._reason.value or '')
+        self._dialog.tell(await self._desk.perform(_ROLE, what, reason, action))
+
+
+def _state(said: DynamicSetting, *, waits: bool) -> str:
+    """Return how far it is, in words; `waits` if what was trained can be taken over."""
+    if said.state == DynamicSetting.IDLE:
+        return 'trained: look at the table, then take it over or drop it' if waits else said.text
+    counted = f', {said.passes} of {said.wanted} passes' if said.wanted else ''
+    return f'{_STATES[said.state]}{counted}: {said.text}'
