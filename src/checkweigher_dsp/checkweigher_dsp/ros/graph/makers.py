@@ -15,7 +15,7 @@ from rclpy.node import Node
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 
 _NAMING_TIME = 0.02  # s, in which DDS finds the name of a node after its endpoints
-ANY = '*'  # allowed: whatever publishes
+ANY = '*'  # allowed: every publisher
 
 _Listed = Mapping[bytes, Any]  # endpoints by their gid
 

@@ -4,7 +4,7 @@
 
 A place is a name in the abstract namespace of Unix sockets. The kernel gives it to one process and
 frees it when that process ends, however it ends. No file stays behind, and none can be removed
-under a running line. It reaches as far as DDS does on localhost: the network namespace, all users.
+under a running line. Its reach is that of DDS on localhost: the network namespace, all users.
 """
 
 import errno
