@@ -22,7 +22,7 @@ _EDGE_NOISE = 0.1  # at the middle of the window, as a share of the variance of 
 _EDGE_EXPONENT = 1.5  # how it grows towards both ends, as a power of the inverse Hann window
 _WHITE = 1e-3  # share of that variance, keeps the weights of a single line bounded
 _ITERATIONS = 2
-_SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
+SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
 _RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
 _USUAL_MISFIT = 0.01  # of the mass: a platform lags and rings, which a load on it does not
 # How much larger than by its spectrum the level's error counts beside that of the rise, and the
@@ -107,7 +107,7 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 def _empty_belt(window: WeighWindow) -> NDArray[np.float64]:
     """Return the signal of the empty belt before an item, kg, without the ring-down before it."""
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
-    begin = window.empty_begin + round(_SETTLE_TIME * window.sample_rate)
+    begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)
 
 

@@ -20,6 +20,7 @@ from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import FIRST_PREVIOUS, AuditError, Entry
 
 _MAX_FILE = 2**24  # bytes; a seal has 500
@@ -161,12 +162,6 @@ def _write_whole(path: Path, data: bytes) -> None:
 
 def _read(path: Path, most: int) -> bytes:
     try:
-        if path.exists() and not path.is_file():
-            raise AuditError(f'{path}: is no regular file')
-        with path.open('rb') as file:
-            data = file.read(most + 1)
+        return read_input(path, most)
     except OSError as error:
         raise AuditError(f'{path}: cannot be read: {error.strerror or error}') from None
-    if len(data) > most:
-        raise AuditError(f'{path}: is too large for what it should be')
-    return data

@@ -26,9 +26,11 @@ from scipy.linalg import toeplitz
 
 from checkweigher_dsp.denoising.window_batch import rise_time
 from checkweigher_dsp.estimation.estimators.learned import (
+    PARTS,
     Layout,
     LearnedParameters,
     pass_features,
+    rise_parts,
     seconds_alone,
     transit,
 )
@@ -39,7 +41,6 @@ from checkweigher_validation.tuning.calibration import are_distinct, calibrate, 
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable
 
-_PARTS = 64  # of a pass: up to some 50 Hz on a slow belt, above the platform on a fast one
 _LONGEST_LEAD = 0.75  # as a multiple of t3 - t1
 _ALONE = 0.02  # share of the training passes that may have less than the gap
 _LESS = 0.95  # of that gap will do in production
@@ -143,10 +144,10 @@ class TunedLearned(Tunable):
         """Return `base` with the layout of the parts, which is the same at all speeds."""
         windows = [[each.window for each in group.passes] for group in groups]
         rises = [rise_time(window) / transit(window) for row in windows for window in row]
-        rise_parts = min(max(round(_PARTS * float(np.median(rises))), 1), _PARTS - 1)
+        rise = rise_parts(float(np.median(rises)))
         gaps = [np.quantile([_gap(window) for window in row], _ALONE) for row in windows]
         gap = max(_LESS * float(min(gaps)), 0.0)
-        layout = Layout(int(_PARTS * min(gap, _LONGEST_LEAD)), rise_parts, _PARTS - rise_parts)
+        layout = Layout(int(PARTS * min(gap, _LONGEST_LEAD)), rise, PARTS - rise)
         known = LearnedParameters(
             parts=layout.window, rise_parts=layout.rise, lead_parts=layout.lead,
             gap=float(f'{min(gap, 2 * _LONGEST_LEAD):.4f}'),

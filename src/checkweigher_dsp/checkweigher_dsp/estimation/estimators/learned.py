@@ -34,6 +34,8 @@ from checkweigher_dsp.signal.averages import hann_mean
 # A t2 that is off by more than this share of t3 - t1 is that of a longer or shorter product. One
 # that is off by less is the jitter of an eye: t1 and t3 alone say where the parts lie.
 _SAME_RISE = 0.02
+# From t1 to t3: up to some 50 Hz on a slow belt, above the platform on a fast one.
+PARTS = 64
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,11 @@ def _between(
     after = min(before + 1, len(speeds) - 1)
     row: NDArray[np.float64] = table[before] + (position - before) * (table[after] - table[before])
     return row
+
+
+def rise_parts(share: float) -> int:
+    """Return how many of the `PARTS` are from t1 to t2, a `share` of t1..t3: at least one."""
+    return min(max(round(PARTS * share), 1), PARTS - 1)
 
 
 def transit(window: WeighWindow) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.learning.passage import PARTS
+from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
 
 RECENT = 20  # items that show a change

@@ -18,7 +18,7 @@ from checkweigher_dsp.estimation.learning.change import (
 from checkweigher_dsp.estimation.learning.passage import (
     Passage,
     passage_of,
-    rise_parts,
+    rise_parts_of,
     with_mass,
 )
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
@@ -123,7 +123,7 @@ def learn(
     """Return what is known after an item, whose load the estimator found to be `load`."""
     kind = _kind_of(known, window)
     if kind is None:
-        kind = Kind(window.belt_speed, window.product_length, rise_parts(window))
+        kind = Kind(window.belt_speed, window.product_length, rise_parts_of(window))
     passage = passage_of(window, load, kind.rise) if kind.rise else None
     if passage is None:
         return known

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 from checkweigher_dsp.denoising.window_batch import rise_time
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.estimators.learned import (
+    PARTS,
     Layout,
     pass_features,
+    rise_parts,
     seconds_alone,
     transit,
 )
+from checkweigher_dsp.estimation.untrained import SETTLE_TIME
 from checkweigher_dsp.records import WeighWindow
 
-PARTS = 64  # from t1 to t3, as many as the estimator `learned` has
 MOST_LEAD = 48  # before t1
-_SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +49,11 @@ class Passage:
         return self.parts[-count:]
 
 
-def rise_parts(window: WeighWindow) -> int:
+def rise_parts_of(window: WeighWindow) -> int:
     """Return how many of the parts of a pass are from t1 to t2; 0 if that cannot be told."""
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
-    return min(max(round(PARTS * share), 1), PARTS - 1) if 0 < share < 1 else 0
+    return rise_parts(share) if 0 < share < 1 else 0
 
 
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | None:
@@ -68,7 +69,7 @@ def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> Passage | 
     parts = pass_features(window, Layout(lead, rise, PARTS - rise))
     if not np.all(np.isfinite(parts)):
         return None
-    quiet = int(max(alone - _SETTLE_TIME, 0.0) / duration)
+    quiet = int(max(alone - SETTLE_TIME, 0.0) / duration)
     zero = window.zero_std_dev / window.counts_per_kg
     variance = load.variance if math.isfinite(load.variance) else 0.0
     return Passage(parts, min(quiet, lead), duration, load.mass, variance, zero * zero)

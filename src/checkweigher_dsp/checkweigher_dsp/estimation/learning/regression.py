@@ -20,7 +20,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, PARTS, Passage
+from checkweigher_dsp.estimation.estimators.learned import PARTS
+from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, Passage
 
 # a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))

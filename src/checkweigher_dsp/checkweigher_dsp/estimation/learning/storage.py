@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.change import Change
 from checkweigher_dsp.estimation.learning.learner import Kind, Learned
-from checkweigher_dsp.estimation.learning.passage import PARTS, Passage
+from checkweigher_dsp.estimation.learning.passage import Passage
 from checkweigher_dsp.estimation.learning.regression import Fit
 
 _VERSION = 1

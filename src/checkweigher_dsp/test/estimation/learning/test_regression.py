@@ -5,8 +5,9 @@
 import numpy as np
 import pytest
 
+from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning import regression
-from checkweigher_dsp.estimation.learning.passage import PARTS, Passage
+from checkweigher_dsp.estimation.learning.passage import Passage
 
 LEAD, RISE, DURATION = 16, 24, 3e-3
 TIME = np.arange(LEAD + PARTS) - LEAD + 0.5
