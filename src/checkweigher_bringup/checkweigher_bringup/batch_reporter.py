@@ -25,7 +25,7 @@ _LESS_URGENT = 10  # nice
 
 
 class BatchReporter(PortNode):
-    """Report on each batch of which `product` says that it has ended."""
+    """Report on each batch that has ended, as `product` tells."""
 
     def __init__(self) -> None:
         super().__init__('batch_reporter')

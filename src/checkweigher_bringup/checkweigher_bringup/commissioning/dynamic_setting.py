@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dynamic setting by services: passes of known mass at each belt speed, then training.
 
-What training learned waits beside the parameters of the line until somebody takes it over.
+The file that training writes waits beside the parameters of the line until `accept_tuned`.
 The commands `record` and `tune` run in processes of their own: training takes minutes of all
 cores, and the line must not wait for it.
 """

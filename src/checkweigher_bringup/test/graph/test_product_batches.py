@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches over real DDS: their rules hold and their counts go on whatever is started again."""
+"""Batches over real DDS: rules and counts go on where reject, product or both are started again."""
 
 from collections.abc import Iterator
 import hashlib

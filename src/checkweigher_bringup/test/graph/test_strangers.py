@@ -73,7 +73,7 @@ class Campaign:
         ended = time.monotonic()
         self._take_all()
         self._hear_edges()
-        self.attacked = self._hear_edge()  # of the driver, as nobody else is left
+        self.attacked = self._hear_edge()  # of the driver: the strangers have gone
         during, self.line.found = self.line.found, []
         self._recover()
         self.counts['tried'] += len(attacks)

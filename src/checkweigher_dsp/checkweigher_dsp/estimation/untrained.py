@@ -26,8 +26,8 @@ SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zer
 _RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
 _USUAL_MISFIT = 0.01  # of the mass: a platform lags and rings, which a load on it does not
 # How much larger than by its spectrum the level's error counts beside that of the rise, and the
-# share of it that is stated: what rings makes it too large. Measured on fifteen machines that
-# nobody modelled, and on the simulator's profiles.
+# share of it that is stated: what rings makes it too large. Measured on fifteen machines
+# without a model, and on the simulator's profiles.
 _OF_LEVEL = 2.0
 _STATED = 0.85
 

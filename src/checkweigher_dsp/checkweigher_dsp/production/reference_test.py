@@ -116,7 +116,7 @@ def reference_test(masses: Sequence[float], nominal: float, seed: int = 1) -> Re
 
 
 def _samples(defective: np.ndarray) -> tuple[SampleResult, ...]:
-    """Return the sample or both, of which the last one decides."""
+    """Return one sample, or both; the last of them decides."""
     size = len(defective)
     if size < WHOLE_BELOW:
         accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))

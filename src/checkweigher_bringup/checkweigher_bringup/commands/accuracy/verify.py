@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest='procedure',
         type=Path,
         metavar='BAG',
-        help='bag of a whole procedure, of which the same report is made again',
+        help='make the same report again, from the bag of a whole procedure',
     )
     what.add_argument('--steps', action='store_true', help='show the steps of the plan')
     what.add_argument('--example', action='store_true', help='show a plan with comments')
