@@ -172,7 +172,9 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
 
 def _is_common(name: str) -> bool:
     """Return whether any ROS node may have a parameter of this name."""
-    return name in ('use_sim_time', 'allowed_publishers') or name.startswith('qos_overrides.')
+    return name in ('use_sim_time', 'allowed_publishers', 'locked') or name.startswith(
+        'qos_overrides.'
+    )
 
 
 def read_parameter_file(
@@ -231,14 +233,9 @@ def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> s
 
 def _load_yaml(path: Path) -> dict[object, object]:
     # Its import takes as long as a tenth of all others, and is for a file alone.
-    from checkweigher_dsp.yaml_files import read_yaml
+    from checkweigher_dsp.yaml_files import read_yaml_as
 
-    try:
-        content = read_yaml(path)
-    except OSError as error:
-        raise ParameterError(f'{path}: {error.strerror or error}') from None
-    except ValueError as error:
-        raise ParameterError(f'{path}: not a YAML file: {error}') from None
+    content = read_yaml_as(path, ParameterError)
     if not isinstance(content, dict):
         raise ParameterError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
     return content

@@ -3,6 +3,7 @@
 """Processes that end with the one that started them, also where that one is killed."""
 
 import os
+from pathlib import Path
 import signal
 
 _SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
@@ -12,6 +13,20 @@ _VARIABLE = 'CHECKWEIGHER_PARENT'
 def child_environment() -> dict[str, str]:
     """Return the environment for a process that ends with this one by `end_with_parent`."""
     return {**os.environ, _VARIABLE: str(os.getpid())}
+
+
+def parent_identity() -> str:
+    """Return what tells the process that started this one from all others since the computer did.
+
+    Numbers of processes come again: it has the number and, where the system says so, the start.
+    """
+    parent = os.getppid()
+    try:
+        after_name = Path(f'/proc/{parent}/stat').read_text(encoding='utf-8').rpartition(')')[2]
+        boot = Path('/proc/sys/kernel/random/boot_id').read_text(encoding='utf-8').strip()
+    except OSError:
+        return str(parent)
+    return f'{boot} {parent} {after_name.split()[19]}'  # starttime of proc(5), in ticks
 
 
 def end_with_parent(parent: int | None = None) -> None:

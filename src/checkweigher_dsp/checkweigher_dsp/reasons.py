@@ -48,6 +48,12 @@ class Reason(_Hinted):
     EDGE_MISMATCH = 'EdgeMismatch'
     MEAN_VALUE_REQUIREMENT = 'MeanValueRequirement'
     TU1_QUOTA = 'TU1Quota'
+    METAL_DETECTED = 'MetalDetected'
+    XRAY_DETECTED = 'XrayDetected'
+    VISION_REJECTED = 'VisionRejected'
+    EXTERNAL_REJECT = 'ExternalReject'
+    NOT_INSPECTED = 'NotInspected'
+    PERFORMANCE_TEST = 'PerformanceTest'
 
 
 class StopReason(_Hinted):
@@ -58,6 +64,12 @@ class StopReason(_Hinted):
     CONFIRMED_ACCEPT = 'ConfirmedAccept'
     DRIVER_TROUBLE = 'DriverTrouble'
     NOT_READY = 'NotReady'
+    GUARD_OPEN = 'GuardOpen'
+    AIR_PRESSURE = 'AirPressure'
+    BIN_FULL = 'BinFull'
+    INSPECTION_FAULT = 'InspectionFault'
+    MISSED_EXTERNAL_REJECT = 'MissedExternalReject'
+    PERFORMANCE_TEST = 'PerformanceTest'
     UNKNOWN = 'Unknown'
 
 
@@ -92,10 +104,22 @@ _HINTS = {
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',
     Reason.OVERLOAD: 'the load was above the capacity of the load cell; check both and calibration',
     Reason.FOREIGN_PUBLISHER: 'a node that is no part of this line publishes its topics; stop it',
+    Reason.METAL_DETECTED: 'the metal detector rejected it',
+    Reason.XRAY_DETECTED: 'the X-ray inspection rejected it',
+    Reason.VISION_REJECTED: 'the vision inspection rejected it',
+    Reason.EXTERNAL_REJECT: 'an inspection device rejected it',
+    Reason.NOT_INSPECTED: 'an inspection device did not run, or answers too late; see inspections',
+    Reason.PERFORMANCE_TEST: 'it passed during a performance test, as a test product does',
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',
     StopReason.DRIVER_TROUBLE: 'the driver has trouble with load cell, photo-eyes or outputs',
     StopReason.NOT_READY: 'no verdicts come: reject is not active; activate it or start it again',
+    StopReason.GUARD_OPEN: 'a guard of the machine is open; close it',
+    StopReason.AIR_PRESSURE: 'the rejector has too little air; check the supply',
+    StopReason.BIN_FULL: 'a bin for rejected products is full; empty it',
+    StopReason.INSPECTION_FAULT: 'an inspection device is not ready; check it',
+    StopReason.MISSED_EXTERNAL_REJECT: 'an inspection device rejected what may have passed; look',
+    StopReason.PERFORMANCE_TEST: 'the performance test is overdue or failed; make it',
     StopReason.UNKNOWN: 'a stop request came without a reason that this version knows',
 }

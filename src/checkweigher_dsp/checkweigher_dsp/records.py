@@ -61,6 +61,17 @@ class StepState(IntEnum):
     SKIPPED = 4
 
 
+class PerformanceState(IntEnum):
+    """Whether the performance test of a recipe is due, and how the last one ended."""
+
+    OVERDUE = 0
+    NOT_ASKED = 1
+    IN_TIME = 2
+    DUE = 3
+    RUNNING = 4
+    FAILED = 5
+
+
 def seconds(stamp: int | None) -> float:
     """Return a stamp in seconds, NaN if it is not known."""
     return math.nan if stamp is None else stamp / NANOSECONDS
@@ -282,7 +293,8 @@ class Verdict:
     share a number, so it is that count too where a restarted segmenter begins at 1 again;
     `estimate_id` is that of the estimate in any case, 0 without one. The rejector has to be told
     at `reject_at` (ns); a verdict is `late` if it came after that. The counts of `batch` and the
-    `batch_surplus`, kg, are those of `BatchTally`, with this item.
+    `batch_surplus`, kg, are those of `BatchTally`, with this item. `station` counts from 1, 0 is
+    the rejector, or of an accepted item none; it has to be told at `station_at`, ns.
     """
 
     item_id: int
@@ -303,6 +315,58 @@ class Verdict:
     batch_accepted: int = 0
     batch_below_tu1: int = 0
     batch_surplus: float = 0.0
+    station: int = 0
+    station_at: Stamp | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalReject:
+    """An item that an inspection device has found bad.
+
+    It is the item `item_id`, or if that is 0 the one that was at the `device` at `stamp`, ns.
+    """
+
+    stamp: Stamp | None
+    device: str
+    item_id: int = 0
+    text: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class MachineConditions:
+    """What is wrong by the machine's inputs since `stamp` (ns).
+
+    `conditions` are words of `StopReason`, each with the input of `inputs` that shows it. What is
+    not `known`, since the inputs cannot be read, is wrong as well.
+    """
+
+    stamp: Stamp
+    known: bool
+    conditions: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PerformanceTest:
+    """The performance test of a recipe: its state since `stamp`, and what came of the last one.
+
+    Times in ns, masses in kg; `errors` are those of each pass so far, NaN for one without a mass,
+    each within `limit` if the test is to pass. `who` made it, `last` is when one has passed.
+    """
+
+    stamp: Stamp
+    state: PerformanceState
+    product: str = ''
+    batch: str = ''
+    text: str = ''
+    who: str = ''
+    due: Stamp | None = None
+    stop_at: Stamp | None = None
+    last: Stamp | None = None
+    mass: float = math.nan
+    limit: float = math.nan
+    passes: int = 0
+    errors: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,16 @@ def read_yaml(path: Path) -> Any:
     return parse_yaml(read_input(path).decode('utf-8'))
 
 
+def read_yaml_as(path: Path, refusal: type[ValueError], what: str = 'a YAML file') -> Any:
+    """Return the content of a YAML file; `refusal`, in one line, if it cannot be read."""
+    try:
+        return read_yaml(path)
+    except OSError as error:
+        raise refusal(f'{path}: {error.strerror or error}') from None
+    except ValueError as error:
+        raise refusal(f'{path}: not {what}: {error}') from None
+
+
 def parse_yaml(text: str) -> Any:
     """Return the content of a YAML text.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from checkweigher_dsp.denoising.extrapolation import PREDICTION_RATE
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
-from checkweigher_dsp.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow
+from checkweigher_dsp.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow, seconds
 
 _PERIOD = 2**LEVELS
 # The signal before t2 is taken in steps of this, so that there are few shapes.
@@ -105,6 +105,13 @@ def rise_time(window: WeighWindow) -> float:
     if window.t1 is None or window.t2 is None:
         return 0.0
     return max(window.t2 - window.t1, 0) / NANOSECONDS
+
+
+def transit(window: WeighWindow) -> float:
+    """Return t3 - t1 in s, NaN if it is not known."""
+    if window.t1 is None or window.t3 is None:
+        return math.nan
+    return seconds(window.t3 - window.t1)
 
 
 def time_since_entry(

@@ -30,10 +30,13 @@ def edges_finding(check: EdgeCheck) -> Finding:
         text = f'the load comes on {abs(change):.1f} ms {side} than the eyes say and said before'
         hint = 'check the filter of the amplifier, the clocks, and the place and delay of the eyes'
         found.append(Concern(Level.ERROR, text, hint))
-    if not check.is_stated and abs(check.learned) > _LARGE:
-        text = f'samples lag {reference:.1f} ms more behind the eyes than rise_lag says'
+    # Of a lag that is too large to be learned each item is a FAULT.
+    too_large = math.isnan(check.learned) and check.checked >= _FEWEST
+    if not check.is_stated and abs(check.lag if too_large else check.learned) > _LARGE:
+        beyond = lag if too_large else reference
+        text = f'samples lag {beyond:.1f} ms more behind the eyes than rise_lag says'
         hint = 'measure it by calibrate --dynamic, or set rise_lag to what the amplifier delays'
-        found.append(Concern(Level.WARN, text, hint))
+        found.append(Concern(Level.ERROR if too_large else Level.WARN, text, hint))
     if check.unchecked > _MANY_UNCHECKED * max(check.checked + check.unchecked, _FEWEST):
         text = 'the rise of most items is not seen, so that nothing confirms the eyes'
         hint = 'leave at least 0.06 s of empty belt before each item'

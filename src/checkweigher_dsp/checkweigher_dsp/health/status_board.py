@@ -9,6 +9,7 @@ from typing import Any
 
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.records import Decision
 from checkweigher_dsp.ros.ports import NODES, STAGES
 
 _SILENCE = 3.0  # s, three of its periods
@@ -79,6 +80,37 @@ class StatusBoard:
 def worst(rows: Iterable[Row]) -> Level:
     """Return the highest level of the rows."""
     return max((row.level for row in rows), default=Level.OK)
+
+
+@dataclass(frozen=True, slots=True)
+class LaneRow:
+    """How one lane is: the worst of its rows, and its verdicts."""
+
+    lane: str  # namespace, '/' for none
+    level: Level
+    verdicts: tuple[tuple[str, str], ...]  # how many of each decision
+    worst: str  # node, aspect and message; empty where all is well
+
+
+def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
+    """Return a row for each lane, the worst first; `rows` are those of a board, in its order."""
+    lanes: dict[str, list[Row]] = {}
+    for row in rows:
+        lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)
+    return [_lane_row(lane, each) for lane, each in lanes.items()]
+
+
+def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
+    first = rows[0]  # the worst
+    text = ''
+    if first.level > Level.OK:
+        text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
+    names = {decision.name for decision in Decision}
+    counted = tuple(
+        (key, value) for row in rows if row.aspect == 'Verdicts' for key, value in row.values
+        if key in names
+    )  # fmt: skip
+    return LaneRow(lane, first.level, counted, text)
 
 
 def headline(rows: Iterable[Row]) -> str:

@@ -4,11 +4,11 @@
 
 import os
 from pathlib import Path
-import re
 import tempfile
 
 from checkweigher_dsp.estimation.learning.learner import Learned
 from checkweigher_dsp.estimation.learning.storage import from_text, to_text
+from checkweigher_dsp.state_files import state_file
 
 _NONE = '-'
 _MAX_SIZE = 2**25  # bytes
@@ -23,7 +23,12 @@ class LearnedRecord:
 
     def __init__(self, wanted: str, node: str) -> None:
         self.trouble = ''
-        self._path = None if wanted == _NONE else _path(wanted, node)
+        self._path: Path | None = None
+        try:
+            if wanted != _NONE:
+                self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
+        except RuntimeError as error:  # this user has no home folder
+            self._fail(error)
 
     def read(self) -> Learned | None:
         """Return what was learned before, None if nothing is known of it."""
@@ -54,12 +59,3 @@ class LearnedRecord:
     def _fail(self, error: Exception) -> None:
         text = getattr(error, 'strerror', None) or error
         self.trouble = f'learning.record: {str(self._path)!r}: {text}'
-
-
-def _path(wanted: str, node: str) -> Path:
-    """Return where the record is, by the full name of the node if no file is wanted."""
-    if wanted:
-        return Path(wanted)
-    state = os.environ.get('XDG_STATE_HOME') or '~/.local/state'
-    name = re.sub(r'[^\w.-]', '_', node.strip('/')) + '.learned'
-    return Path(os.path.expanduser(state), 'checkweigher', name)

@@ -84,12 +84,12 @@ class LineRecipe:
                 'limits of its parameter file until it has those of a product'
             )
 
-    async def set_batch(self, batch: Values) -> None:
-        """Set the parameters of another batch, if there is a product."""
+    async def set_of_reject(self, values: Values) -> None:
+        """Set parameters of the reject node beside those of the product, if there is one."""
         if self._set:
-            self._announce({'reject': batch})
-            await self._line.set({'reject': batch})
-            self._set['reject'].update(batch)
+            self._announce({'reject': values})
+            await self._line.set({'reject': values})
+            self._set['reject'].update(values)
 
     async def restore(self, batch: Callable[[], Values]) -> str:
         """Set the parameters of the product in the nodes that lost them; return the product.

@@ -8,6 +8,7 @@ import time
 
 from checkweigher_dsp.production.audit_log import AuditError
 from checkweigher_dsp.production.audit_trail import AuditTrail
+from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.change_record import TIME_TO_CHANGE
 from checkweigher_dsp.ros.line_parameters import LineParametersClient, RefusedError, Values
@@ -36,7 +37,7 @@ class ParameterAudit:
         """Take which nodes have been started."""
         self.unread |= nodes.intersection(ports.NODES)
 
-    def announce(self, changes: Mapping[str, Values]) -> None:
+    def announce(self, changes: Mapping[str, Values], by: Author) -> None:
         """Write down what parameters of some nodes are about to become.
 
         `AuditError` if that cannot be written: then they must not.
@@ -45,7 +46,7 @@ class ParameterAudit:
             if node not in ports.NODES:
                 raise AuditError(f'{node}: is no node of the line')
             self._announced[node] = time.monotonic()
-            self._trail.parameters(f'{self._namespace}/{node}', values)
+            self._trail.parameters(f'{self._namespace}/{node}', values, by)
 
     async def read_started(self) -> None:
         """Compare the parameters of nodes with those that they should have by the log."""

@@ -2,26 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
-import json
 from pathlib import Path
 from typing import Any, ClassVar
 
-from checkweigher_msgs.srv import NewBatch, RecordChange, ResetStatistics, SelectProduct
+from checkweigher_msgs.srv import BeginTest, NewBatch, RecordChange, ResetStatistics, SelectProduct
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes.batch_recorder import BatchRecorder
+from checkweigher_dsp.nodes.line_audit import LineAudit
 from checkweigher_dsp.nodes.line_recipe import LineRecipe
-from checkweigher_dsp.nodes.parameter_audit import ParameterAudit
+from checkweigher_dsp.nodes.line_test import LineTest
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production import audit_trail
-from checkweigher_dsp.production.audit_log import MAX_LOG, AuditError, AuditLog
-from checkweigher_dsp.production.audit_trail import AuditTrail
+from checkweigher_dsp.production.audit_log import AuditError, AuditLog
+from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.production.batch_record import RecordError
 from checkweigher_dsp.production.filler_feedback import FillerController
 from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
@@ -29,11 +28,9 @@ from checkweigher_dsp.production.statistics import ProductionRecord
 from checkweigher_dsp.records import (
     NANOSECONDS,
     BatchResult,
-    LoadCell,
     MassEstimate,
     StopRequest,
     Verdict,
-    ZeroChange,
 )
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
@@ -94,11 +91,19 @@ class ProductNode(StageNode[ProductParameters]):
         except (AuditError, RecipeError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
-        self._trail = AuditTrail(self._log, self.get_fully_qualified_name(), self._time)
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
-        self._audit = ParameterAudit(self.get_namespace(), line, self._trail, self.warn)
-        self._recipe = LineRecipe(line, self._announce, self.get_logger().warning)
+        name = self.get_fully_qualified_name()
+        self._audit = LineAudit(self._log, name, self._time, line, self._has_record, self.warn)
+        self._trail = self._audit.trail
+        self._by = Author()  # who has asked for what is being changed
+        self._recipe = LineRecipe(
+            line, lambda changes: self._audit.announce(changes, self._by), self.get_logger().warning
+        )
+        tests = self.output(ports.PERFORMANCE_TEST)
+        self._test = LineTest(
+            self._recipe, self._trail, tests.send, lambda: self.get_clock().now().nanoseconds
+        )
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
@@ -111,22 +116,24 @@ class ProductNode(StageNode[ProductParameters]):
         # One service at a time, for each waits for other nodes of the line.
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
-            (SelectProduct, 'select_product', self._on_select),
-            (NewBatch, 'new_batch', self._on_new_batch),
-            (ResetStatistics, 'reset_statistics', self._on_reset),
+            (SelectProduct, ports.SELECT_PRODUCT, self._on_select),
+            (NewBatch, ports.NEW_BATCH, self._on_new_batch),
+            (ResetStatistics, ports.RESET_STATISTICS, self._on_reset),
+            (BeginTest, ports.BEGIN_TEST, self._on_begin_test),
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if self.parameters.recipes:
             poll = partial(self.create_timer, _POLL_PERIOD, callback_group=group)
             self._start_timer = poll(self._select_at_start)
             poll(self._restore)
+            poll(self._look_after_test)
         if self._record is not None:
             self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
             self.create_timer(_POLL_PERIOD, self._tell_ended)
         if self._log is not None:
-            self.create_service(RecordChange, ports.RECORD_CHANGE, self._on_change)
-            self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
-            self.subscribe(ports.ZERO_SETTING, self._on_zero_setting)
+            self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
+            self.subscribe(ports.LOAD_CELL_INFO, self._audit.on_load_cell)
+            self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
             own_group = MutuallyExclusiveCallbackGroup()
             self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
 
@@ -153,7 +160,7 @@ class ProductNode(StageNode[ProductParameters]):
     def _notice_started(self) -> None:
         started = self._started_nodes.started()
         self._recipe.add_started(started)
-        self._audit.add_started(started)
+        self._audit.parameters.add_started(started)
 
     # Recipes
 
@@ -167,6 +174,7 @@ class ProductNode(StageNode[ProductParameters]):
         return products, products[name]
 
     async def _on_select(self, request: Any, response: Any) -> Any:
+        self._by = self._audit.author_of(ports.SELECT_PRODUCT)
         try:
             await self._select(str(request.product))
             response.success = True
@@ -178,19 +186,21 @@ class ProductNode(StageNode[ProductParameters]):
     async def _select(self, name: str) -> None:
         products, product = self._find(name)
         self._notice_started()
-        self._trail.recipes({n: p.as_mapping() for n, p in products.items()})
+        self._trail.recipes({n: p.as_mapping() for n, p in products.items()}, self._by)
         # Written before it is done: a change that cannot be written down is not made.
         before = self._production.product
-        self._trail.note(audit_trail.SELECTION, 'product', before.name if before else None, name)
+        old = before.name if before else None
+        self._trail.note(audit_trail.SELECTION, 'product', old, name, self._by)
         # Items that are judged by the new recipe while it is set belong to it already.
         self._use(product)
         try:
             await self._recipe.set(product, self._of_batch())
         except RefusedError as error:
             self._use(before)
-            self._trail.saw(audit_trail.REFUSED, 'product', name, str(error))
+            self._trail.saw(audit_trail.REFUSED, 'product', name, str(error), self._by)
             raise
         self._control_filler(product)
+        self._test.select(product, self._production.batch)
         self.count('products selected')
         self._publish()
 
@@ -218,12 +228,13 @@ class ProductNode(StageNode[ProductParameters]):
             self._filler = FillerController(filler, *of_product, correction)
 
     async def _select_at_start(self) -> None:
+        self._by = Author()
         name = self.parameters.product
         if not self._recipe.ready:
             if name:
                 self.warn(f'product {name!r} waits for the nodes of the line')
             return
-        if self._awaits_audit(set(NODES)):
+        if self._audit.awaits(set(NODES)):
             return
         try:
             if self._production.product is None:
@@ -237,9 +248,10 @@ class ProductNode(StageNode[ProductParameters]):
 
     async def _restore(self) -> None:
         """Give nodes of the line that were started again the parameters of the product."""
+        self._by = Author()
         self._notice_started()
         lost = self._recipe.lost
-        if not lost or self._awaits_audit(lost):
+        if not lost or self._audit.awaits(lost):
             return
         try:
             product = await self._recipe.restore(self._of_batch)
@@ -257,6 +269,7 @@ class ProductNode(StageNode[ProductParameters]):
         if self._record is not None:
             self._record.write('verdict', verdict)
         self._publish()
+        self._test.take(verdict)
         self._trail.verdict(verdict)
         if self._filler and (feedback := self._filler.add(verdict)):
             self._feedback.send(feedback)
@@ -275,6 +288,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics.send(self._production.summary())
 
     async def _on_new_batch(self, request: Any, response: Any) -> Any:
+        self._by = self._audit.author_of(ports.NEW_BATCH)
         name = str(request.batch).strip()
         if not name or self._production.has_batch(name) or self._has_record(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
@@ -287,6 +301,7 @@ class ProductNode(StageNode[ProductParameters]):
         return response
 
     async def _on_reset(self, request: Any, response: Any) -> Any:
+        self._by = self._audit.author_of(ports.RESET_STATISTICS)
         try:
             await self._end_count(response, audit_trail.RESET, None)
         except AuditError as error:
@@ -297,7 +312,7 @@ class ProductNode(StageNode[ProductParameters]):
     async def _end_count(self, response: Any, kind: str, batch: str | None) -> None:
         finished = self._production.summary()
         audited = {name: getattr(finished, name) for name in _AUDITED}
-        self._trail.note(kind, 'statistics', audited, batch)
+        self._trail.note(kind, 'statistics', audited, batch, self._by)
         if batch is None:
             self._production.reset()
             if self._record is not None:
@@ -311,15 +326,18 @@ class ProductNode(StageNode[ProductParameters]):
         """Have the reject node count for another batch, then end the record of this one."""
         before, self._production.batch = self._production.batch, batch
         try:
-            await self._recipe.set_batch(self._of_batch())
+            await self._recipe.set_of_reject(self._of_batch())
         except (AuditError, RefusedError) as error:
             self._production.batch = before
-            self._trail.saw(audit_trail.REFUSED, 'batch', batch, str(error))
+            self._trail.saw(audit_trail.REFUSED, 'batch', batch, str(error), self._by)
             raise
+        product = self._production.product
         if self._record is not None:
             self._record.change(batch, self._time())
-            if self._production.product is not None:
-                self._use(self._production.product)
+            if product is not None:
+                self._use(product)
+        if product is not None:
+            self._test.select(product, batch)
 
     def _tell_ended(self) -> None:
         """Tell of records that are complete, once the audit log has their hashes."""
@@ -329,70 +347,44 @@ class ProductNode(StageNode[ProductParameters]):
             path = str(ended.path.resolve())
             self._results.send(BatchResult(stamp, ended.batch, path, ended.sha256))
 
-    # Audit
+    # Performance test
 
-    def _awaits_audit(self, nodes: set[str]) -> bool:
-        """Tell whether the log has to have parameters of some nodes before they are changed."""
-        return self._log is not None and not self._audit.unread.isdisjoint(nodes)
-
-    def _announce(self, changes: dict[str, Values]) -> None:
-        if self._log is not None:
-            self._audit.announce(changes)
-
-    def _on_change(self, request: Any, response: Any) -> Any:
-        """Write down what a node of the line is about to change."""
+    async def _on_begin_test(self, request: Any, response: Any) -> Any:
+        who, reason = one_line(request.who), one_line(request.reason)
+        self._by = Author(who, reason)
         try:
-            self._write_change(request.kind, request.subject, json.loads(request.new_value))
+            if request.cancel:
+                response.message = self._test.cancel(who, reason)
+            else:
+                response.message = await self._test.begin(who, reason)
             response.success = True
-        except (AuditError, ValueError, RecursionError) as error:
+        except (AuditError, RefusedError, ValueError) as error:
             response.message = str(error)
-            self.warn(f'{request.subject}: {request.kind}: not written down, so refused: {error}')
+            self.warn(f'performance test: {error}')
         return response
 
-    def _write_change(self, kind: str, subject: str, value: Any) -> None:
-        namespace, _, node = subject.rpartition('/')
-        here = namespace == self.get_namespace().rstrip('/')
-        learner = self.resolve_service_name('identifier')
-        tuner = self.resolve_service_name(ports.DYNAMIC_SETTING.name)
-        if kind == audit_trail.PARAMETER and here and isinstance(value, dict):
-            self._audit.announce({node: value})
-        elif (kind, subject) == (audit_trail.CALIBRATION, ports.LOAD_CELL_INFO.name):
-            self._trail.state(kind, subject, value)
-        elif (kind, subject) in (
-            (audit_trail.ZERO, ports.ZERO), (audit_trail.LEARNED, learner),
-            (audit_trail.TUNED, tuner),
-        ):  # fmt: skip
-            self._trail.note(kind, subject, None, value)
-        elif kind == audit_trail.REPORT and self._has_record(subject):
-            self._trail.state(kind, subject, value)
-        elif (
-            kind == audit_trail.PERSON and len(subject) <= _LONGEST_NAME and isinstance(value, str)
-        ):
-            self._trail.note(kind, one_line(subject), None, one_line(value))
-        else:
-            raise AuditError(f'{kind} of {subject}: is nothing that is changed on this lane')
+    async def _look_after_test(self) -> None:
+        self._by = Author()
+        try:
+            await self._test.look()
+        except (AuditError, RefusedError) as error:
+            self.warn(f'performance test: {error}')
 
     def _has_record(self, batch: str) -> bool:
         return self._record is not None and self._record.has(batch)
 
     async def _read_started(self) -> None:
         self._notice_started()
-        with suppress(AuditError):  # the diagnostics tell
-            self._trail.catch_up()
         await self._audit.read_started()
-
-    def _on_load_cell(self, load_cell: LoadCell) -> None:
-        name = ports.LOAD_CELL_INFO.name
-        self._trail.saw_state(audit_trail.CALIBRATION, name, asdict(load_cell))
-
-    def _on_zero_setting(self, change: ZeroChange) -> None:
-        self._trail.saw_state(audit_trail.ZERO, ports.ZERO_SETTING.name, asdict(change))
 
     # Diagnostics
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return which recipe is in use, and whether changes are written down."""
-        return [self._diagnose_recipe(), self._diagnose_log(), self._diagnose_record()]
+        return [
+            self._diagnose_recipe(), self._audit.finding(), self._diagnose_record(),
+            self._test.finding(),
+        ]  # fmt: skip
 
     def _diagnose_recipe(self) -> Finding:
         product, first = self._production.product, self.parameters.product
@@ -406,25 +398,6 @@ class ProductNode(StageNode[ProductParameters]):
             found.append(Concern(Level.ERROR, f'product {first!r} is not selected yet', hint))
         well = f'product {product.name!r}' if product else 'no product is selected'
         return conclude('Recipe', well, found, values)
-
-    def _diagnose_log(self) -> Finding:
-        if self._log is None:
-            return conclude('Audit log', 'none: changes are not written down', ())
-        values: dict[str, float | str] = {
-            'path': str(self._log.path), 'last_hash': self._log.last_hash,
-            'nodes_to_be_read': len(self._audit.unread),
-        }  # fmt: skip
-        found = []
-        if trouble := self._log.trouble():
-            hint = 'changes are refused: restore log and LOG.head, and start product again'
-            found.append(Concern(Level.ERROR, trouble, hint))
-        elif self._trail.trouble:
-            hint = 'changes are refused: make room, or see to the disk'
-            found.append(Concern(Level.ERROR, self._trail.trouble, hint))
-        if self._log.size > 0.9 * MAX_LOG:
-            text = f'{self._log.path} has {self._log.size} bytes of {MAX_LOG} at most'
-            found.append(Concern(Level.WARN, text, 'name another file in audit_log'))
-        return conclude('Audit log', f'written to {self._log.path}', found, values)
 
     def _diagnose_record(self) -> Finding:
         if self._record is None:

@@ -2,17 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the reject node keeps back while it asks the driver what it has missed."""
 
+from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
+import math
 import time
 
 from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 
-# s, in which a driver that has a status answers. Without the answer an item may have a verdict
-# already, and a number another item: rather than that, what waits too long for the rejector is a
-# FAULT. Where edges come and no status, the driver is one of another make, without the service.
+# s, in which a driver that has a status answers; then the line is asked to stop until it does.
+# Without the answer an item may have a verdict already, and a number another item: rather than
+# that, what waits too long for the rejector is a FAULT. Where edges come and no status, the driver
+# is one of another make, without the service: nothing is waited for after the time given here.
 _NO_ANSWER, _NO_STATUS, _NO_EDGES = 30.0, 1.0, 5.0
 _LOST_ANSWER = 2.0  # s, after which the driver is asked again
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
+_MAX_KEPT = 10_000  # of each: far more than a belt takes that the line has asked to stop
+
+Arrivals = deque[tuple[EyeEdge, int | None]]  # edges, each with the time at which it came
 
 
 @dataclass
@@ -21,9 +28,10 @@ class Recall:
 
     driver_heard: bool = False  # it has said what stream this is
     ended: bool = False  # the driver has said that the stream is over
-    # What is kept back, edges with the time at which they came.
-    edges: list[tuple[EyeEdge, int | None]] = field(default_factory=list)
-    estimates: list[MassEstimate] = field(default_factory=list)
+    # What is kept back.
+    edges: Arrivals = field(default_factory=partial(deque, maxlen=_MAX_KEPT))
+    estimates: deque[MassEstimate] = field(default_factory=partial(deque, maxlen=_MAX_KEPT))
+    over: Arrivals = field(default_factory=partial(deque, maxlen=_MAX_KEPT))  # of streams before
     history: LineHistory | None = None  # the answer
     _asked: float | None = None
     _began: float | None = None
@@ -34,6 +42,13 @@ class Recall:
         """Whether time alone may end it."""
         return self._began is not None
 
+    @property
+    def overdue(self) -> bool:
+        """Whether a driver should have answered by now."""
+        if self._began is None or self._answered is not None:
+            return False
+        return self._waits_since(self._began) > _NO_ANSWER
+
     def hear_driver(self, *, ended: bool) -> None:
         """Note what the driver says of its stream."""
         self.driver_heard, self.ended = True, ended
@@ -42,6 +57,13 @@ class Recall:
     def begin(self) -> None:
         """Keep back what comes from now on."""
         self._began = time.monotonic() if self._began is None else self._began
+
+    def begin_stream(self) -> None:
+        """Take that the driver has begun another stream: what was kept back is of one before."""
+        self.over.extend(self.edges)
+        self.edges.clear()
+        self.estimates.clear()
+        self.history = self._asked = self._answered = None
 
     @property
     def may_ask(self) -> bool:
@@ -54,24 +76,30 @@ class Recall:
         """Take that the driver is asked."""
         self._asked = time.monotonic()
 
-    def answer(self, history: LineHistory | None) -> None:
-        """Take the answer, None if there will be none."""
+    def answer(self, history: LineHistory) -> None:
+        """Take the answer."""
         self.history, self._answered = history, time.monotonic()
 
-    def is_over(self, weigh_length: float | None, *, status: bool, edges: bool) -> bool:
+    def is_over(
+        self, weigh_length: float | None, *, driver: bool, status: bool, edges: bool
+    ) -> bool:
         """Tell whether nothing has to be kept back any more, with the answer or without.
 
-        Without a `weigh_length` edges are no items. `status` and `edges` tell whether anyone
-        publishes these.
+        Without a `weigh_length` edges are no items. `driver` tells whether a driver is there that
+        answers, sooner or later; `status` and `edges` whether anyone publishes these.
         """
         if self._began is None:
             return False
-        now = time.monotonic()
-        if self._answered is None:
+        if self.history is None or self._answered is None:
             patience = _NO_ANSWER if status else _NO_STATUS if edges else _NO_EDGES
-            return now - self._began > patience
-        if self.history is None or not self.history.edges:
+            return self._waits_since(self._began) > (math.inf if driver else patience)
+        if not self.history.edges:
             return True
         # From the first edge on that has come, none is missing: before that, some may be due.
-        complete = bool(self.edges) or now - self._answered > _ON_THE_WAY
-        return (complete and weigh_length is not None) or now - self._began > _NO_ANSWER
+        waits = self._waits_since(self._answered)
+        complete = bool(self.edges) or waits > _ON_THE_WAY
+        return (complete and weigh_length is not None) or waits > _NO_ANSWER
+
+    @staticmethod
+    def _waits_since(moment: float) -> float:
+        return time.monotonic() - moment

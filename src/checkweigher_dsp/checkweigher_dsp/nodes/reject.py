@@ -11,15 +11,20 @@ from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import RejectorWatch, VerdictWatch
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers
 from checkweigher_dsp.nodes.recall import Recall
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
     NANOSECONDS,
+    ExternalReject,
     Eye,
     EyeEdge,
     LineHistory,
     LoadCell,
+    MachineConditions,
     MassEstimate,
+    PerformanceState,
+    PerformanceTest,
     StopRequest,
     StreamState,
     StreamStatus,
@@ -40,21 +45,33 @@ from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import locked
 from checkweigher_dsp.ros.running import run
 
+_LOOK_PERIOD = 1.0  # s
 _RECALL_PERIOD = 0.01  # s, in which a recall is looked after
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
+_NO_HISTORY = StopRequest(
+    StopReason.NOT_READY, 0, text='it waits for the driver to answer line_history; check its load'
+)
 
 
 class RejectNode(ManagedStageNode[RejectParameters]):
     """Give every item that the eyes show its verdict, in time for the rejector.
 
     Only while it is active: else it asks the line to stop. When it becomes active in the middle of
-    a stream, it asks the driver what it has missed.
+    a stream, it asks the driver what it has missed. In a process of its own, `alone`, it keeps the
+    largest number that it has given for the node that takes its place.
     """
 
-    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+    def __init__(self, overrides: dict[str, object] | None = None, *, alone: bool = False) -> None:
         super().__init__(RejectParameters, overrides=overrides)
         self._verdicts = self.held_output(ports.VERDICT)
         self._stage = RejectStage(self.parameters)
+        self._numbers: GivenNumbers | None = None
+        if alone:
+            domain = self.context.get_domain_id()
+            self._numbers = GivenNumbers(self.get_fully_qualified_name(), domain)
+            self._stage.number_after(self._numbers.last)
+            if self._numbers.trouble:
+                self.warn(self._numbers.trouble)
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
         self._stream = 0
@@ -79,6 +96,17 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge, doubted=self._doubt)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate, doubted=foreign)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
+        self._external = self.subscribe(
+            ports.EXTERNAL_REJECT, self._on_external_reject,
+            doubted=lambda reject: reject,  # a stranger's can but reject
+        )  # fmt: skip
+        self._conditions = self.subscribe(
+            ports.MACHINE_CONDITIONS, self._on_conditions, doubted=self._conditions_alone
+        )
+        self._tests = self.subscribe(
+            ports.PERFORMANCE_TEST, self._on_test, doubted=self._test_alone
+        )
+        self.create_timer(_LOOK_PERIOD, self._look_around)
         self.begin()
 
     def start(self) -> None:
@@ -104,6 +132,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         was_active, self._active = self._active, False
         self._show_stop_request()
         if was_active:
+            if self._driver_is_there():
+                self._recall = None  # what was kept back is missed, and judged in the next life
             self._settle(None)
             self._publish(self._stage.stop(self._now()))
         self._timer.clear()
@@ -130,7 +160,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if status.stream != self._stream:
             # The first one heard tells of the stream whose edges may be here already.
             if self._stream:
-                self._settle(None)
+                if self._recall is not None:
+                    self._recall.begin_stream()
                 self._stage.restart(self._now())
                 self._monitor.restart()
                 self._wake()
@@ -159,6 +190,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if not self._active:
             return
+        self._look_whether_inspected()
         if recall := self._holding():
             recall.edges.append((edge, self._now()))
         else:
@@ -191,6 +223,60 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._monitor.add_edge(edge)
             self._wake()
 
+    def _on_external_reject(self, reject: ExternalReject) -> None:
+        if self._active:
+            self._stage.external_reject(reject, time.monotonic_ns())
+            self.count('external rejects')
+            self._look_after_inspections()
+            self._wake()
+
+    def _look_after_inspections(self) -> None:
+        """Stop the line for rejects that no verdict could heed."""
+        inspections = self._stage.inspections
+        missed, inspections.missed = inspections.missed, []
+        for each in missed:
+            self._monitor.miss(each)
+        if missed:
+            self._show_stop_request()
+
+    def _on_conditions(self, conditions: MachineConditions) -> None:
+        self._monitor.hear_conditions(conditions)
+        self._look_whether_inspected()
+        if self._active:
+            self._show_stop_request()
+
+    def _look_whether_inspected(self) -> None:
+        """See whether the inspection devices run, and a node is there to tell what they reject."""
+        stamp = self._stream_clock.at(time.monotonic_ns())
+        if stamp is None or not self.parameters.devices:
+            return
+        known = self._monitor.conditions
+        running = known.known and StopReason.INSPECTION_FAULT not in known.conditions
+        late = round(NANOSECONDS * self.parameters.edge_lateness)
+        heard = running and self._external.count() > 0
+        self._stage.inspections.set_running(heard, stamp if heard else stamp - late)
+
+    def _conditions_alone(self, conditions: MachineConditions) -> MachineConditions:
+        """Take what is wrong from any node, and from a stranger not that all is well."""
+        wrong = not conditions.known or conditions.conditions
+        return conditions if wrong else self._conditions.refuse_doubted(conditions)
+
+    def _on_test(self, test: PerformanceTest) -> None:
+        self._monitor.hear_test(test, time.time_ns())
+        if self._active:
+            self._show_stop_request()
+
+    def _test_alone(self, test: PerformanceTest) -> PerformanceTest:
+        """Take a test that stops the line from any node, and from a stranger no other."""
+        stops = test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED)
+        return test if stops else self._tests.refuse_doubted(test)
+
+    def _look_around(self) -> None:
+        """See whether items are inspected, and whether the grace of a test is over."""
+        self._look_whether_inspected()
+        if self._active and self._monitor.test is not None:
+            self._on_test(self._monitor.test)
+
     def _holding(self) -> Recall | None:
         """Return what keeps records back, None if nothing has to any more."""
         if self._recall is not None:
@@ -207,8 +293,20 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
         status, edges = map(self.count_publishers, (self._status_topic, self._eyes_topic))
-        if recall.is_over(self._stage.weigh_length, status=status > 0, edges=edges > 0):
+        if recall.is_over(
+            self._stage.weigh_length,
+            driver=self._driver_is_there(),
+            status=status > 0,
+            edges=edges > 0,
+        ):
             self._settle(recall.history)
+
+    def _driver_is_there(self) -> bool:
+        """Tell whether a driver is there that answers, however long that takes it."""
+        if self._historians.held:
+            return True
+        self._historians.look()
+        return self._historians.present
 
     def _driver_hears(self) -> bool:
         """Tell whether the driver answers, and will hear each verdict from the first one on.
@@ -230,10 +328,12 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_history(self, recall: Recall, answer: Any) -> None:
         try:
-            recall.answer(to_record(ports.LINE_HISTORY, answer.result()))
-        except Exception as error:
+            history: LineHistory = to_record(ports.LINE_HISTORY, answer.result())
+        except Exception as error:  # it is asked again
             self.warn(f'{ports.LINE_HISTORY.name}: {type(error).__name__}: {error}')
-            recall.answer(None)
+            return
+        if history.stream == self._stream:  # else its status is still on its way, or the answer was
+            recall.answer(history)
         self._wake()
 
     def _wake(self) -> None:
@@ -256,8 +356,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         recall, self._recall = self._recall, None
         if recall is None:
             return
-        if history is not None and history.stream == self._stream:
-            missed = self._stage.recall(history, recall.edges, self._now())
+        if history is not None:
+            missed = self._stage.recall(history, recall.edges, self._now(), over=recall.over)
             if missed:
                 self.count('recalls')
                 self.warn(f'{len(missed)} items were on their way when this node was not active')
@@ -265,6 +365,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             if recall.ended:  # what is on the belt will not get any further
                 self._stage.restart(self._now())
             recall.edges.clear()
+        else:
+            self._publish(self._stage.end_stream(recall.over, self._now()))
         self._go_on(recall)
 
     def _go_on(self, recall: Recall) -> None:
@@ -282,6 +384,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._ask_for_history()
         if self.parameters.deadlines:
             self._publish(self._stage.advance(now))
+            self._look_after_inspections()
         strays = self._monitor.strays
         stream_time = self._stream_clock.at(now)
         if stream_time is not None:
@@ -295,6 +398,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _publish(self, verdicts: list[Verdict]) -> None:
         for verdict in verdicts:
+            if self._numbers is not None:
+                self._numbers.give(verdict.item_id)  # before anyone hears of it
             self._verdicts.send(verdict)  # before all else: the rejector waits
             self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
@@ -309,8 +414,16 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._show_stop_request()
             self._wake()
 
+    @property
+    def _request(self) -> StopRequest | None:
+        """What this node asks of the line now."""
+        if not self._active:
+            return _NOT_READY
+        waits = self._recall is not None and self._recall.overdue
+        return self._monitor.request or (_NO_HISTORY if waits else None)
+
     def _show_stop_request(self) -> None:
-        request = self._monitor.request if self._active else _NOT_READY
+        request = self._request
         if request == self._shown:
             return
         self._shown = request
@@ -337,9 +450,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request, unless what the driver says is wrong still is."""
         cleared, shown = self._monitor.request, self._shown
-        self._monitor.reset()
+        self._monitor.reset(time.time_ns())
         self._show_stop_request()
-        request = self._monitor.request
+        request = self._request
         if request is not None and request == shown:
             # The driver waits to be shown what it missed since: the words may be the same.
             self._stop_requests.send(request)
@@ -351,7 +464,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return response
 
 
-main = partial(run, RejectNode)
+main = partial(run, partial(RejectNode, alone=True))
 
 if __name__ == '__main__':
     main()

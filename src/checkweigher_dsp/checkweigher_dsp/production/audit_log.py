@@ -26,6 +26,8 @@ from pathlib import Path
 import re
 from typing import Any, Self
 
+from checkweigher_dsp.input_files import read_input
+
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
 # Bytes: parsed, a file of hostile entries takes 25 times its size.
@@ -52,16 +54,26 @@ class Entry:
     new: Any
     previous: str  # SHA-256 of the entry before, hexadecimal
     hash: str = ''  # SHA-256 of this entry
+    who: str | None = None  # person, or 'graph:' and a node; None in logs of older versions
+    why: str | None = None  # the reason that was given, empty for none
 
     def line(self) -> bytes:
         """Return the line of the entry in the file."""
-        return _canonical(asdict(self)) + b'\n'
+        return _canonical(self._values()) + b'\n'
 
     def digest(self) -> str:
         """Return the SHA-256 over all but ``hash``."""
-        values = asdict(self)
+        values = self._values()
         del values['hash']
         return hashlib.sha256(_canonical(values)).hexdigest()
+
+    def _values(self) -> dict[str, Any]:
+        """Return the fields, the hash last, without those that an older version did not write."""
+        values = asdict(self)
+        if self.who is None:
+            del values['who'], values['why']
+        values['hash'] = values.pop('hash')
+        return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +109,9 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 def _read_file(path: Path) -> bytes:
     try:
-        if not path.is_file():
-            found = 'is no regular file' if path.exists() else os.strerror(errno.ENOENT)
-            raise AuditError(f'{path}: {found}')
-        with path.open('rb') as file:
-            data = file.read(MAX_LOG + 1)
+        return read_input(path, MAX_LOG)
     except OSError as error:
         raise AuditError(f'{path}: {error.strerror or error}') from None
-    if len(data) > MAX_LOG:
-        raise AuditError(f'{path}: is larger than {MAX_LOG >> 20} MiB, so it is no audit log')
-    return data
 
 
 def _read_head(path: Path) -> bytes:
@@ -321,14 +326,19 @@ class AuditLog:
         return self._altered
 
     def append(
-        self, time: str, source: str, kind: str, subject: str, old: object, new: object
-    ) -> Entry:
-        """Append an entry; once this returns, it is on the disk. `AuditError` if it cannot be."""
+        self, time: str, source: str, kind: str, subject: str, old: object, new: object,
+        who: str = '', why: str = '',
+    ) -> Entry:  # fmt: skip
+        """Append an entry; once this returns, it is on the disk. `AuditError` if it cannot be.
+
+        `who` is the person, or else the `source` stands for it, `why` the reason.
+        """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')
         try:
             self._finish(time, source)
-            return self._write((time, source, kind, subject, plain(old), plain(new)))
+            change = (time, source, kind, subject, plain(old), plain(new))
+            return self._write(change, who=who or f'graph:{source}', why=why)
         except OSError as error:
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
@@ -345,11 +355,14 @@ class AuditLog:
         if unended or torn:
             # First the end of the torn line, then its record: a reader needs both.
             record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
-            self._write(record, before=b'\n' if torn else b'')
+            self._write(record, before=b'\n' if torn else b'', who=f'graph:{source}')
 
-    def _write(self, change: tuple[str, str, str, str, Any, Any], before: bytes = b'') -> Entry:
+    def _write(
+        self, change: tuple[str, str, str, str, Any, Any], before: bytes = b'', *, who: str,
+        why: str = '',
+    ) -> Entry:  # fmt: skip
         """Write the entry of a change, behind some other bytes."""
-        entry = Entry(self._chain.count + 1, *change, self.last_hash)
+        entry = Entry(self._chain.count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
         if len(line) > _MAX_LINE or self._size + len(line) > MAX_LOG:

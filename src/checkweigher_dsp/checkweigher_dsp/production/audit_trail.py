@@ -12,6 +12,7 @@ from contextlib import suppress
 from typing import Any
 
 from checkweigher_dsp.production.audit_log import AuditError, AuditLog, plain
+from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Verdict
 
@@ -20,6 +21,7 @@ SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
 RECORD, REPORT = 'record', 'report'  # of a batch
 TUNED = 'tuned'
+TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
 
 
 class AuditTrail:
@@ -41,7 +43,7 @@ class AuditTrail:
         self._parameters: dict[str, dict[str, object]] = {}
         self._last: dict[tuple[str, str], object] = {}
         self._zero_out_of_range = False
-        self._owed: deque[tuple[str, str, str, object, object]] = deque(maxlen=1_000)
+        self._owed: deque[tuple[str, str, str, object, object, Author | None]] = deque(maxlen=1_000)
         self._refused, self._reason = 0, ''  # changes since the last entry, and why the last
         self.trouble = ''
         for entry in log.entries if log else ():
@@ -54,24 +56,28 @@ class AuditTrail:
         else:
             self._last[kind, subject] = new
 
-    def note(self, kind: str, subject: str, old: object, new: object) -> None:
+    def note(
+        self, kind: str, subject: str, old: object, new: object, by: Author | None = None
+    ) -> None:
         """Write down an action that is about to be done."""
         if not self._log:
             return
         try:
             self.catch_up()
-            self._append(self._clock(), kind, subject, old, new)
+            self._append(self._clock(), kind, subject, old, new, by)
         except AuditError as error:
             self._refused, self._reason = self._refused + 1, str(error)
             raise
         self._learn(kind, subject, plain(new))
 
-    def saw(self, kind: str, subject: str, old: object, new: object) -> None:
+    def saw(
+        self, kind: str, subject: str, old: object, new: object, by: Author | None = None
+    ) -> None:
         """Write down something that has been done."""
         if not self._log:
             return
         self._learn(kind, subject, plain(new))
-        self._owed.append((self._clock(), kind, subject, old, new))
+        self._owed.append((self._clock(), kind, subject, old, new, by))
         with suppress(AuditError):
             self.catch_up()
 
@@ -82,29 +88,41 @@ class AuditTrail:
             self._owed.popleft()
         if self._refused:
             text = f'{self._refused} changes, for the log could not be written: {self._reason}'
-            self._append(self._clock(), REFUSED, 'audit log', None, text)
+            self._append(self._clock(), REFUSED, 'audit log', None, text, None)
             self._refused = 0
 
-    def _append(self, time: str, kind: str, subject: str, old: object, new: object) -> None:
+    def _append(
+        self,
+        time: str,
+        kind: str,
+        subject: str,
+        old: object,
+        new: object,
+        by: Author | None,
+    ) -> None:
         assert self._log is not None
         try:
-            self._log.append(time, self._source, kind, subject, old, new)
+            self._log.append(time, self._source, kind, subject, old, new, *(by or Author()))
         except AuditError as error:
             self.trouble = str(error)
             raise
         self.trouble = ''
 
-    def state(self, kind: str, subject: str, value: object) -> None:
+    def last(self, kind: str, subject: str) -> Any:
+        """Return the last value of a subject, None if it has none."""
+        return self._last.get((kind, subject))
+
+    def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
         """Write down a state that is about to be, if it is not the last one."""
         old = self._last.get((kind, subject))
         if old != plain(value):
-            self.note(kind, subject, old, value)
+            self.note(kind, subject, old, value, by)
 
-    def saw_state(self, kind: str, subject: str, value: object) -> None:
+    def saw_state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
         """Write down a state that is, if it is not the last one."""
         old = self._last.get((kind, subject))
         if old != plain(value):
-            self.saw(kind, subject, old, value)
+            self.saw(kind, subject, old, value, by)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:
         """Write down the parameters of a node that differ from those that it had last."""
@@ -113,18 +131,20 @@ class AuditTrail:
         if new:
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
-    def parameters(self, node: str, values: Mapping[str, object]) -> None:
+    def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
         """Write down that parameters of a running node are about to be set."""
         for name, value in values.items():
             known = self._parameters.get(node, {})
             if name not in known or known[name] != plain(value):
-                self.note(PARAMETER, f'{node}.{name}', known.get(name), value)
+                self.note(PARAMETER, f'{node}.{name}', known.get(name), value, by)
 
-    def recipes(self, recipes: Mapping[str, Mapping[str, object]]) -> None:
+    def recipes(
+        self, recipes: Mapping[str, Mapping[str, object]], by: Author | None = None
+    ) -> None:
         """Write down which recipes are new, changed or gone."""
         gone = {subject for kind, subject in self._last if kind == RECIPE} - set(recipes)
         for name, recipe in (*recipes.items(), *((name, None) for name in sorted(gone))):
-            self.state(RECIPE, name, recipe)
+            self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
         """Write down that the zero has left its range, or is back in it."""

@@ -13,6 +13,7 @@
         tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
         mean_value: true          # the mean of the batch is never below nominal
         filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
+        test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
         reason: true              # a person at the page has to say why something is changed
         parameters:               # of the nodes, as in a parameter file
           identifier:
@@ -26,16 +27,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 import math
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.parameters import ParameterError, Parameters, check, flatten
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.filler_feedback import FillerParameters
+from checkweigher_dsp.production.performance_test import PerformancePlan
 from checkweigher_dsp.production.prepackages import LARGEST, MAX_SHARE_BELOW_TU1, SMALLEST, limits
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_dsp.yaml_files import read_yaml
+from checkweigher_dsp.yaml_files import read_yaml_as
 
 # Nodes whose parameters may change while the line runs.
 NODES: dict[str, type[Parameters]] = {
@@ -48,15 +50,16 @@ _LIMITS = ('lower_limit', 'upper_limit')
 _RANGES = ('min_length', 'max_length', 'min_speed', 'max_speed')
 _RULES = ('nominal', 'tu1', 'tu1_quota', 'mean_value', 'batch', 'batch_counts')
 # Of reject, not for `parameters`.
-_OWN = (*_LIMITS, *_RANGES, *_RULES, 'product', 'needs_product')
+_OWN = (*_LIMITS, *_RANGES, *_RULES, 'product', 'needs_product', 'performance_test')
 _KEYS = (
     'nominal', 'tare', *_LIMITS, 'length', 'speed', 'tu1_quota', 'mean_value', 'filler',
-    'reason', 'parameters',
+    'test', 'reason', 'parameters',
 )  # fmt: skip
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
 
 Changes = dict[str, dict[str, object]]
+_Inner = TypeVar('_Inner', bound=Parameters)
 
 
 class RecipeError(ValueError):
@@ -81,6 +84,7 @@ class Product:
     tu1_quota: float = math.nan  # share of a batch that may be below TU1; NaN for no such rule
     mean_value: bool = False  # whether the mean of a batch must never be below nominal
     filler: FillerParameters | None = None
+    test: PerformancePlan | None = None
 
     def changes(self) -> Changes:
         """Return the parameters that the product sets, by node and name."""
@@ -95,6 +99,7 @@ class Product:
             nominal=self.tare + self.nominal,
             mean_value=self.mean_value,
             product=self.name,
+            performance_test=False,
         )
         quota = math.isfinite(self.tu1_quota)
         made['reject'].update(
@@ -106,17 +111,13 @@ class Product:
     def as_mapping(self) -> dict[str, object]:
         """Return the recipe as it would stand in the file, limits as masses."""
         made = {name: getattr(self, name) for name in _KEYS}
-        return made | {'filler': asdict(self.filler) if self.filler else None}
+        inner = {'filler': self.filler, 'test': self.test}
+        return made | {key: asdict(each) if each else None for key, each in inner.items()}
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
     """Read all products of a recipe file; `RecipeError` if a part of it cannot be used."""
-    try:
-        content = read_yaml(path)
-    except OSError as error:
-        raise RecipeError(f'{path}: {error.strerror or error}') from None
-    except ValueError as error:
-        raise RecipeError(f'{path}: not a recipe file: {error}') from None
+    content = read_yaml_as(path, RecipeError, 'a recipe file')
     if not isinstance(content, dict) or list(content) != ['products']:
         raise RecipeError(f'{path}: not a recipe file: it must have the one section "products:"')
     products = content['products']
@@ -132,11 +133,12 @@ def product_of(values: Mapping[str, Any]) -> Product:
     """Return the product whose fields are in a mapping, as `asdict` and JSON made it."""
     unknown = {n for n, value in values.items() if isinstance(value, float) and math.isnan(value)}
     own = {**values, **dict.fromkeys(unknown, math.nan)}  # one NaN: products are compared
-    filler = own.pop('filler')
+    filler, test = own.pop('filler'), own.pop('test', None)  # records of before have no test
     return Product(
         length=tuple(own.pop('length')), speed=tuple(own.pop('speed')),
         parameters=_parameters('parameters', own.pop('parameters')),
-        filler=filler and FillerParameters.from_mapping(filler), **own,
+        filler=filler and FillerParameters.from_mapping(filler),
+        test=test and PerformancePlan.from_mapping(test), **own,
     )  # fmt: skip
 
 
@@ -178,7 +180,8 @@ def make_product(name: object, values: object) -> Product:
         parameters=_parameters(f'{name}.parameters', values.get('parameters')),
         tu1_quota=quota,
         mean_value=_truth(f'{name}.mean_value', values.get('mean_value', False)),
-        filler=_filler(name, values.get('filler')),
+        filler=_inner(f'{name}.filler', FillerParameters, values.get('filler')),
+        test=_inner(f'{name}.test', PerformancePlan, values.get('test')),
     )
 
 
@@ -200,15 +203,16 @@ def _truth(key: str, value: object) -> bool:
     return value
 
 
-def _filler(name: str, value: object) -> FillerParameters | None:
+def _inner(key: str, kind: type[_Inner], value: object) -> _Inner | None:
+    """Return a set of parameters inside a recipe, None without one."""
     if value is None:
         return None
     if not isinstance(value, dict):
-        raise RecipeError(f'{name}.filler: {value!r} is not "name: value"')
+        raise RecipeError(f'{key}: {value!r} is not "name: value"')
     try:
-        return FillerParameters.from_mapping(value)
+        return kind.from_mapping(value)
     except ParameterError as error:
-        raise RecipeError(f'{name}.{error}') from None
+        raise RecipeError(f'{key.rpartition(".")[0]}.{error}') from None
 
 
 def _lower_limit(key: str, value: object, nominal: float, tu1: float, tu2: float) -> float:

@@ -44,6 +44,9 @@ class RejectItem:
     # On the clock of arrivals: when a verdict can wait no longer, and when it is too late.
     due: int | None = None
     late_from: int | None = None
+    # By its mass, with the estimate, while inspection devices have yet to answer; until when.
+    held: tuple[Verdict, MassEstimate] | None = None
+    ready: int | None = None
     number: int = 0  # of the verdict; 0 if there is none, as the next one
     estimate_id: int = 0  # of the estimate that it rests on
     stream: int = 0  # in which it was judged
@@ -101,6 +104,11 @@ class RejectItems:
     def find_pending(self, estimate: MassEstimate) -> RejectItem | None:
         """Return the item without a verdict that an estimate is of."""
         return next((item for item in self.pending if same(item, estimate)), None)
+
+    def find_held(self, seen: Item) -> RejectItem | None:
+        """Return the item of what the eyes show whose mass was faster, and waits for a device."""
+        held = (item for item in self.pending if item.held is not None and item.count is None)
+        return next((item for item in held if same(item, seen)), None)
 
     def has_judged(self, estimate: MassEstimate) -> bool:
         """Tell whether the item of an estimate had its verdict before the estimate came.

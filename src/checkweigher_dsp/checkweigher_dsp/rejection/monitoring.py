@@ -4,11 +4,28 @@
 
 from dataclasses import dataclass
 
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, StopRequest, Verdict
+from checkweigher_dsp.reasons import Reason, StopReason
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    MachineConditions,
+    PerformanceState,
+    PerformanceTest,
+    StopRequest,
+    Verdict,
+)
+from checkweigher_dsp.rejection.inspections import Missed
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _MAX_OPEN = 10_000
+_CONDITIONS = {
+    reason.value: reason
+    for reason in (
+        StopReason.GUARD_OPEN, StopReason.AIR_PRESSURE, StopReason.BIN_FULL,
+        StopReason.INSPECTION_FAULT,
+    )
+}  # fmt: skip
 
 
 @dataclass(slots=True, eq=False)
@@ -35,6 +52,8 @@ class RejectMonitor:
         self.strays = 0  # edges near no reject time
         # What the driver says is wrong; while it lasts a reset does not clear the request.
         self.trouble = ''
+        self.conditions = MachineConditions(0, True)  # by the inputs of the machine
+        self.test: PerformanceTest | None = None
         self._in_a_row = 0
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
@@ -50,11 +69,13 @@ class RejectMonitor:
     def add_verdict(self, verdict: Verdict) -> None:
         """Take a verdict."""
         rejected = verdict.decision is not Decision.ACCEPT
-        self._in_a_row = self._in_a_row + 1 if rejected else 0
+        if Reason.PERFORMANCE_TEST not in verdict.reasons:
+            self._in_a_row = self._in_a_row + 1 if rejected else 0
         limit = self.parameters.max_rejects_in_a_row
         if limit and self._in_a_row >= limit:
             self._stop(StopReason.TOO_MANY_REJECTS, verdict.item_id, verdict.reject_at)
-        if self._window and verdict.reject_at is not None:
+        # What a station takes off does not come to the eye behind the rejector.
+        if self._window and verdict.reject_at is not None and not (rejected and verdict.station):
             self._expected.append(_Expected(verdict.item_id, verdict.reject_at, rejected))
             del self._expected[:-_MAX_OPEN]
 
@@ -73,6 +94,29 @@ class RejectMonitor:
             self.request = None  # what is wrong by now, such as a product that was missed meanwhile
         self._stop(StopReason.DRIVER_TROUBLE, 0, None, trouble)
 
+    def hear_conditions(self, conditions: MachineConditions) -> None:
+        """Take what is wrong by the inputs of the machine."""
+        self.conditions = conditions
+        if not conditions.known:
+            self._stop(StopReason.DRIVER_TROUBLE, 0, None, 'the machine inputs are not read')
+        for word, name in zip(conditions.conditions, conditions.inputs, strict=False):
+            self._stop(_CONDITIONS.get(word, StopReason.UNKNOWN), 0, None, f'input {name}')
+
+    def hear_test(self, test: PerformanceTest | None, now: int) -> None:
+        """Take the performance test, at `now`, ns of the system clock: its grace may be over."""
+        self.test = test
+        if test is None:
+            return
+        waits = test.state in (PerformanceState.IN_TIME, PerformanceState.DUE)
+        over = waits and test.stop_at is not None and test.stop_at <= now
+        if over or test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED):
+            self._stop(StopReason.PERFORMANCE_TEST, 0, None, test.text)
+
+    def miss(self, missed: Missed) -> None:
+        """Take a reject of an inspection device that no verdict could heed."""
+        reason = StopReason.MISSED_EXTERNAL_REJECT
+        self._stop(reason, missed.item_id, missed.stamp, missed.text)
+
     def advance(self, now: int) -> None:
         """Conclude what can be concluded at `now`, ns of the stamps."""
         window = self._window
@@ -90,12 +134,17 @@ class RejectMonitor:
         """Expect nothing any more: the stamps of a new stream say nothing about the old one."""
         self._expected, self._edges = [], []
 
-    def reset(self) -> None:
-        """Clear the request; what was rejected before it does not count any more."""
+    def reset(self, now: int = 0) -> None:
+        """Clear the request at `now`, ns of the system clock, unless what is wrong lasts.
+
+        What was rejected before it does not count any more.
+        """
         self.request = None
         self._in_a_row = 0
         self.restart()
         self.hear_driver(self.trouble)
+        self.hear_conditions(self.conditions)
+        self.hear_test(self.test, now)
 
     @property
     def _window(self) -> int:

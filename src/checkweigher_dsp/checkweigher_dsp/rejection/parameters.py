@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, describe, parameter
 from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
 # Segmenter and reject stage have to find the same items: these are in both of their sets.
@@ -99,12 +100,48 @@ class RejectParameters(Parameters):
         (0.0, 0.0, 0.0, 0.0), 'counts with which the batch goes on: items, accepted, below TU1, '
         'surplus in kg; the node product sets them, later ones that reject has itself are kept',
     )  # fmt: skip
+    inspections: str = parameter(
+        '', 'devices whose external_reject an item waits for, such as "metal xray vision"'
+    )
+    inspection_distances: tuple[float, ...] = parameter(
+        (), 'distance of each of them behind the infeed eye, below 0 before it', unit='m',
+        minimum=-100, maximum=100,
+    )  # fmt: skip
+    inspection_times: tuple[float, ...] = parameter(
+        (), 'time after an item has passed it in which each answers, with the way of the message',
+        unit='s', minimum=0, maximum=60,
+    )  # fmt: skip
+    inspection_tolerance: float = _delay(
+        0.02, 'by which the time of an answer may be off: two items that it fits are both rejected'
+    )
+    stations: str = parameter(
+        '', 'what each reject station or sorting zone beside the rejector takes, with ; between '
+        'them: decisions, reasons, and of accepted items a range of masses in kg; such as '
+        '"MetalDetected; UNDER; 0.150..0.155"',
+    )  # fmt: skip
+    station_distances: tuple[float, ...] = parameter(
+        (), 'distance of each of them behind the outfeed eye', unit='m', minimum=0, maximum=1000
+    )
+    station_delays: tuple[float, ...] = parameter(
+        (), 'time from telling each of them to its action', unit='s', minimum=0, maximum=10
+    )
+    performance_test: bool = parameter(
+        False, 'a performance test goes on: each item is rejected; the node product sets it'
+    )
     needs_product: bool = parameter(
         False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        devices, takes = self.devices, self._takes
+        self._check_lengths('inspections', devices, 'inspection_distances', 'inspection_times')
+        self._check_lengths('stations', takes, 'station_distances', 'station_delays')
+        if len(set(devices)) < len(devices):
+            raise ParameterError(f'reject.inspections: {self.inspections!r} has a device twice')
+        if len(takes) > MAX_STATIONS:
+            raise ParameterError(f'reject.stations: {len(takes)}, at most {MAX_STATIONS}')
+        self.all_stations()
         for name, none in (('lower_limit', -math.inf), ('upper_limit', math.inf)):
             value = getattr(self, name)
             if value != none and not (math.isfinite(value) and value >= 0):
@@ -130,6 +167,42 @@ class RejectParameters(Parameters):
                 f'reject.max_speed: {self.max_speed} is below min_belt_speed '
                 f'{self.min_belt_speed}, slower than what is weighed at all'
             )
+
+    def _check_lengths(self, first: str, found: tuple[str, ...], *others: str) -> None:
+        for name in others:
+            values = getattr(self, name)
+            if len(values) != len(found):
+                raise ParameterError(
+                    f'reject.{name}: {len(values)} values, but {first} has {len(found)}'
+                )
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """Names of the inspection devices."""
+        return tuple(self.inspections.split())
+
+    @property
+    def _takes(self) -> tuple[str, ...]:
+        return tuple(self.stations.split(';')) if self.stations.strip() else ()
+
+    def all_stations(self) -> tuple[Station, ...]:
+        """Return the stations beside the rejector, in their order."""
+        places = zip(self._takes, self.station_distances, self.station_delays, strict=True)
+        return tuple(
+            station_of(text, distance, delay, f'reject.stations[{number}]')
+            for number, (text, distance, delay) in enumerate(places)
+        )
+
+    def earliest_lead(self, speed: float) -> int:
+        """Return by how much a station is to be told before the rejector at most, ns.
+
+        At a belt speed in m/s; 0 if none is.
+        """
+        leads = [
+            (self.rejector_distance - distance) / speed + delay - self.actuator_delay
+            for distance, delay in zip(self.station_distances, self.station_delays, strict=True)
+        ]
+        return round(NANOSECONDS * max(0.0, *leads)) if leads and speed > 0 else 0
 
     def reject_time(self, t3: int | None, speed: float) -> int | None:
         """Return when the rejector has to be told for an item, ns; None if it is not known.

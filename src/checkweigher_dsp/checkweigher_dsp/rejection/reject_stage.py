@@ -7,8 +7,8 @@ before it hung or died, is a FAULT in time for the rejector all the same.
 """
 
 from collections import OrderedDict, deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 import math
 
 from checkweigher_dsp.items.item import Item
@@ -17,6 +17,7 @@ from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
+    ExternalReject,
     EyeEdge,
     LineHistory,
     MassEstimate,
@@ -24,9 +25,11 @@ from checkweigher_dsp.records import (
     foreign,
 )
 from checkweigher_dsp.rejection.batch_rules import BatchRules, BatchTally
+from checkweigher_dsp.rejection.inspections import Inspections, Passage
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.stations import route
 from checkweigher_dsp.rejection.timing import RESTART, ArrivalClock
 
 # What has no reject time is waited for so long: when it would be too late is not known.
@@ -79,8 +82,8 @@ class RejectStage:
 
     Attributes
     ----------
-    parameters : RejectParameters
-        May be replaced between two items.
+    inspections : Inspections
+        What inspection devices have rejected.
     weigh_length : float or None
         m; `set_weigh_length` changes it.
     late_estimates : int
@@ -94,7 +97,9 @@ class RejectStage:
     """
 
     def __init__(self, parameters: RejectParameters, weigh_length: float | None = None) -> None:
-        self.parameters = parameters
+        self._parameters = parameters
+        self.inspections = Inspections(parameters)
+        self._stations = parameters.all_stations()
         self.late_estimates = 0
         self.late_verdicts = 0
         self.unknown_estimates = 0
@@ -112,9 +117,20 @@ class RejectStage:
             self._tracker = self._new_tracker(weigh_length, 0)
 
     @property
+    def parameters(self) -> RejectParameters:
+        """Limits and places, which may be replaced between two items."""
+        return self._parameters
+
+    @parameters.setter
+    def parameters(self, parameters: RejectParameters) -> None:
+        self._parameters = self.inspections.parameters = parameters
+        self._stations = parameters.all_stations()
+
+    @property
     def due(self) -> int | None:
         """Time at which time alone brings something next, on the clock of the arguments."""
         times = [item.due for item in self._items.pending if item.due is not None]
+        times += [due for due in (self.inspections.due,) if due is not None]
         overdue = self._tracker.overdue_after if self._tracker is not None else None
         newest, came = self._stream.newest, self._stream.came
         if overdue is not None and newest is not None and came is not None:
@@ -140,6 +156,7 @@ class RejectStage:
                 self._see(item, now)
             self._tracker.forget()
         self._items.restart()
+        self.inspections.restart()
         self._stream = _Stream()
 
     def take(self, record: EyeEdge | MassEstimate, now: int | None = None) -> list[Verdict]:
@@ -191,6 +208,9 @@ class RejectStage:
         """
         self._learn_transit(estimate)
         item = self._items.find_pending(estimate)
+        if item is not None and item.held is not None:
+            self.late_estimates += 1
+            return []
         if item is None:
             if self._items.has_judged(estimate):
                 self.late_estimates += 1
@@ -203,7 +223,50 @@ class RejectStage:
             self._items.pending.append(item)
         if self.doubted or Reason.FOREIGN_PUBLISHER in item.reasons:
             estimate = foreign(estimate)
-        return [self._give(item, judge(estimate, self.parameters), now, estimate)]
+        verdict = judge(estimate, self.parameters)
+        if self._awaits_inspection(item, verdict, now):
+            item.held = verdict, estimate
+            return []
+        return [self._give(item, verdict, now, estimate)]
+
+    def external_reject(self, reject: ExternalReject, now: int) -> None:
+        """Take a reject by an inspection device, which came at `now`."""
+        self.inspections.add(reject, self.weigh_length, now)
+
+    def _awaits_inspection(self, item: RejectItem, verdict: Verdict, now: int | None) -> bool:
+        """Have a verdict wait until all devices have answered; False if it has not to.
+
+        It waits no longer than the rejector lets it.
+        """
+        over = self.inspections.over_at(_passage(item, verdict), self.weigh_length)
+        ready = None if over is None else self._stream.arrivals.at(over)
+        if now is None or ready is None or ready <= now:
+            return False
+        if item.late_from is None:  # its mass was faster than its edges
+            came = None if verdict.t3 is None else self._stream.arrivals.at(verdict.t3)
+            self._set_deadline(item, came, verdict.t3, verdict.reject_at)
+        item.ready = ready
+        item.due = ready if item.due is None else min(item.due, ready)
+        return item.due > now
+
+    def _set_deadline(
+        self, item: RejectItem, came: int | None, t3: int | None, reject_at: int | None
+    ) -> bool:
+        """Set when the verdict on an item is due and late, by when its t3 came; tell if we can."""
+        if came is None or t3 is None or reject_at is None:
+            return False
+        item.late_from = came + reject_at - t3
+        margin = round(NANOSECONDS * self.parameters.verdict_margin)
+        item.due = item.late_from - margin - self._lead(t3, reject_at)
+        return True
+
+    def _lead(self, t3: int, reject_at: int) -> int:
+        """Return by how much a station has to be told before the rejector, ns."""
+        known = self.parameters
+        travel = (reject_at - t3) / NANOSECONDS + known.actuator_delay
+        if not self._stations:
+            return 0
+        return known.earliest_lead(known.rejector_distance / travel if travel > 0 else math.nan)
 
     def _learn_transit(self, estimate: MassEstimate) -> None:
         """Take from the segmenter, which sees the load, how edges are to be paired."""
@@ -220,7 +283,10 @@ class RejectStage:
             pending = self._items.pending
             overdue = [item for item in pending if item.due is not None and item.due <= now]
         overdue += [item for item in self._items.too_many() if item not in overdue]
-        return self._give_up(overdue, now)
+        verdicts = self._give_up(overdue, now)
+        if now is not None:
+            self.inspections.advance(now)  # after the verdicts that have waited for it
+        return verdicts
 
     def stop(self, now: int | None = None) -> list[Verdict]:
         """Give each item that the eyes have shown its verdict: no mass is waited for any more."""
@@ -231,23 +297,38 @@ class RejectStage:
         self._latest.clear()
         return self._give_up(list(self._items.pending), now)
 
+    def number_after(self, last_number: int) -> None:
+        """Give no number up to that one, which a stage before this one has given."""
+        self._items.recall((), last_number)
+
+    def end_stream(self, edges: Iterable[_Arrival], now: int | None = None) -> list[Verdict]:
+        """Judge what the edges of a stream that is over show: no mass of it is waited for."""
+        verdicts = [verdict for edge, came in edges for verdict in self.add_edge(edge, came)]
+        self.restart(now)
+        verdicts += self._give_up(list(self._items.pending), now)
+        self._items.restart()  # after the last of these is judged
+        self._latest.clear()
+        return verdicts
+
     def recall(
-        self, history: LineHistory, live: Sequence[_Arrival] = (), now: int | None = None
-    ) -> list[Verdict]:
+        self, history: LineHistory, live: Iterable[_Arrival] = (), now: int | None = None,
+        *, over: Iterable[_Arrival] = (),
+    ) -> list[Verdict]:  # fmt: skip
         """Take the driver's history, with the verdicts of stages that judged before this one.
 
         An item that had passed the eyes by then and has no verdict is a FAULT now: no stage took
         its mass. One that is still on the belt goes on as usual. `live` are the edges that have
-        come and were kept back until now, each with its time; `now` in ns.
+        come and were kept back until now, each with its time, and `over` those of streams before
+        that of the history; `now` in ns.
         """
+        self._items.recall(history.verdicts, history.last_item_id)
+        for verdict in history.verdicts:
+            self._batches.remember(BatchTally.of(verdict))
+        verdicts = self.end_stream(over, now) if over else []
         live = [*self._latest, *live]
         known = {edge for edge, _ in live}
         begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
         missed = history.edges[:begin]
-        self._items.recall(history.verdicts, history.last_item_id)
-        for verdict in history.verdicts:
-            self._batches.remember(BatchTally.of(verdict))
-        verdicts: list[Verdict] = []
         if missed and self.weigh_length is not None:
             self._items.pending.clear()  # they are found again, with all their edges
             self._tracker = self._new_tracker(self.weigh_length, 0)
@@ -262,7 +343,7 @@ class RejectStage:
             for item in self._items.pending:
                 if now is not None and item.reject_at is not None:
                     item.late_from = now + item.reject_at - history.stamp
-            verdicts = self._give_up(list(self._items.pending), now)
+            verdicts += self._give_up(list(self._items.pending), now)
         else:
             live = live[len(self._latest) :]
         for edge, came in live:
@@ -283,7 +364,10 @@ class RejectStage:
         """Return the verdicts on items whose mass is waited for no more."""
         verdicts = []
         for item in items:
-            if self._items.is_used_up(item):
+            if item.held is not None:
+                verdict, estimate = item.held
+                verdicts.append(self._give(item, verdict, now, estimate))
+            elif self._items.is_used_up(item):
                 self._items.pending.remove(item)  # it has its verdict under other edges
             else:
                 verdicts.append(self._give(item, self._without_estimate(item), now))
@@ -314,14 +398,13 @@ class RejectStage:
         reasons = tuple(reason.value for reason in seen.faults)
         if self.doubted:
             reasons = (Reason.FOREIGN_PUBLISHER.value, *reasons)
+        if (held := self._items.find_held(seen)) is not None:
+            held.count, held.reasons = seen.item_id, reasons
+            return
         item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
         item.reject_at = self.parameters.reject_time(seen.t3, self._speed(seen))
-        if now is not None:
-            if seen.t3 is not None and item.reject_at is not None:
-                item.late_from = now + item.reject_at - seen.t3
-                item.due = item.late_from - round(NANOSECONDS * self.parameters.verdict_margin)
-            else:
-                item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
+        if now is not None and not self._set_deadline(item, now, seen.t3, item.reject_at):
+            item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
         self._items.pending.append(item)
 
     def _speed(self, item: Item) -> float:
@@ -332,6 +415,13 @@ class RejectStage:
         if self.weigh_length is None or not transit:
             return math.nan
         return self.weigh_length * NANOSECONDS / transit
+
+    def _speed_of(self, verdict: Verdict) -> float:
+        """Return the belt speed of an item by its verdict, m/s; NaN if it is not known."""
+        t1, t3 = verdict.t1, verdict.t3
+        if self.weigh_length is None or t1 is None or t3 is None or t3 <= t1:
+            return math.nan
+        return self.weigh_length * NANOSECONDS / (t3 - t1)
 
     def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
         """Keep an estimate that is ahead of its edges, unless they should have come by now."""
@@ -345,11 +435,12 @@ class RejectStage:
             self.unknown_estimates += 1
 
     def _without_estimate(self, item: RejectItem) -> Verdict:
+        test = (Reason.PERFORMANCE_TEST.value,) if self.parameters.performance_test else ()
         return Verdict(
             0,
             item.t3,
             Decision.FAULT,
-            tuple(dict.fromkeys((*item.reasons, Reason.NO_ESTIMATE.value))),
+            tuple(dict.fromkeys((*test, *item.reasons, Reason.NO_ESTIMATE.value))),
             lower_limit=self.parameters.lower_limit,
             upper_limit=self.parameters.upper_limit,
             reject_at=item.reject_at,
@@ -364,8 +455,6 @@ class RejectStage:
         if late_from is None and verdict.reject_at is not None:
             # Its mass was faster than its edges.
             late_from = self._stream.arrivals.at(verdict.reject_at)
-        late = now is not None and late_from is not None and now > late_from
-        self.late_verdicts += late
         number = self._items.judge(item, estimate, verdict.estimate_id)
         t1, t3, reject_at = verdict.t1, verdict.t3, verdict.reject_at
         # A segmenter that was started again has not seen all edges of its first item. Which edges
@@ -374,6 +463,24 @@ class RejectStage:
             t1 = item.t1 if t1 is None else t1
             t3 = item.t3 if t3 is None else t3
             reject_at = item.reject_at if reject_at is None else reject_at
-        return self._batches.judge(
-            verdict, self.parameters, item_id=number, late=late, t1=t1, t3=t3, reject_at=reject_at
-        )
+        verdict = replace(verdict, t1=t1, t3=t3, reject_at=reject_at)
+        passage = _passage(item, verdict)
+        over = None if now is None else item.ready is None or item.ready <= now
+        verdict = self.inspections.heed(verdict, passage, self.weigh_length, over=over)
+        verdict = self._batches.judge(verdict, self.parameters, item_id=number)
+        routed = route(verdict, self._stations, self._speed_of(verdict))
+        if late_from is not None and routed.station_at is not None and reject_at is not None:
+            late_from += routed.station_at - reject_at
+        late = now is not None and late_from is not None and now > late_from
+        self.late_verdicts += late
+        verdict = replace(routed, late=late)
+        self.inspections.judged(verdict, passage)
+        return verdict
+
+
+def _passage(item: RejectItem, verdict: Verdict) -> Passage | None:
+    """Return the way of an item over the weigh belt, None if an edge of it is not known."""
+    t1, t3 = verdict.t1, verdict.t3
+    if t1 is None or t3 is None or item.t2 is None:
+        return None
+    return Passage(t1, item.t2 - t1, t3 - t1)

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, RecentValues, conclude
 from checkweigher_dsp.ros.outputs import Input, Output
 from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.ports import Port, fits
+from checkweigher_dsp.ros.ports import Port, fits, misfit
 
 _PATIENCE = 5.0  # s, in which the nodes of a line find each other
 
@@ -24,12 +23,19 @@ class Connections:
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
+        self._turned_away = RecentValues()
+        self._last_turned_away = ''
         self._told: set[str] = set()  # of the endpoints whose QoS does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Take that a message could not be used."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
+
+    def turned_away(self, now: float, why: str) -> None:
+        """Take that a call was not served."""
+        self._turned_away.add(now, 1.0)
+        self._last_turned_away = why
 
     def lacks_input(self, port: Port) -> bool:
         """Return whether a port that this node takes has no publisher."""
@@ -38,6 +44,7 @@ class Connections:
     def finding(self, now: float) -> Finding:
         """Return the aspect Connections; `now` in s on the clock of the beginning."""
         self._refused.forget(now)
+        self._turned_away.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []
         started = now - self._began > _PATIENCE
@@ -58,6 +65,11 @@ class Connections:
             text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
             hint = 'check which node publishes there and with which version of the messages'
             found.append(Concern(Level.WARN, text, hint))
+        values['calls turned away in the last minute'] = len(self._turned_away)
+        if len(self._turned_away):
+            text = f'{len(self._turned_away)} calls turned away in the last minute, '
+            hint = 'find which node calls it: who may is in docs/security.md'
+            found.append(Concern(Level.WARN, text + self._last_turned_away, hint))
         return conclude('Connections', 'all there', found, values)
 
     def _foreign(self, end: Input | Output, now: float) -> Iterator[Concern]:
@@ -73,12 +85,10 @@ class Connections:
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
-            compatibility, reason = qos_check_compatible(*pair)
-            if compatibility != QoSCompatibility.ERROR:
+            if not (why := misfit(*pair)):
                 continue
             who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
             does = 'publishes' if is_input else 'subscribes to'
-            why = reason.replace('ERROR: ', '').strip('; ').lower()
             text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
             if text not in self._told:
                 self._told.add(text)
@@ -99,11 +109,11 @@ class Connections:
 
 
 def has_matched_all(node: Node, *outputs: Output) -> bool:
-    """Return whether outputs have matched every subscriber in the graph whose QoS fits."""
+    """Return whether outputs have matched every subscriber in the graph that they can match."""
     return all(
         output.publisher.get_subscription_count()
         >= sum(
-            fits(output.qos, other.qos_profile)
+            other.topic_type == output.port.message_type and fits(output.qos, other.qos_profile)
             for other in node.get_subscriptions_info_by_topic(output.topic_name)
         )
         for output in outputs

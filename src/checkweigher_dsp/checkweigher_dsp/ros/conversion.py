@@ -9,7 +9,7 @@ a numpy scalar in a field aborts the process when the message is serialised.
 
 import array
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from functools import cache, partial
 from operator import attrgetter
@@ -33,6 +33,7 @@ class _Form:
     frame: str | Callable[[Any], str] = ''  # of the header, or how it follows from the record
     names: Mapping[str, str] = field(default_factory=dict)  # in the message, by those of the record
     lacks: tuple[str, ...] = ()  # last fields that the message lacks; read as their defaults
+    newer: tuple[str, ...] = ()  # that messages of older bags lack; read as their defaults
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
     # What is read for a value that an enumeration does not have; otherwise the message is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
@@ -66,8 +67,13 @@ _FORMS: dict[type, _Form] = {
     records.MassEstimate: _item(
         names={'t3': 't3'}, derived={'status': lambda each: int(each.weighed)}, amend=_with_reason
     ),
-    records.Verdict: _item(unknown={'decision': records.Decision.FAULT}),
+    records.Verdict: _item(
+        unknown={'decision': records.Decision.FAULT}, newer=('station', 'station_at')
+    ),
     records.ZeroChange: _Form(frame='load_cell'),
+    records.ExternalReject: _Form(frame=attrgetter('device')),
+    records.MachineConditions: _Form(frame='machine'),
+    records.PerformanceTest: _Form(unknown={'state': records.PerformanceState.OVERDUE}),
     records.StopRequest: _Form(
         frame='rejector',
         unknown={'reason': StopReason.UNKNOWN},
@@ -168,11 +174,32 @@ def _plan(kind: Any) -> _Plan:
         if name in form.lacks:
             continue
         place = names.get(name, name)
-        plan.read.append((attrgetter(place), _reader(hint, form.unknown.get(name))))
+        get: _Get = attrgetter(place)
+        convert = _reader(hint, form.unknown.get(name))
+        if name in form.newer:
+            get, convert = _newer(place, convert, _default(kind, name))
+        plan.read.append((get, convert))
         if place != 'header.stamp':
             plan.write.append((place, attrgetter(name), _writer(hint)))
     plan.write += [(place, derive, lambda value: value) for place, derive in form.derived.items()]
     return plan
+
+
+def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
+    """Return how to get and to convert a field that messages of older bags lack."""
+    return (
+        lambda message: getattr(message, name, None),
+        lambda value: default if value is None else convert(value),
+    )
+
+
+def _default(kind: Any, name: str) -> object:
+    return next(each.default for each in fields(kind) if each.name == name)
+
+
+def newer_fields(record: type) -> frozenset[str]:
+    """Return the fields of the message of a record that messages of older bags lack."""
+    return frozenset(_FORMS.get(record, _Form()).newer)
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:

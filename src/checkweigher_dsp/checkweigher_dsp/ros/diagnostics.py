@@ -94,13 +94,18 @@ class Diagnostics:
         return Finding('', level, text, values=values)
 
     def _status(self, name: str, finding: Finding) -> DiagnosticStatus:
-        return DiagnosticStatus(
-            level=bytes([finding.level]),
-            name=name,
-            message=one_line(finding.message),
-            hardware_id=self._hardware_id,
-            values=[
-                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
-                for key, v in finding.values.items()
-            ],
-        )
+        return status_of(name, finding, self._hardware_id)
+
+
+def status_of(name: str, finding: Finding, hardware_id: str = '') -> DiagnosticStatus:
+    """Return a finding as the status of this name."""
+    return DiagnosticStatus(
+        level=bytes([finding.level]),
+        name=name,
+        message=one_line(finding.message),
+        hardware_id=hardware_id,
+        values=[
+            KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
+            for key, v in finding.values.items()
+        ],
+    )

@@ -12,9 +12,12 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
 from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.ros.access.key import own_key
+from checkweigher_dsp.ros.access.permissions import signed_parameter
 from checkweigher_dsp.ros.graph.makers import Makers, full_name
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 from checkweigher_dsp.ros.node_parameters import ros_parameters
+from checkweigher_dsp.ros.services import SETTER
 
 Values = dict[str, object]
 
@@ -41,6 +44,7 @@ class LineParametersClient:
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, AsyncParameterClient] = {}
         self._servers: dict[str, Makers] = {}
+        self._key = own_key()
 
     def ready(self, node: str) -> bool:
         """Return whether the services of a node are there."""
@@ -92,6 +96,9 @@ class LineParametersClient:
     async def _set_one(self, node: str, values: Values) -> None:
         self._check_server(node)
         parameters = ros_parameters(values)
+        if self._key is not None:
+            name = self._node.resolve_service_name(f'{node}/{SETTER}')
+            parameters.append(signed_parameter(self._key, name, parameters))
         answer = await self._answer(node, self._client(node).set_parameters_atomically(parameters))
         if not answer.result.successful:
             raise RefusedError(f'{node}: {answer.result.reason}')

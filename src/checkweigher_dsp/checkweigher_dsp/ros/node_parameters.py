@@ -34,6 +34,8 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
+        # rclpy would take an empty list for one of bytes, and refuse numbers.
+        dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
     if isinstance(entry.default, float) and bounded:
@@ -59,5 +61,7 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        values[own_name] = declared.value
+        # rcl takes an empty list of a parameter file for a parameter without a value.
+        empty = declared.value is None and isinstance(entry.default, tuple)
+        values[own_name] = () if empty else declared.value
     return parameters.from_mapping(values)

@@ -7,6 +7,7 @@ makes a lane. The module needs no ROS: message classes and QoS profiles are made
 asked for.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -68,8 +69,7 @@ class Port:
     @cached_property
     def type(self) -> Any:
         """Class of the message in rclpy."""
-        package, folder, name = self.message_type.split('/')
-        return getattr(import_module(f'{package}.{folder}'), name)
+        return interface(self.message_type)
 
     @cached_property
     def qos(self) -> 'QoSProfile':
@@ -80,6 +80,12 @@ class Port:
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
         return _reliable(self.history.depth, latched=self.history.stage_latched)
+
+
+def interface(name: str) -> Any:
+    """Return the class in rclpy of a message or a service, as ROS names it."""
+    package, folder, kind = name.split('/')
+    return getattr(import_module(f'{package}.{folder}'), kind)
 
 
 def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
@@ -93,18 +99,48 @@ def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
     )
 
 
-def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
-    """Return whether a publisher and a subscription of these profiles connect."""
+def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
+    """Return why a publisher and a subscription of these profiles do not connect, empty if they do.
+
+    The profiles may be those of endpoints that the graph lists.
+    """
     from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-    compatibility, _ = qos_check_compatible(offered, asked)
-    return bool(compatibility != QoSCompatibility.ERROR)
+    profiles = _with_finite_times(offered), _with_finite_times(asked)
+    compatibility, why = qos_check_compatible(*profiles)
+    if compatibility != QoSCompatibility.ERROR:
+        return ''
+    return ', '.join(
+        text.removeprefix('ERROR: ').lower()
+        for text in why.strip('; ').split(';')
+        if text.startswith('ERROR: ')
+    )
+
+
+def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
+    """Return a profile without the infinite times that DDS lists of an endpoint that states none.
+
+    `qos_check_compatible` takes any time that is stated for a demand.
+    """
+    from rclpy.duration import Duration, Infinite
+
+    stated = copy(profile)
+    for name in ('deadline', 'lifespan', 'liveliness_lease_duration'):
+        if getattr(profile, name) == Infinite:
+            setattr(stated, name, Duration())
+    return stated
+
+
+def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
+    """Return whether a publisher and a subscription of these profiles connect."""
+    return not misfit(offered, asked)
 
 
 # fmt: off
 LOAD_CELL_INFO = Port(
     'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', records.LoadCell, STATE,
-    'driver', ('all',), ('driver',), 'What the load cell is; a bag describes itself by it')
+    'driver', ('segmenter', 'reject', 'product', 'users'), ('driver',),
+    'What the load cell is; a bag describes itself by it')
 LOAD_CELL_SAMPLES = Port(
     'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', records.SampleBlock, STREAM,
     'driver', ('segmenter',), ('driver', 'segmenter'),
@@ -151,6 +187,19 @@ STOP_REQUEST = Port(
     'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
     'reject', ('line', 'driver', 'product'), (),
     'Whether the line should stop, and why; stays until `reset_stop_request`')
+EXTERNAL_REJECT = Port(
+    'external_reject', 'checkweigher_msgs/msg/ExternalReject', records.ExternalReject, STREAM,
+    'machine', ('reject',), (),
+    'An item that metal detector, X-ray or vision rejects; the driver publishes what its inputs '
+    'show')
+MACHINE_CONDITIONS = Port(
+    'machine_conditions', 'checkweigher_msgs/msg/MachineConditions', records.MachineConditions,
+    STATE, 'driver', ('reject',), (),
+    'Guards, air, bins and inspection devices by their inputs, where the driver reads such inputs')
+PERFORMANCE_TEST = Port(
+    'performance_test', 'checkweigher_msgs/msg/PerformanceTest', records.PerformanceTest, STATE,
+    'product', ('reject', 'users'), (),
+    'When the performance test of the recipe is due, and what came of the last one')
 STATISTICS = Port(
     'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
     'product', ('users',), (),
@@ -183,7 +232,8 @@ LINE_HISTORY = Port(
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
     SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
-    STOP_REQUEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT, VERIFICATION, DIAGNOSTICS,
+    EXTERNAL_REJECT, MACHINE_CONDITIONS, STOP_REQUEST, PERFORMANCE_TEST, STATISTICS,
+    FILLER_FEEDBACK, BATCH_RESULT, VERIFICATION, DIAGNOSTICS,
 )
 # fmt: on
 PLAYED = ALL[:4]
@@ -195,6 +245,7 @@ RESET_OUTPUTS = 'reset_outputs'
 FORGET_LEARNED = 'forget_learned'
 CALIBRATE_ZERO = 'calibrate_zero'
 CANCEL_CALIBRATION = 'cancel_calibration'
+RESTART_LINE = 'restart_line'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 # Services of types of their own names.
@@ -202,3 +253,6 @@ CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'
 RECORD_CHANGE = 'record_change'
+SELECT_PRODUCT, NEW_BATCH = 'select_product', 'new_batch'
+RESET_STATISTICS = 'reset_statistics'
+BEGIN_TEST = 'begin_test'

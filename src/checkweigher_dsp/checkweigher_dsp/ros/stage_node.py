@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+import inspect
 import time
 from typing import Any, ClassVar, Generic
 
@@ -15,6 +16,15 @@ from rclpy.parameter import Parameter
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.production.audit_trail import PARAMETER
+from checkweigher_dsp.ros.access.gate import (
+    Gate,
+    LockParameters,
+    make_lock,
+    refusal_of_changes,
+    split,
+    turned_away,
+)
+from checkweigher_dsp.ros.access.key import Lock
 from checkweigher_dsp.ros.change_record import ChangeRecord
 from checkweigher_dsp.ros.diagnostics import Diagnostics
 from checkweigher_dsp.ros.graph.makers import ANY, Makers
@@ -23,6 +33,7 @@ from checkweigher_dsp.ros.node_parameters import P, declare, ros_parameters
 from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.ports import NODES, Port
+from checkweigher_dsp.ros.services import SETTER
 
 Overrides = dict[str, object]
 
@@ -54,10 +65,12 @@ class StageNode(PortNode, Generic[P]):
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._place: Place | None = None
+        self._lock: Lock | None = None
         try:
             self._place = Place(self.context.get_domain_id(), self.get_fully_qualified_name())
             self._place.sign(participant_of(self))
             declare(self, GraphParameters, read_only=False)
+            self._lock = make_lock(locked=declare(self, LockParameters, read_only=True).locked)
             self.change_record = ChangeRecord(self)
             self.diagnostics = Diagnostics(self, self._diagnose)
             self.parameters = declare(self, parameters, read_only=read_only)
@@ -137,10 +150,37 @@ class StageNode(PortNode, Generic[P]):
         """Offer a service; those of rclpy that set parameters wait for the audit log."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
-        return super().create_service(srv_type, srv_name, callback, **options)
+        return super().create_service(srv_type, srv_name, self.gated(srv_name, callback), **options)
+
+    def gated(self, name: str, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the callback of a service for calls that come not too often, and with the key."""
+        gate = Gate(name)
+
+        def refused(request: Any, response: Any) -> bool:
+            why = gate.refusal(self._lock, self.resolve_service_name(name), request)
+            return bool(why) and self._turn_away(name, why, request, response)
+
+        async def answer_later(request: Any, response: Any) -> Any:
+            return response if refused(request, response) else await callback(request, response)
+
+        def answer(request: Any, response: Any) -> Any:
+            return response if refused(request, response) else callback(request, response)
+
+        return answer_later if inspect.iscoroutinefunction(callback) else answer
+
+    def _turn_away(self, name: str, why: str, request: Any, response: Any) -> bool:
+        turned_away(request, response, why)
+        self.count('calls turned away')
+        self.diagnostics.connections.turned_away(time.monotonic(), f'{name}: {why}')
+        return True
 
     async def _on_set_parameters(self, request: Any, response: Any) -> Any:
-        changes = [Parameter.from_parameter_msg(each) for each in request.parameters]
+        asked, signed = split(request.parameters)
+        setter = f'{self.get_fully_qualified_name()}/{SETTER}'
+        if why := refusal_of_changes(self._lock, setter, asked, signed):
+            self._turn_away(SETTER, why, request, response)
+            return response
+        changes = [Parameter.from_parameter_msg(each) for each in asked]
         if isinstance(response, SetParametersAtomically.Response):
             response.result = await self._set_recorded(changes)
         else:

@@ -12,7 +12,7 @@ import math
 from statistics import median
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.segmentation.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import RiseLag
 
 _SURE = 4.0  # standard deviations
 _LIKELY = 2.5  # of an item whose own lag is not sure, else:

@@ -108,7 +108,9 @@ class ItemSource:
     def _is_unloaded(self, since: int, stamp: int) -> bool:
         """Tell whether what came onto the belt since a time has left it by another one, ns."""
         buffer = self._buffer
+        if buffer.empty:
+            return False
         begin, end = buffer.index_at(since), buffer.index_at(stamp)
-        if buffer.empty or not buffer.is_whole(begin, end):
+        if not buffer.is_whole(begin, end):
             return False
         return is_unloaded(buffer.look_at(begin, end), self._moment, self._zero.zero.counts)

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
+from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG
 
 _MAX_HISTORY = 2**22  # samples
 
@@ -36,8 +37,12 @@ class SegmenterParameters(Parameters):
         0.005, 'drift of the zero since calibration, standard deviation', minimum=1e-9
     )
     zero_random_walk: float = _mass(
-        1e-5, 'drift of the zero, standard deviation after one second; larger follows faster, '
-        'averages less', unit='kg/sqrt(s)',
+        1e-5, 'what the zero moves at random in a second, standard deviation; larger follows '
+        'faster, averages less', unit='kg/sqrt(s)',
+    )  # fmt: skip
+    zero_drift: float = _mass(
+        2e-5, 'drift of the zero, standard deviation; it is looked for unless this is 0',
+        unit='kg/s',
     )  # fmt: skip
     zero_moment: float = _duration(
         0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well'
@@ -80,8 +85,8 @@ class SegmenterParameters(Parameters):
         minimum=1e-6,
     )  # fmt: skip
     rise_lag: float = parameter(
-        0.0005, 'how much later than the eyes say samples show a load: filter of the amplifier, '
-        'clocks, and 2 xi / omega of the platform', unit='s', minimum=-1, maximum=1,
+        PLATFORM_LAG, 'how much later than the eyes say samples show a load: filter of the '
+        'amplifier, clocks, and 2 xi / omega of the platform', unit='s', minimum=-1, maximum=1,
     )  # fmt: skip
     rise_lag_distance: float = parameter(
         0.0, 'the part of it that goes with 1 / belt speed: an infeed eye that sees too early',

@@ -3,6 +3,7 @@
 """Cutting the samples of each item out of the stream, once they have come and if they are sound."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -15,14 +16,26 @@ from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.load_check import LoadCheck
 from checkweigher_dsp.segmentation.motion_check import MotionCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.segmentation.rise_lag import RiseLag, rise_lag
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
+from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
 _BEFORE_RISE = 0.4  # s before t1 in which a rise is looked for
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where the samples of an item are, as indices, once its edges are moved by its shift."""
+
+    entry: int  # t1
+    begin: int  # t2
+    end: int  # t3
+    trail_end: int  # of the samples to wait for after t3
+    shift: int  # ns, by which the rise is later than the edges
+    doubt: float  # s, standard deviation of the shift
 
 
 class WindowCutter:
@@ -86,59 +99,74 @@ class WindowCutter:
 
     def _cut(self, item: Item, *, wait: bool) -> WeighWindow | None:
         """Return the window of an item, None while its samples are yet to come."""
-        buffer = self._buffer
-        if buffer.empty and wait:
+        if self._buffer.empty and wait:
             return None
         self._check_start(item)
         if item.faults or item.t1 is None or item.t2 is None or item.t3 is None:
             return self._fault(item, *item.faults)
-        if buffer.empty:
+        if self._buffer.empty:
             return None
-        shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
-        edges = item.t1 + shift, item.t2 + shift, item.t3 + shift
-        entry, begin, end = (buffer.index_at(stamp) for stamp in edges)
-        trail_end = self._trail_end(item.t3 + shift + item.length, end)
-        if buffer.end < (trail_end if wait else end):
+        place = self._find_place(item, item.t1, item.t2, item.t3)
+        if self._buffer.end < (place.trail_end if wait else place.end):
             return None
-        if end - begin < self._parameters.min_window:
-            return self._fault(item, Reason.WINDOW_TOO_SHORT)
-        reason = self._check_samples(entry, end) or self._check_load(begin, end)
+        reason = self._check_place(place)
         if reason is not None:
             return self._fault(item, reason)
         if self.edge_check.is_on and item.item_id not in self._shifts:
-            found = self._find_shift(item, entry, begin, end)
+            found = self._find_shift(item, place.entry, place.begin, place.end)
             if isinstance(found, Reason):
                 return self._fault(item, found)
             self._shifts[item.item_id] = found, self.edge_check.doubt
             return self._cut(item, wait=wait)
+        zero = self._zero_before(item, seconds(item.t1), place.entry)
+        if not zero.trusted:
+            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
+        return self._make_window(item, place, zero)
+
+    def _find_place(self, item: Item, t1: int, t2: int, t3: int) -> _Place:
+        shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
+        entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
+        trail_end = self._trail_end(t3 + shift + item.length, end)
+        return _Place(entry, begin, end, trail_end, shift, doubt)
+
+    def _check_place(self, place: _Place) -> Reason | None:
+        """Return why the samples of a place cannot be weighed, None if they can."""
+        if place.end - place.begin < self._parameters.min_window:
+            return Reason.WINDOW_TOO_SHORT
+        reason = self._check_samples(place.entry, place.end)
+        return reason or self._check_load(place.begin, place.end)
+
+    def _zero_before(self, item: Item, time: float, entry: int) -> Zero:
+        """Return the zero at the `time` of an item, s, after the empty belt in front of it."""
         empty, settled = self._empty_belt(item, entry)
         if settled:
             self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
-        zero = self._zero.update(seconds(item.t1), empty, settled)
-        if not zero.trusted:
-            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
+        return self._zero.update(time, empty, settled)
+
+    def _make_window(self, item: Item, place: _Place, zero: Zero) -> WeighWindow:
+        """Return the window of an item whose samples are sound, unless its load is not steady."""
+        buffer, cell = self._buffer, self._load_cell
+        entry, begin, end = place.entry, place.begin, place.end
         first = buffer.whole_from(entry - self._lead, entry)
-        alone_from = min(max(self._alone_from(item, first, begin, shift), first), begin)
+        alone_from = min(max(self._alone_from(item, first, begin, place.shift), first), begin)
         before = buffer.look_at(min(alone_from, entry), entry)
         if not self._load_check.is_steady(buffer.look_at(begin, end), before, zero.counts):
             return self._fault(item, Reason.DISTANCE_FAULT)
-        cell = self._load_cell
+        # By that of t2: what the clock of the samples is off would show in the lead time.
+        lead = round((begin - first) * NANOSECONDS / cell.sample_rate)
         return WeighWindow(
             *self._identity(item),
             sample_rate=cell.sample_rate,
             counts_per_kg=cell.counts_per_kg,
             zero_counts=cell.zero_counts,
             zero=zero.counts,
-            zero_std_dev=self._zero_std_dev(item, begin, end, zero, doubt),
+            zero_std_dev=self._zero_std_dev(item, begin, end, zero, place.doubt),
             first_index=first,
-            # By that of t2: what the clock of the samples is off would show in the lead time.
-            stamp=buffer.stamp_at(begin)
-            - shift
-            - round((begin - first) * NANOSECONDS / cell.sample_rate),
+            stamp=buffer.stamp_at(begin) - place.shift - lead,
             empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
-            counts=buffer.read(first, self._sound_end(end, trail_end)),
+            counts=buffer.read(first, self._sound_end(end, place.trail_end)),
         )
 
     def _fault(self, item: Item, *reasons: Reason) -> WeighWindow:
@@ -180,7 +208,9 @@ class WindowCutter:
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is not None:
             return round(NANOSECONDS * shift)
-        window = buffer.look_at(begin, end)
+        # What comes late is the item's own rise: without it the load shows whether it was alone.
+        late = round(seen.lag * self._load_cell.sample_rate) if seen.is_known else 0
+        window = buffer.look_at(min(begin + max(late, 0), end), end)
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 

@@ -42,6 +42,7 @@ class ZeroKeeper:
             sensitivity * parameters.zero_random_walk,
             load_cell.sample_rate,
             ZeroLimits(*(sensitivity * limit for limit in limits)),
+            sensitivity * parameters.zero_drift,
         )
         self._requested: int | None = None  # index of the sample from which on the belt is read
         self._why_not = ''

@@ -23,6 +23,8 @@ _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # s
 _FEWEST_PARTS = 5
 _MEMORY = 0.95  # weight of the scatter seen so far at each further segment
+_EVIDENCE_MEMORY = 0.98  # the same of what tells whether there is a drift
+_DRIFT_TIME = 600.0  # s, in which a drift becomes another one: temperatures settle
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +46,80 @@ class ZeroLimits:
     stability: float = math.inf
 
 
+class _Motion:
+    """Kalman filter of a zero that moves in one way: at random, and by a drift if there may be one.
+
+    The drift is an Ornstein-Uhlenbeck process. In counts and s; the variances are those of what a
+    zero may be off at first, of a random walk in a second, and of drifts.
+    """
+
+    def __init__(
+        self, value: float, initial_variance: float, walk_variance: float, drifts: float
+    ) -> None:
+        self.value = value
+        self._initial_variance = initial_variance
+        self._walk_variance = walk_variance
+        self._drifts = drifts
+        self.begin()
+
+    def begin(self) -> None:
+        """Know nothing but what was known at first of how far the zero may be off."""
+        self.variance = self._initial_variance
+        self._drift, self._drift_variance = 0.0, self._drifts
+        self._covariance = 0.0  # of zero and drift
+
+    def set(self, value: float, variance: float) -> None:
+        """Take a value for the zero; the drift goes on."""
+        self.value, self.variance, self._covariance = value, variance, 0.0
+
+    def carry_on(self, elapsed: float) -> None:
+        """Carry the zero on for a time, s, by its drift and the doubt about both."""
+        left = math.exp(-elapsed / _DRIFT_TIME)
+        reach = _DRIFT_TIME * (1 - left)
+        self.value += reach * self._drift
+        self._drift *= left
+        changed = 2 * elapsed / _DRIFT_TIME - (1 - left) * (3 - left)
+        self.variance += (
+            self._walk_variance * elapsed
+            + 2 * reach * self._covariance
+            + reach**2 * self._drift_variance
+            + _DRIFT_TIME**2 * changed * self._drifts
+        )
+        self._covariance = left * (self._covariance + reach * self._drift_variance)
+        self._covariance += reach * (1 - left) * self._drifts
+        self._drift_variance = left**2 * self._drift_variance + (1 - left**2) * self._drifts
+        if self.variance > self._initial_variance:
+            self._covariance *= math.sqrt(self._initial_variance / self.variance)
+            self.variance = self._initial_variance
+
+    def log_likelihood(self, reading: float, noise: float) -> float:
+        """Return how likely a reading of a variance `noise` is, but for a constant."""
+        variance = self.variance + noise
+        return -0.5 * ((reading - self.value) ** 2 / variance + math.log(variance))
+
+    def correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> float:
+        """Correct zero and drift by a reading; return the variance that is left of the zero.
+
+        Where the zero would leave what is allowed, it is held there, and no less is in doubt.
+        """
+        innovation, variance = reading - self.value, self.variance + noise
+        gain, drift_gain = self.variance / variance, self._covariance / variance
+        corrected, left = self.value + gain * innovation, self.variance * (1 - gain)
+        self.value = _within(corrected, allowed)
+        if self.value == corrected:
+            self._drift += drift_gain * innovation
+            self._drift_variance -= drift_gain * self._covariance
+            self._covariance *= 1 - gain
+            self.variance = left
+        return left
+
+
 class ZeroTracker:
-    """Follow the zero of a load cell as a random walk, by a scalar Kalman filter.
+    """Follow the zero of a load cell by two Kalman filters: it walks at random, or drifts besides.
+
+    A filter that knows no drift lags behind one by more than its readings scatter; one that looks
+    for a drift where there is none scatters more. So both run, and each counts by the likelihood of
+    the readings so far.
 
     Each empty segment of belt is one measurement, its Hann-weighted mean. Its variance follows
     from how far the means of the two halves of a segment are apart, pooled over the segments seen
@@ -56,14 +130,15 @@ class ZeroTracker:
     the same: something may have stood on the belt that no eye had seen. Until then it is not to be
     trusted.
 
-    The zero at calibration and how far it may have drifted since are in counts, the drift
-    (`random_walk`) is in counts per square root of a second, the sample rate in Hz. The limits are
-    those that OIML R 51 asks for.
+    The zero at calibration and how far it may have drifted since are in counts, the random walk is
+    in counts per square root of a second, `drift`, the standard deviation of drifts, in counts per
+    second, the sample rate in Hz. The limits are those that OIML R 51 asks for.
 
     References
     ----------
     R. E. Kalman, A new approach to linear filtering and prediction problems, J. Basic Eng. 82
-    (1960) 35-45; the local-level case.
+    (1960) 35-45; the local level and the local linear trend. D. T. Magill, Optimal adaptive
+    estimation of sampled stochastic processes, IEEE Trans. Automatic Control 10 (1965) 434-439.
     """
 
     def __init__(
@@ -73,19 +148,46 @@ class ZeroTracker:
         random_walk: float,
         sample_rate: float,
         limits: ZeroLimits = ZeroLimits(),
+        drift: float = 0.0,
     ) -> None:
-        self._value = self._initial = initial
+        self._initial = initial
         self._limits = limits
         self._behind = False
         self._initial_variance = initial_std_dev**2
-        self._variance = self._initial_variance
-        self._walk_variance = random_walk**2
+        self._motions = [
+            _Motion(initial, self._initial_variance, random_walk**2, drifts)
+            for drifts in sorted({0.0, drift**2})
+        ]
+        self._begin()
         self._sample_rate = sample_rate
         self._stamp: float | None = None
         self._scatter = 0.0  # sum of the variances that the halves of the segments give
         self._degrees = 0.0  # number of these
         self._doubted: float | None = None  # a reading that is yet to be seen again, counts
         self._has_read = False
+
+    def _begin(self) -> None:
+        """Know nothing but what was known at calibration of how far the zero may be off."""
+        for each in self._motions:
+            each.begin()
+        self._likelihoods = [0.0] * len(self._motions)  # logarithms
+
+    @property
+    def _shares(self) -> list[float]:
+        """How much each motion counts, 1 in all."""
+        most = max(self._likelihoods)
+        shares = [math.exp(each - most) for each in self._likelihoods]
+        return [each / sum(shares) for each in shares]
+
+    @property
+    def _value(self) -> float:
+        pairs = zip(self._shares, self._motions, strict=True)
+        return sum(share * each.value for share, each in pairs)
+
+    @property
+    def _variance(self) -> float:
+        value, pairs = self._value, zip(self._shares, self._motions, strict=True)
+        return sum(share * (each.variance + (each.value - value) ** 2) for share, each in pairs)
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Take the samples of one empty segment, (n,), and return the zero at its end, `time` s.
@@ -94,30 +196,35 @@ class ZeroTracker:
         Those that have not settled count with their whole variance: what one oscillation does to
         the mean is alike at each product, and does not average out.
         """
-        elapsed = math.inf
+        most = math.inf
         if self._stamp is not None:
             elapsed = max(time - self._stamp, 0.0)
-            self._variance += self._walk_variance * elapsed
-            self._variance = min(self._variance, self._initial_variance)
+            most = self._limits.rate * elapsed if elapsed > 0 else 0.0
+        allowed = self._value - most, self._value + most
+        if self._stamp is not None:
+            for each in self._motions:
+                each.carry_on(elapsed)
+                each.value = _within(each.value, allowed)
         self._stamp = time
         readings = counts.astype(np.float64)
         if len(readings) >= 2 and self._is_at_rest(readings):
-            self._follow(readings, settled, elapsed)
+            self._follow(readings, settled, allowed)
         return self.zero
 
-    def _follow(self, counts: NDArray[np.float64], settled: bool, elapsed: float) -> None:
+    def _follow(
+        self, counts: NDArray[np.float64], settled: bool, allowed: tuple[float, float]
+    ) -> None:
         known = self._scatter, self._degrees
         reading, noise = self._measure(counts, settled)
-        innovation = reading - self._value
         if self._is_doubtful(reading, noise):
             self._doubted, self._behind = reading, True
             self._scatter, self._degrees = known
             return
         self._doubted, self._has_read = None, True
-        if innovation**2 > _JUMP**2 * (self._variance + noise):
-            # Something has settled on the belt, or was wiped off it: start afresh.
-            self._variance = self._initial_variance
-        self._correct(innovation, noise, elapsed)
+        if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
+            # Something has settled on the belt, or was wiped off it.
+            self._begin()
+        self._correct(reading, noise, allowed)
 
     def _is_doubtful(self, reading: float, noise: float) -> bool:
         """Tell whether a zero has moved too far to be believed at once."""
@@ -126,19 +233,17 @@ class ZeroTracker:
             return False
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
-    def _correct(self, innovation: float, noise: float, elapsed: float) -> None:
-        """Correct the zero, no further than the rate allows."""
-        gain = self._variance / (self._variance + noise)
-        correction = gain * innovation
-        most = self._limits.rate * elapsed if elapsed > 0 else 0.0
-        if abs(correction) <= most:
-            self._variance *= 1 - gain
-            self._behind = False
-        else:
-            correction = math.copysign(most, correction)
-            rest = innovation - correction
-            self._behind = rest**2 > _JUMP**2 * (self._variance * (1 - gain) + noise)
-        self._value += correction
+    def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
+        """Correct the zero of each motion, and how much each counts."""
+        likelihoods = [each.log_likelihood(reading, noise) for each in self._motions]
+        left = [each.correct(reading, noise, allowed) for each in self._motions]
+        self._likelihoods = [
+            _EVIDENCE_MEMORY * before + now
+            for before, now in zip(self._likelihoods, likelihoods, strict=True)
+        ]
+        held_back = any(each.value in allowed for each in self._motions)
+        rest = reading - self._value
+        self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
         """Tell whether a segment is stable and nothing stood on the belt for a part of it."""
@@ -177,9 +282,10 @@ class ZeroTracker:
             return None
         reading, noise = self._measure(readings, True)
         if self.is_in_range(reading):
-            self._value, self._stamp, self._behind = reading, time, False
+            self._stamp, self._behind = time, False
             self._doubted, self._has_read = None, True
-            self._variance = min(noise, self._initial_variance)
+            for each in self._motions:
+                each.set(reading, min(noise, self._initial_variance))
         return reading
 
     def is_in_range(self, reading: float) -> bool:
@@ -205,3 +311,8 @@ class ZeroTracker:
         """The zero as it stands."""
         trusted = not self._behind and self.is_in_range(self._value)
         return Zero(self._value, math.sqrt(self._variance), trusted)
+
+
+def _within(value: float, allowed: tuple[float, float]) -> float:
+    lowest, highest = allowed
+    return min(max(value, lowest), highest)

@@ -8,7 +8,7 @@ from checkweigher_dsp.health.edges import edges_finding
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.segmentation.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import RiseLag
 
 STATED = SegmenterParameters().rise_lag
 
@@ -46,6 +46,14 @@ def test_a_lag_that_is_not_stated_asks_to_be_measured():
     assert finding.level is Level.WARN
     assert 'dynamic' in finding.hint
     assert edges_finding(check_of(*[0.0] * 10, rise_lag_known=True)).level is Level.OK
+
+
+def test_a_lag_that_is_too_large_to_be_learned_is_an_error_and_asks_to_be_measured():
+    finding = edges_finding(check_of(*[0.04] * 10))
+
+    assert finding.level is Level.ERROR
+    assert '40.0 ms' in finding.text
+    assert 'dynamic' in finding.hint
 
 
 def test_items_whose_rise_is_not_seen_are_confirmed_by_nothing():

@@ -3,6 +3,7 @@
 """The audit log: each tampering is found, and a power loss is told apart from it."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 import hashlib
 import json
@@ -17,7 +18,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_dsp.production.audit_log import AuditError, AuditLog, head_path, read_log, verify
+from checkweigher_dsp.production.audit_log import (
+    FIRST_PREVIOUS,
+    AuditError,
+    AuditLog,
+    Entry,
+    head_path,
+    read_log,
+    verify,
+)
 
 TIME = '2026-01-01T00:00:00.000000Z'
 
@@ -54,6 +63,42 @@ def test_the_hash_is_the_sha256_of_the_previous_hash_and_the_entry(log: tuple[by
     text, _, rest = second.rpartition(b',"hash":"')
     assert rest == hashlib.sha256(text + b'}').hexdigest().encode() + b'"}'
     assert json.loads(second)['previous'] == json.loads(first)['hash']
+
+
+def test_every_entry_has_who_and_why(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        log.append(TIME, '/product', 'selection', 'product', None, 'nuts', 'ann', 'order 7')
+        log.append(TIME, '/product', 'parameter', '/reject.upper_limit', 0.1, 0.2)
+    found = read_log(path)
+    assert [(e.who, e.why) for e in found.entries] == [('ann', 'order 7'), ('graph:/product', '')]
+
+
+@pytest.mark.parametrize('field', ['who', 'why'])
+def test_a_changed_or_removed_author_is_told(tmp_path: Path, field: str):
+    path = tmp_path / 'audit.log'
+    write(path, 3)
+    data, head = path.read_bytes(), head_path(path).read_bytes()
+    changed = data.replace(b'"why":""', b'"why":"x"', 1) if field == 'why' else None
+    changed = changed or data.replace(b'graph:/product', b'graph:/operator', 1)
+    assert verify(changed, head).problem == 'changed'
+    without = data.replace(b',"who":"graph:/product","why":""', b'', 1)
+    assert verify(without, head).problem == 'changed'
+
+
+def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    older = Entry(1, TIME, '/product', 'parameter', '/reject.limit0', 0, 'inf', FIRST_PREVIOUS)
+    older = replace(older, hash=older.digest())
+    assert b'who' not in older.line()
+    path.write_bytes(older.line())
+    head_path(path).write_text(f'{{"sequence":1,"hash":"{older.hash}"}}\n')
+
+    write(path, 1)
+
+    found = read_log(path)
+    assert found.whole
+    assert [entry.who for entry in found.entries] == [None, 'graph:/product']
 
 
 def test_a_log_is_continued_where_it_ended(tmp_path: Path):
@@ -289,11 +334,11 @@ def test_a_hostile_line_is_no_entry(log: tuple[bytes, bytes], line: bytes):
 
 def test_what_is_no_file_or_too_large_is_no_log(tmp_path: Path):
     (tmp_path / 'link').symlink_to('/dev/zero')
-    with pytest.raises(AuditError, match='is no regular file'):
+    with pytest.raises(AuditError, match='not a regular file'):
         read_log(tmp_path / 'link')
     with (tmp_path / 'large').open('wb') as file:
         file.truncate(2**40)
-    with pytest.raises(AuditError, match='is larger than 32 MiB'):
+    with pytest.raises(AuditError, match='larger than 32 MiB'):
         read_log(tmp_path / 'large')
 
 

@@ -65,7 +65,7 @@ def test_what_is_not_given_is_no_limit():
             'lower_limit': -math.inf, 'upper_limit': math.inf,
             'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
             'nominal': 0.15, 'tu1': 0.0, 'tu1_quota': 0.025, 'mean_value': False,
-            'product': 'crisps',
+            'product': 'crisps', 'performance_test': False,
         }
     }  # fmt: skip
     assert product.length == product.speed == (0.0, math.inf)
@@ -111,6 +111,8 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('tu1_quota', 0.025, 'crisps.tu1_quota: items from TU2 to TU1 are what it is about'),
         ('mean_value', 1, 'crisps.mean_value: 1 is not true or false'),
         ('filler', 3, 'crisps.filler: 3 is not'),
+        ('test', 3, 'crisps.test: 3 is not'),
+        ('test', {'mass': 0.2}, 'crisps.test.limit: must be given'),
         ('filler', {}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
         ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
         ('parameters', 3, 'crisps.parameters: 3 is not'),

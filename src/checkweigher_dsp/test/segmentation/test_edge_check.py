@@ -8,7 +8,7 @@ import pytest
 
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.segmentation.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import RiseLag
 
 MS = 1e-3
 SPEED, LENGTH = 1.0, 0.1  # a rise of 100 ms

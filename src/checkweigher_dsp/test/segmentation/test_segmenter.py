@@ -145,7 +145,7 @@ def test_the_zero_is_read_from_the_empty_belt_alone(make_line, run_segmenter, lo
 def test_where_no_empty_belt_was_seen_the_zero_is_carried_on(make_line, run_segmenter, load_cell):
     line = make_line((0.2, 0.1), spacing=0.32)  # 0.02 s between two, less than zero_moment
     drifted = replace(load_cell, zero_counts=4000.0)
-    parameters = SegmenterParameters(zero_random_walk=1e-3)
+    parameters = SegmenterParameters(zero_random_walk=1e-3, zero_drift=0.0)
 
     first, second = run_segmenter(Segmenter(drifted, parameters), line.events())
 

@@ -168,6 +168,14 @@ def test_any_stream_gives_each_item_one_window(run_segmenter, load_cell, events)
     assert all(set(window.reasons) <= known for window in windows)
 
 
+def test_edges_before_any_sample_are_a_fault(load_cell, run_segmenter):
+    leaves, enters = EyeEdge(0, 0, False), EyeEdge(NANOSECONDS // 200, 0, True)
+
+    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [leaves, enters])
+
+    assert all(window.reasons for window in windows)
+
+
 def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
     at_once = [
         EyeEdge(5, eye, blocked)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker
 
@@ -160,8 +161,65 @@ def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
     assert zero.std_dev == pytest.approx(math.sqrt(p * (1 - gain)), rel=1e-6)
 
 
+def _follow_a_ramp(tracker, drift, seconds):
+    """Return how far the zero is behind a ramp, and what it states, counts."""
+    for second in range(seconds):
+        level = drift * second
+        halves = [level - 6] * 8 + [level + 6] * 8
+        zero = tracker.update(float(second), _counts(*halves))
+    return level - zero.counts, zero.std_dev
+
+
+def test_a_drift_that_is_looked_for_leaves_no_lag():
+    behind, _ = _follow_a_ramp(ZeroTracker(0.0, 1e3, 1.0, RATE), 2, 200)
+    ahead, std_dev = _follow_a_ramp(ZeroTracker(0.0, 1e3, 1.0, RATE, drift=2.0), 2, 200)
+
+    assert behind > 10  # two counts a second, for the 6 seconds that the filter averages
+    assert abs(ahead) < 0.05 * behind
+    assert abs(ahead) < std_dev
+
+
+def test_what_is_not_seen_for_a_while_is_doubted_as_the_drift_allows():
+    tracker = ZeroTracker(0.0, 1e4, 0.0, RATE, drift=2.0)
+    for second in range(50):
+        known = tracker.update(float(second), _counts(*[3 * second] * 8))
+
+    carried = tracker.update(349.0, _counts())
+
+    # The zero and its drift as a linear system, its noise integrated in small steps; the readings
+    # are so sure that of the zero nothing is left to doubt, and of the drift what changed since.
+    fading = np.array([[0.0, 1.0], [0.0, -1 / 600]])
+    step, noise = 0.05, np.diag([0.0, 2 * 2.0**2 / 600])
+    moved, doubt = expm(step * fading), np.zeros((2, 2))
+    for _ in range(6000):
+        doubt = moved @ doubt @ moved.T + step * noise
+    assert carried.counts == pytest.approx(known.counts + 3 * 600 * (1 - math.exp(-0.5)), rel=0.02)
+    assert carried.std_dev == pytest.approx(math.sqrt(doubt[0, 0]), rel=0.02)
+
+
+def test_the_drift_carries_the_zero_on_no_faster_than_the_rate():
+    tracker = ZeroTracker(0.0, 1e3, 1.0, RATE, ZeroLimits(rate=2.5), drift=2.0)
+    _follow_a_ramp(tracker, 2, 200)
+    before = tracker.zero.counts
+
+    zero = tracker.update(200.0, _counts(*[1000] * 8))
+
+    assert zero.counts == pytest.approx(before + 2.5)
+    assert not zero.trusted
+
+
+def test_after_a_jump_no_drift_is_known():
+    tracker = ZeroTracker(0.0, 1e3, 1.0, RATE, drift=2.0)
+    _follow_a_ramp(tracker, 2, 200)
+    jumped = tracker.update(200.0, _counts(*[2000] * 8))
+
+    assert tracker.update(201.0, _counts()).counts == pytest.approx(jumped.counts)
+
+
 def test_the_gain_of_the_load_cell_does_not_matter():
-    plain, scaled = ZeroTracker(9.0, 2.0, 0.5, RATE), ZeroTracker(900.0, 200.0, 50.0, RATE)
+    plain, scaled = (
+        ZeroTracker(9 * gain, 2 * gain, 0.5 * gain, RATE, drift=0.3 * gain) for gain in (1.0, 100.0)
+    )
     for time, counts in ((0.0, _counts(10, 12, 14)), (1.0, _counts(30, 31)), (2.0, _counts())):
         zero, hundredfold = plain.update(time, counts), scaled.update(time, 100 * counts)
 

@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry
+from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
@@ -28,7 +28,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     rough_variance,
 )
 from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow, seconds
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 # A t2 that is off by more than this share of t3 - t1 is that of a longer or shorter product. One
@@ -135,13 +135,6 @@ def _between(
 def rise_parts(share: float) -> int:
     """Return how many of the `PARTS` are from t1 to t2, a `share` of t1..t3: at least one."""
     return min(max(round(PARTS * share), 1), PARTS - 1)
-
-
-def transit(window: WeighWindow) -> float:
-    """Return t3 - t1 in s, NaN if it is not known."""
-    if window.t1 is None or window.t3 is None:
-        return math.nan
-    return seconds(window.t3 - window.t1)
 
 
 def seconds_alone(window: WeighWindow) -> float:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.window_batch import rise_time
+from checkweigher_dsp.denoising.window_batch import rise_time, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.estimators.learned import (
     PARTS,
@@ -16,7 +16,6 @@ from checkweigher_dsp.estimation.estimators.learned import (
     pass_features,
     rise_parts,
     seconds_alone,
-    transit,
 )
 from checkweigher_dsp.estimation.untrained import SETTLE_TIME
 from checkweigher_dsp.records import WeighWindow

@@ -79,6 +79,11 @@ class Makers:
         self._seen = self._surplus = 0  # publishers in all: in the list, and in the count besides
         self._doubted_until = 0  # ns of the system clock
 
+    @property
+    def held(self) -> bool:
+        """Whether the maker runs on this computer, before the graph lists it as well."""
+        return is_held(self._domain, self._maker)
+
     def watch(self, *, watching: bool = True) -> None:
         """Begin to count the publishers that a new subscription connects, or let go of it."""
         self._watching, self._matched = watching, None

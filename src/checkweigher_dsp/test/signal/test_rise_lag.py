@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import pytest
 
 from checkweigher_dsp.denoising.load_rise import load_response, load_share
-from checkweigher_dsp.segmentation.rise_lag import RiseLag, rise_lag
+from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
 RATE = 960.0
 TIME = np.arange(-0.35, 0.6, 1 / RATE)

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.records import WeighWindow, seconds
 
+PLATFORM_LAG = 5e-4  # s, 2 xi / omega of the platform that is assumed until another one is known
 _TAPER = 0.05  # s, of a; at most half of the level
 _EMPTY = 0.3  # s of empty belt that z is the mean of, at most
 _SHORTEST_EMPTY = 0.06  # s; less does not show how the belt shakes

@@ -1,0 +1,91 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Reject stations and sorting zones beside the rejector, each at its distance.
+
+A station takes what its words say: decisions, reasons, and for accepted items a range of masses in
+kg, such as ``0.150..0.155``. An item goes to the first station that takes it, else to the rejector,
+and if it is accepted to neither. What has no known place goes to the rejector at once.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import NANOSECONDS, Decision, Verdict
+
+MAX_STATIONS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A station: where it is, and what it takes. Distance in m, delay in s, masses in kg."""
+
+    distance: float
+    delay: float
+    words: frozenset[str]
+    ranges: tuple[tuple[float, float], ...]
+
+    def takes(self, verdict: Verdict) -> bool:
+        """Tell whether an item with this verdict belongs here."""
+        if verdict.decision is Decision.ACCEPT:
+            return any(low <= verdict.mass < high for low, high in self.ranges)
+        return verdict.decision.name in self.words or not self.words.isdisjoint(verdict.reasons)
+
+    def reject_time(self, t3: int, speed: float) -> int:
+        """Return when the station has to be told, ns; t3 in ns, the belt speed in m/s."""
+        return t3 + round(NANOSECONDS * (self.distance / speed - self.delay))
+
+
+def station_of(text: str, distance: float, delay: float, name: str) -> Station:
+    """Return the station of a line of words; `ParameterError` names the first bad one."""
+    words, ranges = set[str](), list[tuple[float, float]]()
+    for word in text.split():
+        if '..' in word:
+            ranges.append(_range(name, word))
+        elif word in _WORDS:
+            words.add(word)
+        else:
+            raise ParameterError(
+                f'{name}: {word!r} is no decision that rejects, no reason of a verdict and no '
+                'range of masses in kg such as 0.150..0.155'
+            )
+    if not words and not ranges:
+        raise ParameterError(f'{name}: has to say what the station takes')
+    return Station(distance, delay, frozenset(words), tuple(ranges))
+
+
+# What these items are and where is not known well enough: the rejector has them.
+_NO_PLACE = {
+    reason.value
+    for reason in (
+        Reason.DISTANCE_FAULT, Reason.MISSING_EDGE, Reason.CHATTERING_EYE, Reason.LATE_EDGE,
+        Reason.BELT_STOPPED, Reason.BELT_SPEED_CHANGED, Reason.CLOCK_JUMP, Reason.EDGE_MISMATCH,
+        Reason.SOURCE_RESTARTED, Reason.STREAM_ENDED, Reason.FOREIGN_PUBLISHER,
+    )
+}  # fmt: skip
+_WORDS = {each.name for each in Decision if each is not Decision.ACCEPT} | set(Reason)
+
+
+def _range(name: str, word: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in word.split('..'))
+    except ValueError:
+        low = high = math.nan
+    if not 0 <= low < high:
+        raise ParameterError(f'{name}: {word!r} is no range of masses in kg such as 0.150..0.155')
+    return low, high
+
+
+def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
+    """Return a verdict with the station that takes its item, and when that has to be told.
+
+    `speed` is that of the belt in m/s, NaN if it is not known.
+    """
+    if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
+        return verdict
+    for number, station in enumerate(stations, start=1):
+        if station.takes(verdict):
+            at = station.reject_time(verdict.t3, speed)
+            return replace(verdict, station=number, station_at=at)
+    return verdict

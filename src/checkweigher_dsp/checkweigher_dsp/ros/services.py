@@ -1,0 +1,97 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The services of a lane: a row for each, with its type, its node, its callers and what it does.
+
+The security policy, the lock of a line and the docs read this table.
+"""
+
+from typing import NamedTuple
+
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.ports import NODES
+
+_TRIGGER = 'std_srvs/srv/Trigger'
+# Nodes beside the line.
+PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
+LIFE_CYCLE_NODES = ('driver', 'reject')
+
+# What rclpy gives each node, by names that follow the node's own.
+SETTER = 'set_parameters_atomically'
+PARAMETER_SERVICES = (
+    'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
+    'set_parameters', SETTER,
+)  # fmt: skip
+NODE_SERVICES = (*PARAMETER_SERVICES, 'get_type_description')
+LIFE_CYCLE_SERVICES = (
+    'change_state', 'get_state', 'get_available_states', 'get_available_transitions',
+    'get_transition_graph',
+)  # fmt: skip
+
+
+class Service(NamedTuple):
+    """A service of a lane."""
+
+    name: str  # relative to the lane's namespace
+    kind: str  # as ROS names it
+    server: str  # node
+    callers: tuple[str, ...]  # nodes
+    text: str  # what it does
+    condition: str = ''  # with which the server has it; empty for always
+    locked: bool = True  # whether a locked line asks for the key
+
+
+# fmt: off
+SERVICES = (
+    Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK,),
+            'takes the next empty belt at rest for the zero'),
+    Service(ports.RESET_OUTPUTS, _TRIGGER, 'driver', (),
+            'forgets products that the rejector can have missed; `reset_stop_request` does so as '
+            'well', 'outputs'),
+    Service(ports.FORGET_LEARNED, _TRIGGER, 'identifier', (),
+            'forgets what was learned from products of unknown mass; their masses are by the '
+            'estimator alone until it is learned again'),
+    Service(ports.RESET_STOP_REQUEST, _TRIGGER, 'reject', (PAGE_WORK,),
+            'takes a stop request back, unless what is wrong with driver, guards, air, bins, '
+            'inspection or performance test lasts; counts rejects from 0 again'),
+    Service(ports.LINE_HISTORY.name, 'checkweigher_msgs/srv/LineHistory', 'driver', ('reject',),
+            'the latest edges it has sent in this stream, the latest verdicts it has heard, and '
+            'the largest number of a verdict: what a `reject` that was started again has missed',
+            locked=False),
+    Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (PAGE_WORK,),
+            'reads the empty belt at rest for a [calibration](#calibration)'),
+    Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (PAGE_WORK,),
+            'reads a known mass at rest'),
+    Service(ports.FINISH_CALIBRATION, 'checkweigher_msgs/srv/FinishCalibration', 'driver',
+            (PAGE_WORK,),
+            'zero and sensitivity from what was read: written as the next version of '
+            '`calibration.file`, and used at once'),
+    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,), 'forgets what was read'),
+    Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (PAGE_WORK,),
+            'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
+    Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (PAGE_WORK,), 'trains on all that was recorded'),
+    Service(ports.CANCEL_PASSES, _TRIGGER, SETTING, (PAGE_WORK,),
+            'ends recording or training, what was weighed is kept; else drops what was learned '
+            'and waits'),
+    Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
+            'how accurate what was learned is, on passes that were held out; a line for each '
+            'estimator and speed', locked=False),
+    Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, (PAGE_WORK,), 'takes over what was learned'),
+    Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
+            'ends the nodes of the line in order and starts them again, with the parameter files '
+            'as they are then', '`run --folder`'),
+    Service(ports.SELECT_PRODUCT, 'checkweigher_msgs/srv/SelectProduct', 'product', (PAGE_WORK,),
+            'set the parameters of `denoise`, `identifier` and `reject` to those of a product, '
+            'all or none'),
+    Service(ports.NEW_BATCH, 'checkweigher_msgs/srv/NewBatch', 'product', (PAGE_WORK,),
+            'begin a batch of another name; returns the statistics of the one that ends'),
+    Service(ports.RESET_STATISTICS, 'checkweigher_msgs/srv/ResetStatistics', 'product', (),
+            'count this product in this batch from 0; returns what was counted'),
+    Service(ports.BEGIN_TEST, 'checkweigher_msgs/srv/BeginTest', 'product', (PAGE_WORK,),
+            'begins the [performance test](production.md#the-performance-test) of the product, or '
+            'breaks it off'),
+    Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
+            (*NODES, SETTING, REPORTER, PAGE_WORK),
+            'writes a change into the audit log before it is made; the other nodes of the lane '
+            'call it', '`audit_log`', locked=False),
+)
+# fmt: on

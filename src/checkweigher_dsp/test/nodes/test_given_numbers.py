@@ -1,0 +1,58 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers that outlive the process which gave them, within one run of a line."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers
+
+PROGRAM = """
+import sys
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers
+numbers = GivenNumbers('/lane/reject', 0)
+print(numbers.last)
+numbers.give(int(sys.argv[1]))
+"""
+
+
+def give(number: int, *, by: str = '') -> int:
+    """Give a number in a process of this one, or of another; return the last one before it."""
+    words = [sys.executable, '-c', PROGRAM, str(number)]
+    if by:
+        words = [sys.executable, '-c', f'import subprocess; subprocess.run({words!r})']
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+def test_a_process_goes_on_after_the_one_before_it_and_another_run_does_not():
+    assert give(57) == 0
+    assert give(58) == 57
+    assert give(3, by='another') == 0
+
+
+def test_a_smaller_number_takes_nothing_back():
+    numbers = GivenNumbers('/lane/reject', 0)
+    numbers.give(7)
+    numbers.give(5)
+    assert GivenNumbers('/lane/reject', 0).last == 7
+    assert GivenNumbers('/lane/reject', 1).last == GivenNumbers('/other/reject', 0).last == 0
+
+
+@pytest.mark.parametrize('data', [b'', b'\xff\x00', b'a b c', b'1 2 3 \n'])
+def test_a_file_that_is_damaged_has_no_number(tmp_path: Path, data: bytes):
+    GivenNumbers('/lane/reject', 0).give(7)
+    (path,) = (tmp_path / 'state/checkweigher').iterdir()
+    path.write_bytes(data)
+    assert GivenNumbers('/lane/reject', 0).last == 0
+
+
+def test_without_a_file_it_says_so_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / 'file').touch()
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'file'))
+    numbers = GivenNumbers('/lane/reject', 0)
+    numbers.give(7)
+    assert 'not kept over a restart' in numbers.trouble
