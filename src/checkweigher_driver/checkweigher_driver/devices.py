@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
+from checkweigher_driver.line_io.machine_inputs import MachineInputs
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
@@ -32,6 +33,11 @@ OUTPUTS = {
     NONE: '',
     'modbus': 'checkweigher_driver.line_io.modbus:ModbusOutputs',
     'gpio': 'checkweigher_driver.line_io.gpio:GpioOutputs',
+}
+INPUTS = {
+    NONE: '',
+    'modbus': 'checkweigher_driver.line_io.modbus:ModbusInputs',
+    'gpio': 'checkweigher_driver.line_io.gpio:GpioInputs',
 }
 
 # Returns the values of a parameter set.
@@ -69,6 +75,10 @@ class DriverParameters(Parameters):
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
     )
+    inputs: str = parameter(
+        NONE, 'device to which guards, air, bins and inspection devices are connected',
+        choices=tuple(INPUTS),
+    )  # fmt: skip
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
@@ -127,3 +137,12 @@ def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
         return MachineOutputs(None, OutputParameters())
     kind = _find('outputs', name, OUTPUTS)
     return MachineOutputs(kind(read(kind.parameters)), read(OutputParameters))
+
+
+def make_inputs(name: str, read: ReadParameters) -> MachineInputs:
+    """Return the inputs of a machine, not yet open; `ParameterError` if that cannot be done."""
+    if name == NONE:
+        return MachineInputs(None)
+    kind = _find('inputs', name, INPUTS)
+    parameters = read(kind.parameters)
+    return MachineInputs(kind(parameters), parameters)

@@ -12,8 +12,15 @@ from std_srvs.srv import Trigger
 
 from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
-from checkweigher_driver.devices import DriverParameters, make_outputs, source_maker
+from checkweigher_driver.devices import (
+    DriverParameters,
+    make_inputs,
+    make_outputs,
+    source_class,
+    source_maker,
+)
 from checkweigher_driver.health import DriverWatch
+from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.health.findings import Finding
@@ -21,6 +28,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
     Decision,
+    ExternalReject,
     EyeEdge,
     Reference,
     StopRequest,
@@ -32,6 +40,7 @@ from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
 from checkweigher_dsp.ros.node_parameters import declare
 from checkweigher_dsp.ros.outputs import Output
+from checkweigher_dsp.ros.port_node import locked
 from checkweigher_dsp.ros.running import run
 from checkweigher_recording.recording import Event
 
@@ -57,10 +66,17 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         try:
             self._make_source = source_maker(self.parameters.source, self.parameters.eyes, read)
             self._outputs = make_outputs(self.parameters.outputs, read)
+            self._inputs = make_inputs(self.parameters.inputs, read)
             calibration = declare(self, CalibrationParameters, 'calibration.', read_only=True)
+            self._operation = self._declare_operation()
         except ParameterError:
             self.destroy_node()
             raise
+        if self._inputs.exist:
+            self._conditions = self.output(ports.MACHINE_CONDITIONS)
+            # No output: with one in its process, reject would hear no other inspection device.
+            port = ports.EXTERNAL_REJECT
+            self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
         self.stream = SourceStream(
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
@@ -93,7 +109,32 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         except ValueError as error:
             # The bag is damaged, or something else keeps the source from being opened.
             raise ParameterError(f'driver.source: {error}') from None
+        if self._operation is not None:
+            self._source.operate(self._operation)
         self._outputs.open(lambda: bool(self._machine_trouble()))  # safe until activated
+        self._inputs.open(locked(self._hear_inputs))
+
+    def _declare_operation(self) -> Parameters | None:
+        """Declare what an operator sets at a simulated machine, None at a real one."""
+        kind = source_class(self.parameters.source).operation
+        if kind is None:
+            return None
+        found = declare(self, kind, f'{kind.node}.', read_only=False)
+        self.add_post_set_parameters_callback(self._operate)
+        return found
+
+    def _operate(self, changes: Sequence[Any]) -> None:
+        """Hand on what an operator has set; rclpy has checked it by its descriptor."""
+        assert self._operation is not None
+        known, prefix = self._operation, f'{self._operation.node}.'
+        changed = {
+            change.name.removeprefix(prefix): change.value
+            for change in changes
+            if change.name.startswith(prefix)
+        }
+        self._operation = type(known).from_mapping({**known.as_mapping(), **changed})
+        if self._source is not None:
+            self._source.operate(self._operation)
 
     def activate(self) -> None:
         """Begin a new stream."""
@@ -105,7 +146,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.diagnostics.set_hardware(load_cell)
         self._watch.begin(load_cell, time.monotonic())
         self._outputs.activate()
-        if self._outputs.exist or not self._source.paced:
+        if self._outputs.exist or self._inputs.exist or not self._source.paced:
             self._look_timer.reset()
         self.stream.begin(self._source)
 
@@ -122,6 +163,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         """Close source and outputs."""
         self._close_source()
         self._outputs.close()
+        self._inputs.close()
 
     def _close_source(self) -> None:
         if self._source is not None:
@@ -176,10 +218,19 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if isinstance(event, EyeEdge):
             self._outputs.edge(event)
 
+    def _hear_inputs(self, said: Said) -> None:
+        """Publish what the inputs of the machine say."""
+        if isinstance(said, ExternalReject):
+            self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, said))
+        else:
+            self._conditions.send(said)
+
     def _machine_trouble(self) -> str:
         """Return why the line cannot weigh, empty if it can; for any thread."""
         source = self._source
-        return '' if source is None else self.stream.failure or source.trouble
+        if source is None:
+            return ''
+        return self.stream.failure or source.trouble or self._inputs.trouble
 
     def _look_after_machine(self) -> None:
         """Report trouble of the machine when it changes; stop the line that gets no verdicts."""
@@ -209,7 +260,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if source is not None and self.state == 'active':
             self._watch.look(source.trouble, source.figures())
         found = self._watch.findings(now, time.time() - time.monotonic())
-        return [*found, self._outputs.finding()]
+        return [*found, self._outputs.finding(), self._inputs.finding()]
 
 
 def _rejected(verdict: Verdict) -> Verdict:

@@ -12,10 +12,10 @@ import fcntl
 import json
 import os
 from pathlib import Path
-import re
 import threading
 
 from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.state_files import state_file
 
 _SIZE = 16_384  # bytes, which the file has from the start: a full disk is no trouble later
 _NAME = 'rejector.record'
@@ -147,9 +147,7 @@ def record_path(wanted: str, machine: str) -> Path:
     """Return where the record of a machine is kept, by the name of its outputs if none is given."""
     if wanted:
         return Path(wanted)
-    state = os.environ.get('XDG_STATE_HOME') or '~/.local/state'
-    path = Path(state, 'checkweigher', re.sub(r'[^\w.-]', '_', machine) + '.belt')
     try:
-        return path.expanduser()
+        return state_file(f'{machine}.belt')
     except RuntimeError:
         raise ParameterError(f'{_NAME}: empty, and this user has no home folder') from None

@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 import threading
+import time
 from typing import ClassVar
 
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
+from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.outputs import OutputPort
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
@@ -152,6 +154,10 @@ class GpioOutputParameters(Parameters):
         -1, 'offset of the line that is high while an accepted product passes the rejector; -1 for '
         'none', minimum=-1,
     )  # fmt: skip
+    stations: tuple[float, ...] = parameter(
+        (), 'offsets of the lines of the stations beside the rejector, in the order of '
+        'reject.stations', minimum=0,
+    )  # fmt: skip
     heartbeat: int = parameter(
         -1, 'offset of the line that changes with each cycle; -1 for none', minimum=-1
     )
@@ -162,12 +168,18 @@ class GpioOutputParameters(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        lines = self.reject, self.stop, self.permit, self.heartbeat, self.belt
+        lines = self.reject, self.stop, self.permit, self.heartbeat, self.belt, *self.station_lines
         used = [line for line in lines if line >= 0]
         if len(set(used)) < len(used):
             raise ParameterError(
-                'gpio_outputs: reject, stop, permit, heartbeat and belt have to be different lines'
+                'gpio_outputs: reject, stop, permit, stations, heartbeat and belt have to be '
+                'different lines'
             )
+
+    @property
+    def station_lines(self) -> list[int]:
+        """Lines of the stations beside the rejector."""
+        return [int(line) for line in self.stations]
 
 
 class GpioOutputs(OutputPort):
@@ -179,10 +191,13 @@ class GpioOutputs(OutputPort):
         self._parameters = parameters
         self.name = f'gpio-{parameters.chip}-{parameters.reject}'
         self.permits = parameters.permit >= 0
+        self.stations = len(parameters.stations)
         self._request: gpiod.LineRequest | None = None
         self._beat = False
 
-    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def open(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Ask the kernel for the lines, and have it set them at once."""
         wanted = self._parameters
         inverted: dict[int | str, bool] = {
@@ -195,7 +210,7 @@ class GpioOutputs(OutputPort):
                 active_low=inverted.get(offset, False),
                 output_value=value,
             )
-            for offset, value in self._values(reject, stop, permit).items()
+            for offset, value in self._values(reject, stop, permit, stations).items()
         }
         if wanted.belt >= 0:
             settings[wanted.belt] = gpiod.LineSettings(
@@ -203,25 +218,32 @@ class GpioOutputs(OutputPort):
             )
         self._request = _request(wanted.chip, settings, 'gpio_outputs')
 
-    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def switch(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Set the lines."""
-        self._lines.set_values(self._values(reject, stop, permit))
+        self._lines.set_values(self._values(reject, stop, permit, stations))
 
-    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+    def refresh(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> bool | None:
         """Set the lines and change the heartbeat, and read the belt."""
         self._beat = not self._beat
-        self.switch(reject=reject, stop=stop, permit=permit)
+        self.switch(reject=reject, stop=stop, permit=permit, stations=stations)
         if self._parameters.belt < 0:
             return None
         return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
 
-    def _values(self, reject: bool, stop: bool, permit: bool) -> dict[int | str, Value]:
+    def _values(
+        self, reject: bool, stop: bool, permit: bool, stations: Sequence[bool]
+    ) -> dict[int | str, Value]:
         wanted = self._parameters
         levels = (
             (wanted.reject, reject),
             (wanted.stop, stop),
             (wanted.permit, permit),
             (wanted.heartbeat, self._beat),
+            *zip(wanted.station_lines, stations, strict=True),
         )
         return {offset: Value(int(level)) for offset, level in levels if offset >= 0}
 
@@ -230,6 +252,71 @@ class GpioOutputs(OutputPort):
         if self._request is None:
             raise OSError(f'gpio_outputs.chip: {self._parameters.chip}: the lines are not open')
         return self._request
+
+    def close(self) -> None:
+        """Give the lines back to the kernel."""
+        if self._request is not None:
+            self._request.release()
+            self._request = None
+
+
+@dataclass(frozen=True)
+class GpioInputParameters(InputParameters):
+    """Which inputs the machine has."""
+
+    node: ClassVar[str] = 'gpio_inputs'
+
+    chip: str = parameter('/dev/gpiochip0', 'device of the chip')
+    bias: str = parameter('as_is', 'bias of the lines', choices=tuple(_BIASES))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.wiring().values()) < 0:
+            raise ParameterError('gpio_inputs: offsets of lines are 0 or more')
+
+
+class GpioInputs(InputPort):
+    """Inputs of the machine whose edges have the stamps of the kernel."""
+
+    parameters = GpioInputParameters
+
+    def __init__(self, parameters: GpioInputParameters) -> None:
+        self._parameters = parameters
+        self._names = {address: name for name, address in parameters.wiring().items()}
+        self._request: gpiod.LineRequest | None = None
+        self._levels: dict[str, bool] = {}
+
+    def open(self) -> None:
+        """Ask the kernel for the lines."""
+        settings: _Settings = {
+            offset: gpiod.LineSettings(
+                direction=Direction.INPUT,
+                edge_detection=Edge.BOTH,
+                bias=_BIASES[self._parameters.bias],
+                active_low=self._parameters.is_inverted(name),
+                event_clock=Clock.REALTIME,
+            )
+            for offset, name in self._names.items()
+        }
+        self._request = _request(self._parameters.chip, settings, 'gpio_inputs')
+        self._levels = {}
+
+    def read(self) -> list[Reading]:
+        """Return the edges that have come, and after them the lines as they are now."""
+        if self._request is None:
+            raise OSError(f'gpio_inputs.chip: {self._parameters.chip}: the lines are not open')
+        found = []
+        if self._levels and self._request.wait_edge_events(_WAIT):
+            for event in self._request.read_edge_events():
+                name = self._names[event.line_offset]
+                self._levels[name] = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
+                found.append(Reading(event.timestamp_ns, dict(self._levels)))
+        else:
+            values = self._request.get_values(list(self._names))
+            now = {n: v is Value.ACTIVE for n, v in zip(self._names.values(), values, strict=True)}
+            self._levels = now
+            found.append(Reading(time.time_ns(), dict(now)))
+        return found
 
     def close(self) -> None:
         """Give the lines back to the kernel."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on a PLC or a bus coupler by Modbus TCP."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import threading
 import time
@@ -10,6 +10,7 @@ from typing import ClassVar
 
 from checkweigher_driver.line_io.clock_steps import read_clocks
 from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
+from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
 from checkweigher_driver.line_io.outputs import OutputPort
 from checkweigher_driver.sources import EdgeSource, EyeEvent
@@ -223,6 +224,10 @@ class ModbusOutputParameters(_DeviceParameters):
         -1, 'coil that is on while an accepted product passes the rejector; -1 for none',
         minimum=-1, maximum=_LAST_ADDRESS,
     )  # fmt: skip
+    stations: tuple[float, ...] = parameter(
+        (), 'coils of the stations beside the rejector, in the order of reject.stations',
+        minimum=0, maximum=_LAST_ADDRESS,
+    )  # fmt: skip
     watchdog: int = parameter(
         -1, 'holding register that counts up with each cycle; -1 for none', minimum=-1,
         maximum=_LAST_ADDRESS,
@@ -237,12 +242,18 @@ class ModbusOutputParameters(_DeviceParameters):
         super().__post_init__()
         used = {self.reject: 'the rejector'}
         for name, coil, what in (
-            ('stop', self.stop, 'the stop request'), ('permit', self.permit, '')
+            ('stop', self.stop, 'the stop request'), ('permit', self.permit, 'the permission'),
+            *(('stations', coil, 'another station') for coil in self.station_coils),
         ):  # fmt: skip
             if coil in used:
                 raise ParameterError(f'modbus_outputs.{name}: coil {coil} is {used[coil]} as well')
             if coil >= 0:
                 used[coil] = what
+
+    @property
+    def station_coils(self) -> list[int]:
+        """Coils of the stations beside the rejector."""
+        return [int(coil) for coil in self.stations]
 
 
 class ModbusOutputs(OutputPort):
@@ -257,24 +268,31 @@ class ModbusOutputs(OutputPort):
                       parameters.reject))
         )  # fmt: skip
         self.permits = parameters.permit >= 0
+        self.stations = len(parameters.stations)
         self._link = parameters.link()
         self._cycles = 0
         self._written: dict[int, bool] = {}
 
-    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def open(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Connect and write all coils."""
         self._written = {}
         self._link.connect()
-        self._write(self._coils(reject, stop, permit))
+        self._write(self._coils(reject, stop, permit, stations))
 
-    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def switch(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Write the coils that change."""
-        wanted = self._coils(reject, stop, permit)
+        wanted = self._coils(reject, stop, permit, stations)
         self._write({a: value for a, value in wanted.items() if self._written.get(a) != value})
 
-    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+    def refresh(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> bool | None:
         """Write all coils and the watchdog, and read the belt."""
-        self._write(self._coils(reject, stop, permit))
+        self._write(self._coils(reject, stop, permit, stations))
         wanted = self._parameters
         if wanted.watchdog >= 0:
             self._cycles = (self._cycles + 1) % 2**16
@@ -283,9 +301,12 @@ class ModbusOutputs(OutputPort):
             return None
         return self._link.read_bits('discrete', wanted.belt, 1)[0] != wanted.belt_inverted
 
-    def _coils(self, reject: bool, stop: bool, permit: bool) -> dict[int, bool]:
+    def _coils(
+        self, reject: bool, stop: bool, permit: bool, stations: Sequence[bool]
+    ) -> dict[int, bool]:
         wanted = self._parameters
         coils = {wanted.reject: reject != wanted.reject_inverted}
+        coils.update(zip(wanted.station_coils, stations, strict=True))
         if wanted.stop >= 0:
             coils[wanted.stop] = stop != wanted.stop_inverted
         if wanted.permit >= 0:
@@ -296,6 +317,68 @@ class ModbusOutputs(OutputPort):
         for address, value in coils.items():
             self._link.write_coil(address, value)
             self._written[address] = value
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._link.close()
+
+
+@dataclass(frozen=True)
+class ModbusInputParameters(_DeviceParameters, InputParameters):
+    """Which inputs the machine has, and how often they are read."""
+
+    node: ClassVar[str] = 'modbus_inputs'
+
+    host: str = parameter('localhost', 'name or address of the device')
+    inputs: str = parameter('discrete', 'discrete inputs or coils', choices=('discrete', 'coil'))
+    poll_period: float = parameter(
+        0.005, 'time from one reading to the next; a reject has to last longer', unit='s',
+        minimum=0, maximum=0.2,
+    )  # fmt: skip
+    delay: float = parameter(
+        0.0, 'delay of an input by filter and cycle', unit='s', minimum=0, maximum=1
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        addresses = self.wiring().values()
+        if not 0 <= min(addresses) <= max(addresses) <= _LAST_ADDRESS:
+            raise ParameterError(f'modbus_inputs: addresses are 0..{_LAST_ADDRESS}')
+        if max(addresses) - min(addresses) >= _MAX_INPUTS:
+            raise ParameterError(
+                f'modbus_inputs: {min(addresses)} to {max(addresses)} are more than {_MAX_INPUTS} '
+                'inputs; one request cannot read all'
+            )
+
+
+class ModbusInputs(InputPort):
+    """Inputs of the machine, polled in one request."""
+
+    parameters = ModbusInputParameters
+
+    def __init__(self, parameters: ModbusInputParameters) -> None:
+        self._parameters = parameters
+        self._wiring = parameters.wiring()
+        self._link = parameters.link()
+        self._next = time.monotonic()
+
+    def open(self) -> None:
+        """Connect."""
+        self._link.connect()
+
+    def read(self) -> list[Reading]:
+        """Return what is read when the next reading is due."""
+        time.sleep(max(0.0, self._next - time.monotonic()))
+        self._next = time.monotonic() + self._parameters.poll_period
+        first = min(self._wiring.values())
+        begin, count = time.time_ns(), max(self._wiring.values()) - first + 1
+        bits = self._link.read_bits(self._parameters.inputs, first, count)
+        stamp = (begin + time.time_ns()) // 2 - round(self._parameters.delay * NANOSECONDS)
+        levels = {
+            name: bits[address - first] != self._parameters.is_inverted(name)
+            for name, address in self._wiring.items()
+        }
+        return [Reading(stamp, levels)]
 
     def close(self) -> None:
         """Close the connection."""

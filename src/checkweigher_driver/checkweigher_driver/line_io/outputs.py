@@ -3,7 +3,7 @@
 """Rejector and stop output of the line, switched by a thread at the time they are due."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import threading
 import time
@@ -29,22 +29,30 @@ class OutputPort(ABC):
     """The outputs and the belt input of a machine. Only one thread uses it.
 
     All methods but `close` raise OSError or ValueError if the port cannot be reached. `name` is
-    that of these outputs, the same at each start; `permits` tells whether the permission is wired.
+    that of these outputs, the same at each start; `permits` tells whether the permission is wired,
+    `stations` how many stations beside the rejector are.
     """
 
     name: str
     permits: bool
+    stations: int
 
     @abstractmethod
-    def open(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def open(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Connect and set all outputs."""
 
     @abstractmethod
-    def switch(self, *, reject: bool, stop: bool, permit: bool = False) -> None:
+    def switch(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> None:
         """Set all outputs, and return when they are set."""
 
     @abstractmethod
-    def refresh(self, *, reject: bool, stop: bool, permit: bool = False) -> bool | None:
+    def refresh(
+        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
+    ) -> bool | None:
         """Write all outputs with a sign of life; return whether the belt runs.
 
         None without a belt input.
@@ -202,7 +210,9 @@ class MachineOutputs:
         if self._thread is not None:
             self._thread.join()  # its last request may still wait for an answer
         record = BeltRecord(record_path(self._parameters.record, self._port.name))
-        self._control = RejectorControl(self._parameters, permits=self._port.permits)
+        self._control = RejectorControl(
+            self._parameters, permits=self._port.permits, stations=self._port.stations
+        )
         for text in record.found.to_look_for():
             self._control.missed.add(text)
         self._port_trouble = 'the outputs are not connected yet'

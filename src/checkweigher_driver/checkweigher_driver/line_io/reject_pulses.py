@@ -113,10 +113,14 @@ class RejectPulses:
         elif self._belt.stopped:
             here = self._belt.at(now)
             self._belt.run(now)
-            pulses, self._pulses = self._pulses, []
-            for begin, end in pulses:
-                if end > here:
-                    self._put(begin, end, here, self._times.belt_margin)
+            self.resume(here)
+
+    def resume(self, here: int) -> None:
+        """Take that the belt runs again, after it stood at the time `here` of the belt, ns."""
+        pulses, self._pulses = self._pulses, []
+        for begin, end in pulses:
+            if end > here:
+                self._put(begin, end, here, self._times.belt_margin)
 
     def add(
         self, due: int | None, since: int | None, now: int, entered: int | None = None

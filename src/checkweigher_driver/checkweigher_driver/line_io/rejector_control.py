@@ -19,6 +19,7 @@ from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
 
 # Of the way of the product before, by which that of two products that were taken for one is off.
 _OTHER_WAY = 0.2
+_MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # A reject time further ahead is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
 _CLOCK_STEP = 5_000_000  # ns
@@ -81,11 +82,12 @@ class OutputParameters(Parameters):
 
 
 class Levels(NamedTuple):
-    """Rejector, stop output and permission to pass the rejector, on or off."""
+    """Rejector, stop output, permission to pass the rejector and each station, on or off."""
 
     reject: bool
     stop: bool
     permit: bool = False
+    stations: tuple[bool, ...] = ()
 
 
 @dataclass
@@ -96,6 +98,7 @@ class SwitchFigures:
     late_rejects: int = 0
     permits: int = 0
     permits_withheld: int = 0
+    unsorted: int = 0
     losses: int = 0
     switches: int = 0
     error_sum: int = 0
@@ -109,6 +112,7 @@ class SwitchFigures:
             'late rejects': self.late_rejects,
             'permits': self.permits,
             'permits withheld': self.permits_withheld,
+            'not sorted': self.unsorted,
             'output losses': self.losses,
             'switches': self.switches,
             'switch error ms': 1e-6 * self.error_sum / max(self.switches, 1),
@@ -118,10 +122,11 @@ class SwitchFigures:
 
 
 class Switches(NamedTuple):
-    """When rejector and permission switch, ns; None where that is not to come."""
+    """When rejector, permission and the next station switch, ns; None where that is not to come."""
 
     reject: int | None
     permit: int | None
+    station: int | None = None
 
 
 class Times(NamedTuple):
@@ -141,10 +146,13 @@ class RejectorControl:
 
     Pulses and permissions rest on where the items are. Where the belt may have stood unseen that is
     not known any more: nothing is permitted, and the line stops until a person has looked. There
-    are permissions only for a machine that `permits`.
+    are permissions only for a machine that `permits`. A machine has as many `stations` beside its
+    rejector; in the safe state they rest, for the rejector has what is in doubt.
     """
 
-    def __init__(self, parameters: OutputParameters, *, permits: bool = False) -> None:
+    def __init__(
+        self, parameters: OutputParameters, *, permits: bool = False, stations: int = 0
+    ) -> None:
         def nanoseconds(seconds: float) -> int:
             return round(seconds * NANOSECONDS)
 
@@ -154,20 +162,21 @@ class RejectorControl:
         self._after = nanoseconds(parameters.pulse) + self._belt_margin
         pause = nanoseconds(parameters.min_pause)
         self._belt = BeltTime()
-        self._pulses = RejectPulses(
-            PulseTimes(
-                duration=nanoseconds(parameters.pulse),
-                min_pause=pause,
-                late_tolerance=self._late_tolerance,
-                belt_margin=self._belt_margin,
-            ),
-            self._belt,
+        times = PulseTimes(
+            duration=nanoseconds(parameters.pulse),
+            min_pause=pause,
+            late_tolerance=self._late_tolerance,
+            belt_margin=self._belt_margin,
         )
+        self._pulses = RejectPulses(times, self._belt)
+        self._stations = [RejectPulses(times, self._belt) for _ in range(stations)]
         self._permitting = permits
         self._permits = Permits(self._belt, nanoseconds(parameters.permit_margin), pause)
         self._items = BeltItems()
         self._verdicts = VerdictWatch(nanoseconds(parameters.verdict_timeout))
-        self.safe_levels = Levels(reject=parameters.safe_state == 'eject', stop=True)
+        self.safe_levels = Levels(
+            reject=parameters.safe_state == 'eject', stop=True, stations=(False,) * stations
+        )
         self.active = self.held = self.connected = False
         self.stop_requested = True  # until a request says that the line may run
         self.belt_runs: bool | None = None
@@ -190,7 +199,8 @@ class RejectorControl:
         self.active = self._released = self._may_run = False
         self._alive = None
         self._verdicts.clear()
-        self._pulses.clear()
+        for pulses in (self._pulses, *self._stations):
+            pulses.clear()
         self._permits.clear()
         self._items.clear()
 
@@ -201,10 +211,7 @@ class RejectorControl:
         self._check_silence(now)  # while it is known what was on the belt before
         self._items.leave(self._belt.at(now))
         self._check_verdicts(now)
-        skipped = self._pulses.skipped
-        reject = self._pulses.acting(now)
-        if self._pulses.skipped > skipped:
-            self.missed.add('the machine was too busy to switch the rejector; look behind it')
+        reject, *stations = (self._act(pulses, now) for pulses in (self._pulses, *self._stations))
         latched = self.missed.state is not Latch.CLEAR
         if self._latched and not latched:
             self._looked_at = now
@@ -214,7 +221,15 @@ class RejectorControl:
             self._stand(now)
         self._may_run = not stop
         self._released |= self._may_run
-        return Levels(reject, stop, self._permits.given(now))
+        return Levels(reject, stop, self._permits.given(now), tuple(stations))
+
+    def _act(self, pulses: RejectPulses, now: int) -> bool:
+        """Tell whether the rejector or a station is to act."""
+        skipped = pulses.skipped
+        acting = pulses.acting(now)
+        if pulses.skipped > skipped:
+            self.missed.add('the machine was too busy to switch the rejector; look behind it')
+        return acting
 
     def _stand(self, now: int) -> None:
         """Take that the line stops the belt: without an input, where the items are is not known."""
@@ -254,7 +269,12 @@ class RejectorControl:
         """Return when rejector and permission switch next, ns; None for what is not to come."""
         if not self.active:
             return Switches(None, None)
-        return Switches(self._pulses.next_change(now), self._permits.next_change(now))
+        changes = (pulses.next_change(now) for pulses in self._stations)
+        return Switches(
+            self._pulses.next_change(now),
+            self._permits.next_change(now),
+            min((change for change in changes if change is not None), default=None),
+        )
 
     def _check_verdicts(self, now: int) -> None:
         """Eject and stop if no verdict comes: the node that gives them hangs."""
@@ -291,27 +311,40 @@ class RejectorControl:
             if rejected and not self.safe_levels.reject:
                 self.missed.add(f'{item}: the rejector was not active; look for it')
             return
-        times = self._times(verdict, now)
+        times = self._own_times(verdict, now)
         arrival = None if times is None else self._belt.arrival(*times)[0]
-        if arrival is not None and times is not None and times.entered is not None:
-            way, before = arrival - self._belt.at(times.entered), self._way
-            if Reason.DISTANCE_FAULT not in verdict.reasons:
-                self._way = way
-            elif before is not None and abs(way - before) > _OTHER_WAY * before:
-                times = arrival = None  # its edges are those of two products
-        end = None if arrival is None else max(arrival, self._belt.at(now)) + self._after
+        at_station = self._at_station(verdict, times)
+        last = arrival
+        if arrival is not None and at_station is not None:
+            last = max(arrival, self._belt.arrival(*at_station)[0])
+        end = None if last is None else max(last, self._belt.at(now)) + self._after
         passage = self._items.judge(verdict, end).passage
         if rejected:
             if arrival is not None:
                 self._permits.deny(arrival)
             if times is not None or not self._was_looked_for(verdict):
-                self._reject(item, times, now)
-        elif self._permitting:
+                self._reject(item, at_station, now, verdict.station)
+            return
+        if verdict.station:
+            self._sort(at_station, now, verdict.station)
+        if self._permitting:
             given = False
             if arrival is not None and passage is not None and not self._stood(times):
                 given = self._permits.permit(arrival, passage, now)
             self.figures.permits += given
             self.figures.permits_withheld += not given
+
+    def _own_times(self, verdict: Verdict, now: int) -> Times | None:
+        """Return when an item is where, unless its edges are those of two products."""
+        times = self._times(verdict, now)
+        if times is None or times.entered is None:
+            return times
+        way, before = self._belt.arrival(*times)[0] - self._belt.at(times.entered), self._way
+        if not _MAY_BE_TWO.intersection(verdict.reasons):
+            self._way = way
+        elif before is not None and abs(way - before) > _OTHER_WAY * before:
+            return None
+        return times
 
     def _times(self, verdict: Verdict, now: int) -> Times | None:
         """Return when an item is where, on the clock of `now`; None if that is not known."""
@@ -324,6 +357,14 @@ class RejectorControl:
             return None
         t1, t3 = (None if t is None else t + to_monotonic for t in (verdict.t1, verdict.t3))
         return Times(due, t3, t1)
+
+    def _at_station(self, verdict: Verdict, times: Times | None) -> Times | None:
+        """Return when an item is where, with the time at its station in place of the rejector."""
+        if times is None or not verdict.station:
+            return times
+        if verdict.station_at is None or verdict.reject_at is None:
+            return None
+        return times._replace(due=times.due + verdict.station_at - verdict.reject_at)
 
     def _stood(self, times: Times | None) -> bool:
         """Tell whether the line has stopped the belt since an item was at the outfeed eye."""
@@ -341,15 +382,27 @@ class RejectorControl:
             return False
         return self._looked_at is not None and verdict.t1 + to_monotonic < self._looked_at
 
-    def _reject(self, item: str, times: Times | None, now: int) -> None:
+    def _sort(self, times: Times | None, now: int, station: int) -> None:
+        """Have a station take an accepted item; one that it misses goes on with the others."""
+        known = times is not None and station <= len(self._stations) and not self._stood(times)
+        if times is None or not known or now - times.due > self._late_tolerance:
+            self.figures.unsorted += 1
+        else:
+            self._stations[station - 1].add(times.due, times.since, now, times.entered)
+
+    def _reject(self, item: str, times: Times | None, now: int, station: int = 0) -> None:
         """Schedule a pulse, and see whether it can miss its item."""
+        if station > len(self._stations):
+            times = None
+            self.missed.add(f'{item}: is for station {station}, which the outputs lack')
         if times is None:
             self._pulses.add(None, None, now)
             self.missed.add(
                 f'{item}: the time at which it is at the rejector is not known; look for it'
             )
             return
-        late = self._pulses.add(times.due, times.since, now, times.entered)
+        pulses = self._stations[station - 1] if station else self._pulses
+        late = pulses.add(times.due, times.since, now, times.entered)
         if late:
             self.figures.late_rejects += 1
             self.missed.add(
@@ -368,7 +421,7 @@ class RejectorControl:
         self.connected = True
         if self._released and self._items:
             self._doubt('the connection to the machine was lost', self._items.names())
-        if self._pulses.begun(now):
+        if any(pulses.begun(now) for pulses in (self._pulses, *self._stations)):
             self.missed.add('the rejector could not be reached when it should act; look behind it')
 
     def disconnect(self) -> None:
@@ -386,6 +439,11 @@ class RejectorControl:
             figures.largest_error = max(figures.largest_error, error, key=abs)
             figures.largest_uncertainty = max(figures.largest_uncertainty, (done - begun) // 2)
             self._check_lateness('the rejector was', after.reject, done - due.reject)
+        if before.stations != after.stations and due.station is not None and due.station <= begun:
+            on = any(
+                new and not old for old, new in zip(before.stations, after.stations, strict=True)
+            )
+            self._check_lateness('a station was', on, done - due.station)
         if before.permit and not after.permit and due.permit is not None:
             self._check_lateness('the end of a permission was', True, done - due.permit)
 
@@ -397,7 +455,10 @@ class RejectorControl:
         """Take the belt input, None where there is none."""
         self.belt_runs = running
         if running is not None:
+            resumes, here = running and self._belt.stopped, self._belt.at(now)
             self._pulses.belt(running, now)
+            for pulses in self._stations if resumes else ():
+                pulses.resume(here)
 
     def take_request(self, stop: bool, reason: str, hint: str) -> None:
         """Take a stop request."""

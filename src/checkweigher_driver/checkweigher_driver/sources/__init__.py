@@ -47,6 +47,8 @@ class Source(Device):
     # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced: its
     # iterator blocks until something happens.
     paced: ClassVar[bool]
+    # What an operator may set while it runs: of a simulated machine alone, which has no switches.
+    operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell  # that takes the samples
     start_stamp: int  # ns, of the stream's first event or of the moment when it was opened
 
@@ -57,6 +59,9 @@ class Source(Device):
         An edge of a source of hardware may come a block late: it is known when it happens, but
         the block before it only when that is full.
         """
+
+    def operate(self, operation: Any) -> None:
+        """Take what an operator sets, values of `operation`. May come from another thread."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,18 @@ from collections.abc import Iterator
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_recording.recording import Event
-from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
+from checkweigher_recording.simulation.simulator import (
+    OperationParameters,
+    Simulation,
+    SimulationParameters,
+)
 
 
 class SimulatorSource(Source):
     """A line that exists only in the computer; with ``count`` 0 it runs without end."""
 
     parameters = SimulationParameters
+    operation = OperationParameters
     paced = True
 
     def __init__(self, parameters: SimulationParameters) -> None:
@@ -24,6 +29,10 @@ class SimulatorSource(Source):
     def __iter__(self) -> Iterator[Event]:
         """Yield the line's events in canonical order."""
         return iter(self._simulation)
+
+    def operate(self, operation: OperationParameters) -> None:
+        """Take what an operator sets."""
+        self._simulation.operation = operation
 
     def close(self) -> None:
         """Do nothing: nothing is open."""

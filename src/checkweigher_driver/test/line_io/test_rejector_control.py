@@ -257,11 +257,14 @@ def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_r
     assert 'would be at the rejector by now' in outputs.missed.text
 
 
+@pytest.mark.parametrize('reason', [Reason.DISTANCE_FAULT, Reason.EDGE_MISMATCH])
 @pytest.mark.parametrize(('transit', 'in_doubt'), [(T1, False), (T1 + 500 * MS, True)])
-def test_the_place_of_two_products_that_were_taken_for_one_is_not_known(transit, in_doubt):
+def test_the_place_of_two_products_that_were_taken_for_one_is_not_known(
+    transit: int, in_doubt: bool, reason: Reason
+):
     outputs, now = control(), time.monotonic_ns()
     passing(outputs, now + 900 * MS, now, Decision.ACCEPT)
-    stamp, reasons = time.time_ns() - time.monotonic_ns() + now, (Reason.DISTANCE_FAULT.value,)
+    stamp, reasons = time.time_ns() - time.monotonic_ns() + now, (reason.value,)
     way = 800 * MS * transit // T1  # at the speed by the eyes
     t3 = stamp - 100 * MS
     due = t3 - transit + way
