@@ -6,7 +6,9 @@ How a stream is cut into blocks, and where between them its edges come, does not
 weighed. The stamp of a sample stays what it was, but for rounding to a nanosecond.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -128,6 +130,45 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
         done = max(done, place)
         events.append(edge)
     return events + joined[done:]
+
+
+def join_stretches(
+    stretches: Iterable[Recording], longest: float = LONGEST
+) -> Iterator[SampleBlock | EyeEdge]:
+    """Yield what `join_recording` returns of a recording that comes in stretches.
+
+    Each stretch has the events, in canonical order, that follow those of the one before.
+    """
+    rest: Recording | None = None
+    for stretch in stretches:
+        whole = stretch if rest is None else _followed_by(rest, stretch)
+        complete, rest = _before_last(whole, longest)
+        yield from join_recording(complete, longest)
+    if rest is not None:
+        yield from join_recording(rest, longest)
+
+
+def _followed_by(recording: Recording, other: Recording) -> Recording:
+    """Return blocks and edges of a recording and of one after it."""
+    parts = BlockColumns.of(recording.blocks), BlockColumns.of(other.blocks)
+    edges = (*recording.edges, *other.edges)
+    return replace(recording, blocks=BlockColumns.concatenate(parts), edges=edges)
+
+
+def _before_last(recording: Recording, longest: float) -> tuple[Recording, Recording]:
+    """Split a recording before its last joined block, which blocks to come may make longer."""
+    blocks, edges = BlockColumns.of(recording.blocks), recording.edges
+    starts = _starts(blocks, recording.load_cell.sample_rate, longest)
+    if not len(starts):
+        return replace(recording, edges=()), recording
+    begin = blocks.stamps[starts[-1]]
+    # An edge with the stamp of a block comes before it.
+    place = bisect_right(edges, begin, key=lambda edge: edge.stamp)
+    head, tail = blocks.split(int(starts[-1]))
+    return (
+        replace(recording, blocks=head, edges=edges[:place]),
+        replace(recording, blocks=tail, edges=edges[place:]),
+    )
 
 
 def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:

@@ -127,6 +127,19 @@ class BlockColumns(Sequence[SampleBlock]):
             counts[begin:end] = self.counts[places]
         return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
 
+    def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
+        """Return the blocks before a place, and the others; both are copies."""
+        begin = int(np.sum(self.lengths[:place]))
+        parts = ((slice(0, place), slice(0, begin)), (slice(place, None), slice(begin, None)))
+        head, tail = (
+            BlockColumns(
+                self.stamps[blocks].copy(), self.first_indices[blocks].copy(),
+                self.lengths[blocks].copy(), self.counts[samples].copy(),
+            )
+            for blocks, samples in parts
+        )  # fmt: skip
+        return head, tail
+
     def in_canonical_order(self) -> 'BlockColumns':
         """Return the blocks by stamp and first index; those of equal ones stay in their order."""
         return self.take(np.lexsort((self.first_indices, self.stamps)))

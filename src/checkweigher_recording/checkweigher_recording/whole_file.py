@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files that appear under their name whole or not at all, and why one cannot be written."""
 
+from collections.abc import Iterable
 import errno
 import os
 from pathlib import Path
@@ -16,28 +17,29 @@ class OutputError(ValueError):
     """An output that cannot be written; one line that says which and why."""
 
 
-def write_whole(path: Path, text: str, mode: int = 0o644) -> None:
-    """Write a text file in UTF-8, in place of one that is there; its line ends stay as they are.
+def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
+    """Write a file, in place of one that is there; text in UTF-8, its line ends as they are.
 
-    A link stays one: what it names is replaced. A stream is written to as it is, see `is_stream`.
-    `mode` is that of the file.
+    A text may come in parts, such as the lines of another file. A link stays one: what it names
+    is replaced. A stream is written to as it is, see `is_stream`. `mode` is that of the file.
 
     Raises
     ------
     OutputError
         If it cannot be written; a file that was there before then stays.
     """
+    parts = map(_encoded, [content] if isinstance(content, str | bytes) else content)
     try:
         if is_stream(path):
-            _write_stream(path, text)
+            _write_stream(path, parts)
             return
         target = Path(os.path.realpath(path))
         if target.is_symlink():
             raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
         number, name = tempfile.mkstemp(prefix=f'.{target.name}-', dir=target.parent)
         try:
-            with open(number, 'w', encoding='utf-8', newline='', errors=_UNENCODABLE) as file:
-                file.write(text)
+            with open(number, 'wb') as file:
+                file.writelines(parts)
             os.chmod(name, mode)
             os.replace(name, target)
         except BaseException:
@@ -61,7 +63,11 @@ def is_stream(path: Path) -> bool:
     return not stat.S_ISDIR(there.st_mode)
 
 
-def _write_stream(path: Path, text: str) -> None:
+def _encoded(part: str | bytes) -> bytes:
+    return part if isinstance(part, bytes) else part.encode('utf-8', _UNENCODABLE)
+
+
+def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
     if os.path.samestat(os.stat(path), os.fstat(1)):
         sys.stdout.flush()
         number = os.dup(1)
@@ -69,8 +75,8 @@ def _write_stream(path: Path, text: str) -> None:
         # A pipe that nobody reads is an error then; without the flag it would hang.
         number = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
         os.set_blocking(number, True)
-    with open(number, 'w', encoding='utf-8', newline='', errors=_UNENCODABLE) as file:
-        file.write(text)
+    with open(number, 'wb') as file:
+        file.writelines(parts)
 
 
 def check_new(path: Path) -> None:

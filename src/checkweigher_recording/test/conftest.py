@@ -35,6 +35,16 @@ def recording() -> Recording:
 @pytest.fixture
 def messages(recording: Recording) -> list[Message]:
     """Every message of the recording, in canonical order; the first one is the load cell's."""
+    return _messages_of(recording)
+
+
+@pytest.fixture
+def messages_of() -> Callable[[Recording], list[Message]]:
+    """Return a function that returns the same of any recording."""
+    return _messages_of
+
+
+def _messages_of(recording: Recording) -> list[Message]:
     info, samples, eyes, references = ((f'/{port.name}', port.message_type) for port in PLAYED)
     cell = recording.load_cell
     fields = {name: getattr(cell, name) for name in cell.__slots__}

@@ -1,6 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import astuple
+import itertools
+import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +11,13 @@ import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
-from checkweigher_recording.block_cutting import cut_for_pace, is_exit, join, join_recording
+from checkweigher_recording.block_cutting import (
+    cut_for_pace,
+    is_exit,
+    join,
+    join_recording,
+    join_stretches,
+)
 from checkweigher_recording.pacing import Pacer
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
@@ -184,8 +192,7 @@ STREAMS = st.lists(
 )
 
 
-@given(STREAMS, st.lists(st.integers(-2, 100)), st.sampled_from([0.004, 0.01, 0.25]))
-def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
+def recording_of(blocks, edges):
     events, first, stamp = [], 0, 0
     for count, lost, waited, off in blocks:
         first, stamp = max(first + lost, 0) % 2**64, stamp + waited * MILLISECOND
@@ -193,7 +200,12 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
         events.append(SampleBlock(max(stamp + off, 0), first, counts))
         first, stamp = first + count, stamp + count * MILLISECOND
     events += [EyeEdge(at * MILLISECOND, Eye(at % 2), at % 3 == 0) for at in edges]
-    recording = Recording.from_events(CELL, [*events, Reference(MILLISECOND, 0.1)])
+    return Recording.from_events(CELL, [*events, Reference(MILLISECOND, 0.1)])
+
+
+@given(STREAMS, st.lists(st.integers(-2, 100)), st.sampled_from([0.004, 0.01, 0.25]))
+def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
+    recording = recording_of(blocks, edges)
 
     joined = join_recording(recording, longest)
 
@@ -201,6 +213,31 @@ def test_a_recording_is_joined_as_its_events_are(blocks, edges, longest):
     expected = [_plain(event) for event in join(signal, RATE, longest, ends_block=never)]
     assert [_plain(event) for event in joined] == expected
     assert len(joined) == len(expected)
+
+
+@given(
+    STREAMS,
+    st.lists(st.integers(-2, 100)),
+    st.sampled_from([0.004, 0.01, 0.25]),
+    st.lists(st.integers(0, 150), max_size=6),
+)
+def test_stretches_of_a_recording_are_joined_as_all_of_it(blocks, edges, longest, ends):
+    recording = recording_of(blocks, edges)
+
+    joined = join_stretches(stretches(recording, sorted(ends)), longest)
+
+    expected = [_plain(event) for event in join_recording(recording, longest)]
+    assert [_plain(event) for event in joined] == expected
+
+
+def stretches(recording, ends):
+    """Return a recording in stretches that end at times in ms."""
+    events = list(recording)
+    bounds = [-math.inf, *(end * MILLISECOND for end in ends), math.inf]
+    return [
+        Recording.from_events(CELL, (event for event in events if begin <= event.stamp < end))
+        for begin, end in itertools.pairwise(bounds)
+    ]
 
 
 def test_the_edges_of_a_long_block_of_a_recording_come_after_it():

@@ -85,12 +85,12 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
     return bytes(store.serialize_cdr(message, port.message_type, little_endian=True))
 
 
-def deserialize(port: Port, data: bytes) -> Any:
-    """Return the record of a message in CDR.
+def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
+    """Return the record of a message in CDR, by the definitions of `store` or the installed ones.
 
     Bytes that are no such message, or hold what the record cannot have, raise an exception.
     """
-    message: Any = typestore([port]).deserialize_cdr(data, port.message_type)
+    message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
     if stamp.sec < 0 or stamp.nanosec >= NANOSECONDS:
         raise ValueError(f'{port.name}: a stamp of {stamp.sec} s and {stamp.nanosec} ns')
@@ -118,16 +118,47 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
             )
 
 
+def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
+    """Return the definitions by which the messages of a connection are to be read.
+
+    They are those of this version, or of a bag from before a message gained fields its own.
+    `BagError` if the bag has neither.
+    """
+    if connection.msgtype == port.message_type:
+        own = _brought(connection.msgdef, port)
+        if own is not None and _lacks_newer(own, port):
+            return own
+    check_definition(path, connection, port)
+    return typestore([port])
+
+
+def _lacks_newer(own: Typestore, port: Port) -> bool:
+    """Tell whether definitions are those of a port but for fields that it has gained since."""
+    assert port.record is not None
+    there = list(own.fielddefs[port.message_type][1])
+    here = list(typestore([port]).fielddefs[port.message_type][1])
+    newer = conversion.newer_fields(port.record)
+    return there != here and there == [field for field in here if field[0] not in newer]
+
+
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
     """Return the hash of a definition that a bag brings along, empty if it brings none."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)
+    store = _brought(definition, port)
+    return store.hash_rihs01(port.message_type) if store else ''
+
+
+def _brought(definition: MessageDefinition, port: Port) -> Typestore | None:
+    """Return the definitions that a bag brings along, None if it brings none."""
+    if len(definition.data) > LARGEST_DEFINITION:
+        return None
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, port.message_type))
     elif definition.format == MessageDefinitionFormat.IDL:
         store.register(get_types_from_idl(definition.data))
     else:
-        return ''
-    return store.hash_rihs01(port.message_type)
+        return None
+    return store

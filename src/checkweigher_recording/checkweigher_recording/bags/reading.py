@@ -3,36 +3,28 @@
 """Reading a ROS 2 bag into records: MCAP or SQLite, the whole bag or a clear error."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell
-from checkweigher_dsp.ros.ports import (
-    LOAD_CELL_INFO,
-    LOAD_CELL_SAMPLES,
-    PHOTO_EYES,
-    PLAYED,
-    REFERENCE_MASS,
-    Port,
-)
-from checkweigher_recording.bags.bounds import MOST_EVENTS, MOST_SAMPLES, MOST_TOPICS, qos_unread
-from checkweigher_recording.bags.definitions import BagError, check_definition, deserialize
+from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.ros.ports import LOAD_CELL_INFO, Port
+from checkweigher_recording.bags.bounds import MOST_TOPICS, qos_unread
+from checkweigher_recording.bags.definitions import BagError, check_definition
 from checkweigher_recording.bags.integrity import check_mcap
+from checkweigher_recording.bags.lane_messages import LaneMessages, OutOfOrderError
 from checkweigher_recording.bags.lanes import Lane, choose_lane
-from checkweigher_recording.bags.sample_decoding import SampleDecoder
 from checkweigher_recording.bags.sqlite import (
     NO_CHECK_SUMS,
     check_sqlite,
     doubtful_blocks,
-    doubtful_stamps,
     sample_rate,
 )
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
@@ -43,9 +35,10 @@ from checkweigher_recording.bags.unpacking import (
     unpacked,
 )
 from checkweigher_recording.progress import with_progress
-from checkweigher_recording.recording import BlockColumns, Recording, canonical_order
+from checkweigher_recording.recording import BlockColumns, Recording
 
 _RATE_TOLERANCE = 0.1
+T = TypeVar('T')
 
 
 def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False) -> Recording:
@@ -78,16 +71,69 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     Check sums are checked where the file has them; some writers leave them out. The numbers of
     messages must agree wherever the bag states them.
     """
-    with bag_errors(path), qos_unread():
-        if parts := unfinished_parts(path):
-            return _read_unfinished(path, UnfinishedBag(parts), namespace, progress)
-        information = _information(path)
-        with unpacked(path, information) as folder:
-            for file in files_of(folder, _information(folder)) if path.is_dir() else [path]:
-                check = check_sqlite if file.suffix == '.db3' else check_mcap
-                check(file)
-            with Reader(folder) as reader:
-                return _read_lane(path, reader, namespace, progress)
+    with bag_errors(path), _opened(path, namespace) as lane:
+        return _read_whole(path, lane, progress)
+
+
+def over_stretches(
+    work: Callable[[Iterable[Recording]], T], path: Path, namespace: str | None = None, *,
+    progress: bool = False,
+) -> T:  # fmt: skip
+    """Return what `work` makes of the stretches of a bag.
+
+    It is called again, with the whole bag as one stretch, where the messages are too far out of
+    order for stretches. Parameters and errors are those of `read_bag`.
+    """
+    try:
+        return work(read_stretches(path, namespace, progress=progress))
+    except OutOfOrderError:
+        return work([read_bag(path, namespace, progress=progress)])
+
+
+def _read_whole(path: Path, lane: '_OpenLane', progress: bool) -> Recording:
+    messages = LaneMessages(path)
+    for message in with_progress(lane.messages(), 'reading', lane.count, shown=progress):
+        messages.take(*message)
+    lane.check_numbers(messages.numbers)
+    if lane.is_sqlite:
+        messages.check_stamps()
+        return _without_doubtful(path, messages.rest())
+    recording = messages.rest()
+    return replace(recording, unfinished=lane.unfinished(_Span.of(recording)))
+
+
+def read_stretches(
+    path: Path, namespace: str | None = None, *, progress: bool = False
+) -> Iterator[Recording]:
+    """Read one lane of a bag in stretches of a minute or so, in memory that does not grow.
+
+    One after the other they have all events that `read_bag` returns, in the same order. The first
+    one has samples; `unfinished` and `doubt` are those of the last one, and the end of a bag may
+    show that all of it is not to be used. An SQLite bag is one stretch: what is doubtful in it
+    shows beside all the rest. Parameters and errors are those of `read_bag`.
+
+    Raises
+    ------
+    OutOfOrderError
+        If a message is logged more than a minute after others with later stamps: `read_bag` puts
+        any order right.
+    """
+    with bag_errors(path), _opened(path, namespace) as lane:
+        if lane.is_sqlite:
+            yield _read_whole(path, lane, progress)
+            return
+        messages = LaneMessages(path)
+        if cell := lane.first(LOAD_CELL_INFO):
+            messages.take_cell(cell)
+        span: _Span | None = None
+        for message in with_progress(lane.messages(), 'reading', lane.count, shown=progress):
+            messages.take(*message)
+            if (stretch := messages.stretch()) is not None:
+                span = _Span.of(stretch, span)
+                yield stretch
+        lane.check_numbers(messages.numbers)
+        rest = messages.rest()
+        yield replace(rest, unfinished=lane.unfinished(_Span.of(rest, span)))
 
 
 @contextmanager
@@ -119,122 +165,116 @@ def _information(path: Path) -> dict[str, Any]:
     return read_metadata(path)
 
 
-def _read_unfinished(
-    path: Path, bag: UnfinishedBag, namespace: str | None, progress: bool
-) -> Recording:
-    """Read a recording that broke off, up to there."""
-    if bag.damage:
-        raise BagError(
-            f'{path}: damaged: {bag.damage}; restore it, or "checkweigher recover" saves what is '
-            'before it'
-        )
-    if not bag.message_count:
-        raise BagError(f'{path}: the recording broke off before anything of it was written')
-    recording = _read_lane(path, bag, namespace, progress)
-    last = max(recording.blocks, key=lambda block: block.stamp)
-    length = len(last.counts) / recording.load_cell.sample_rate
-    length += (last.stamp - recording.blocks[0].stamp) / NANOSECONDS
-    text = (
-        f'{path}: the recording broke off, or is still going on; read up to {length:.1f} s '
-        f'({bag.message_count} messages)'
-    )
-    return replace(recording, unfinished=text)
-
-
-def _read_lane(
-    path: Path, reader: Reader | UnfinishedBag, namespace: str | None, progress: bool
-) -> Recording:
-    if len(reader.connections) > MOST_TOPICS:
-        raise BagError(f'{path}: has more than {MOST_TOPICS} topics; record those of the lane')
-    lane = choose_lane(path, reader.connections, namespace)
-    for connection, port in lane:
-        check_definition(path, connection, port)
-    messages = _Messages(path)
-    stored = _stored(reader, [connection for connection, _ in lane])
-    total = sum(connection.msgcount for connection, _ in lane)
-    ports = {connection.topic: port for connection, port in lane}
-    for connection, logged, data in with_progress(stored, 'reading', total, shown=progress):
-        messages.take(connection.topic, ports[connection.topic], logged, data)
-    if isinstance(reader, Reader):
-        _check_numbers(path, reader, messages.numbers, lane)
-    recording = messages.recording()
-    if any(name.endswith('.db3') for name in _names(reader)):
-        messages.check_stamps()
-        return _without_doubtful(path, recording)
-    return recording
-
-
-def _stored(
-    reader: Reader | UnfinishedBag, connections: Sequence[Connection]
-) -> Iterator[tuple[Connection, int, bytes]]:
-    """Yield the messages of some connections, unpacked."""
-    each = False
-    if isinstance(reader, Reader) and isinstance(reader.storage, DirectoryReader):
-        # rosbags would unpack a message of any size.
-        each = reader.storage.metadata.compression_mode == 'message'
-        reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
-    for connection, logged, data in reader.messages(connections):
-        yield connection, logged, unpack_message(data) if each else data
-
-
-class _Messages:
-    """The messages of a lane as they are read: their records, and how many of each topic."""
-
-    def __init__(self, path: Path) -> None:
-        self.numbers: Counter[str] = Counter()
-        self._logged: dict[str, list[int]] = {port.name: [] for port in PLAYED}  # ns
-        self._path = path
-        self._samples = SampleDecoder()
-        self._records: dict[str, list[Any]] = {port.name: [] for port in PLAYED}
-
-    def take(self, topic: str, port: Port, logged: int, data: bytes) -> None:
-        """Add a message."""
-        self.numbers[topic] += 1
-        if port is LOAD_CELL_SAMPLES:
-            self._samples.add(data)
-        else:
-            self._records[port.name].append(_record(self._path, port, data))
-            self._logged[port.name].append(logged)
-        if self._samples.size > MOST_SAMPLES or len(self._records[port.name]) > MOST_EVENTS:
+@contextmanager
+def _opened(path: Path, namespace: str | None) -> Iterator['_OpenLane']:
+    """Have one lane of a bag open, whose files are checked."""
+    if parts := unfinished_parts(path):
+        bag = UnfinishedBag(parts)
+        if bag.damage:
             raise BagError(
-                f'{self._path}: longer than fits into memory; record shorter bags, or split it by '
-                '"ros2 bag convert"'
+                f'{path}: damaged: {bag.damage}; restore it, or "checkweigher recover" saves what '
+                'is before it'
             )
+        if not bag.message_count:
+            raise BagError(f'{path}: the recording broke off before anything of it was written')
+        yield _OpenLane(path, bag, namespace)
+        return
+    information = _information(path)
+    with unpacked(path, information) as folder:
+        for file in files_of(folder, _information(folder)) if path.is_dir() else [path]:
+            check = check_sqlite if file.suffix == '.db3' else check_mcap
+            check(file)
+        reader = Reader(folder)
+        with qos_unread():
+            reader.open()
+        try:
+            yield _OpenLane(path, reader, namespace)
+        finally:
+            reader.close()
 
-    def check_stamps(self) -> None:
-        """Raise BagError at an edge or a known mass that was logged at another time."""
-        for port in (PHOTO_EYES, REFERENCE_MASS):
-            stamps = [record.stamp for record in self._records[port.name]]
-            for place in np.flatnonzero(doubtful_stamps(self._logged[port.name], stamps)):
-                raise BagError(
-                    f'{self._path}: damaged: message {place + 1} of {port.name} was logged at '
-                    f'{self._logged[port.name][place]} ns, which its stamp of {stamps[place]} ns '
-                    'does not fit; restore the file'
-                )
 
-    def recording(self) -> Recording:
-        """Return what was read."""
-        path, records, blocks = self._path, self._records, self._samples.blocks()
-        cell = _load_cell(path, records[LOAD_CELL_INFO.name])
-        if not blocks:
-            raise BagError(
-                f'{path}: no samples on {LOAD_CELL_SAMPLES.name}; the driver was not running'
-            )
-        return Recording(
-            cell,
-            blocks.in_canonical_order(),
-            tuple(sorted(records[PHOTO_EYES.name], key=canonical_order)),
-            tuple(sorted(records[REFERENCE_MASS.name], key=canonical_order)),
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Begin of the first block and of the last one, ns, and the length of that one in s."""
+
+    begin: int
+    last: int
+    length: float
+
+    @classmethod
+    def of(cls, recording: Recording, before: '_Span | None' = None) -> '_Span':
+        """Return the span of a recording, which goes on with one before."""
+        blocks = BlockColumns.of(recording.blocks)
+        if before is not None and not len(blocks):
+            return before
+        last = int(np.searchsorted(blocks.stamps, blocks.stamps[-1]))
+        length = float(blocks.lengths[last]) / recording.load_cell.sample_rate
+        begin = int(blocks.stamps[0]) if before is None else before.begin
+        return cls(begin, int(blocks.stamps[last]), length)
+
+    @property
+    def duration(self) -> float:
+        """Length of the whole, s."""
+        return self.length + (self.last - self.begin) / NANOSECONDS
+
+
+class _OpenLane:
+    """One lane of a bag that is open."""
+
+    def __init__(self, path: Path, reader: Reader | UnfinishedBag, namespace: str | None) -> None:
+        if len(reader.connections) > MOST_TOPICS:
+            raise BagError(f'{path}: has more than {MOST_TOPICS} topics; record those of the lane')
+        self._path, self._reader = path, reader
+        self._lane = choose_lane(path, reader.connections, namespace)
+        for connection, port in self._lane:
+            check_definition(path, connection, port)
+        self.count = sum(connection.msgcount for connection, _ in self._lane)
+        self._packed = False  # each message by itself
+        if isinstance(reader, Reader) and isinstance(reader.storage, DirectoryReader):
+            # rosbags would unpack a message of any size.
+            self._packed = reader.storage.metadata.compression_mode == 'message'
+            reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether a file of the bag is an SQLite database."""
+        if isinstance(self._reader, UnfinishedBag):
+            return False
+        storage: Any = self._reader.storage
+        parts: list[Any] = storage.storages if isinstance(storage, DirectoryReader) else [storage]
+        return any(part.path.name.endswith('.db3') for part in parts)
+
+    def messages(self) -> Iterator[tuple[str, Port, int, bytes]]:
+        """Yield topic, port, time of logging in ns and data of each message, unpacked."""
+        ports = {connection.topic: port for connection, port in self._lane}
+        for connection, logged, data in self._stored([one for one, _ in self._lane]):
+            yield connection.topic, ports[connection.topic], logged, data
+
+    def first(self, port: Port) -> bytes | None:
+        """Return the message of a port that was logged first, None if there is none."""
+        connections = [connection for connection, own in self._lane if own is port]
+        # Of no connections the reader would give all messages.
+        found = self._stored(connections) if connections else iter(())
+        return next((data for _, _, data in found), None)
+
+    def _stored(self, connections: Sequence[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield the messages of some connections, unpacked."""
+        for connection, logged, data in self._reader.messages(connections):
+            yield connection, logged, unpack_message(data) if self._packed else data
+
+    def check_numbers(self, read: Mapping[str, int]) -> None:
+        """Check that all messages have been read that the bag says it holds."""
+        if isinstance(self._reader, Reader):
+            _check_numbers(self._path, self._reader, read, self._lane)
+
+    def unfinished(self, span: _Span) -> str:
+        """Return one line on how far a recording was read that broke off, empty of another one."""
+        if isinstance(self._reader, Reader):
+            return ''
+        return (
+            f'{self._path}: the recording broke off, or is still going on; read up to '
+            f'{span.duration:.1f} s ({self._reader.message_count} messages)'
         )
-
-
-def _names(reader: Reader | UnfinishedBag) -> list[str]:
-    """Return the names of the files that a reader reads."""
-    if isinstance(reader, UnfinishedBag):
-        return []
-    storage: Any = reader.storage
-    parts: list[Any] = storage.storages if isinstance(storage, DirectoryReader) else [storage]
-    return [part.path.name for part in parts]
 
 
 def _without_doubtful(path: Path, recording: Recording) -> Recording:
@@ -254,29 +294,6 @@ def _without_doubtful(path: Path, recording: Recording) -> Recording:
     if count:
         text += f'; {count} blocks that do not fit those beside them are left out'
     return replace(recording, blocks=blocks.take(np.flatnonzero(~doubtful)), doubt=text)
-
-
-def _record(path: Path, port: Port, data: bytes) -> Any:
-    """Return the load cell, edge or known mass of a message."""
-    try:
-        return deserialize(port, data)
-    except ValueError as error:
-        if port is not LOAD_CELL_INFO:
-            raise
-        raise BagError(f'{path}: {port.name}: {error}; correct the driver, record again') from None
-
-
-def _load_cell(path: Path, cells: Sequence[LoadCell]) -> LoadCell:
-    if not cells:
-        raise BagError(
-            f'{path}: no {LOAD_CELL_INFO.name}, so its counts mean nothing; record that topic, too'
-        )
-    if any(cell != cells[0] for cell in cells):
-        raise BagError(
-            f'{path}: {LOAD_CELL_INFO.name} changes within the bag; record one bag for each '
-            'calibration'
-        )
-    return cells[0]
 
 
 def _check_numbers(path: Path, reader: Reader, read: Mapping[str, int], lane: Lane) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.rosbag2 import Reader
+from rosbags.typesys.store import Typestore
 
 from checkweigher_dsp.ros.ports import Port
 from checkweigher_recording.bags.bounds import MOST_EVENTS, qos_unread
-from checkweigher_recording.bags.definitions import BagError, check_definition, deserialize
+from checkweigher_recording.bags.definitions import BagError, definitions_of, deserialize
 from checkweigher_recording.bags.integrity import check_mcap
 from checkweigher_recording.bags.lanes import find_port
 from checkweigher_recording.bags.reading import bag_errors
@@ -30,13 +31,14 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             check_mcap(file)
         with Reader(path) as reader:
             ports: dict[str, Port] = {}  # by topic
+            stores: dict[int, Typestore] = {}  # by connection
             for connection in reader.connections:
                 known = find_port(connection.topic, wanted)
                 if known is None:
                     continue
                 if known[1] in ports.values():
                     raise BagError(f'{path}: holds several lanes; record one')
-                check_definition(path, connection, known[1])
+                stores[connection.id] = definitions_of(path, connection, known[1])
                 ports[connection.topic] = known[1]
             chosen = [each for each in reader.connections if each.topic in ports]
             if sum(connection.msgcount for connection in chosen) > MOST_EVENTS:
@@ -44,7 +46,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             # Of no connections the reader would give all messages.
             for connection, _, data in reader.messages(chosen) if chosen else ():
                 port = ports[connection.topic]
-                found[port.name].append(deserialize(port, data))
+                found[port.name].append(deserialize(port, data, stores[connection.id]))
     return found
 
 

@@ -22,7 +22,7 @@ class SampleDecoder:
     """Decode messages of type LoadCellSamples."""
 
     def __init__(self) -> None:
-        self.size = 0  # bytes, of the blocks that were decoded
+        self.size = 0  # bytes, of the blocks that were decoded and not returned
         self._messages: list[bytes] = []
         self._bytes = 0
         self._decoded: list[BlockColumns] = []
@@ -35,9 +35,9 @@ class SampleDecoder:
             self._decode_batch()
 
     def blocks(self) -> BlockColumns:
-        """Return the blocks of all messages in their order; raise as `add` does."""
+        """Return the blocks of the messages since the last call, in their order; raise as `add`."""
         self._decode_batch()
-        decoded, self._decoded = self._decoded, []
+        decoded, self._decoded, self.size = self._decoded, [], 0
         return BlockColumns.concatenate(decoded)
 
     def _decode_batch(self) -> None:

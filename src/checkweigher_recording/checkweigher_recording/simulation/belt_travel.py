@@ -51,7 +51,9 @@ class BeltTravel:
 
     Time only moves on: what is over is forgotten, so an endless line needs no more memory than a
     short one. `passes` are those that are planned and not over, in order of entry; `last_exit` is
-    t4 of the last product, s, once it is planned.
+    t4 of the last product, s, once it is planned. What an operator sets holds for what is planned
+    after that: `speed` in m/s, `feed`, which tells whether products come, their `mass` in kg, 0 for
+    those of the line. `resting` is the mass that stands on the belt, kg.
     """
 
     def __init__(
@@ -64,6 +66,9 @@ class BeltTravel:
         """
         self.passes: list[Pass] = []
         self.last_exit: float | None = None
+        self.speed = line.speed
+        self.feed = True
+        self.mass = self.resting = 0.0
         self._line = line
         self._random = random
         self._products = random if products is None else products
@@ -86,7 +91,9 @@ class BeltTravel:
             self._extend()
         added: list[Pass] = []
         while not self._complete() and self._time_of(self._next) <= end:
-            added.append(self._next_pass())
+            entry = self._next_pass()
+            if self.feed:
+                added.append(entry)
         self.passes += added
         return added
 
@@ -96,7 +103,7 @@ class BeltTravel:
 
     def load(self, time: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mass in kg that rests on the belt at times (n,) and their travels."""
-        load = np.zeros(len(time))
+        load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
             load[touched] += entry.mass * self.share(entry, travel[touched])
         return load
@@ -120,7 +127,7 @@ class BeltTravel:
                 steps.append(np.searchsorted(time, np.linspace(begin, end, _STAIRS + 1)))
         bounds = np.unique(np.concatenate(steps))
         middle = travel[(bounds[:-1] + bounds[1:]) // 2]
-        mass = np.zeros(len(middle))
+        mass = np.full(len(middle), self.resting)
         for entry in self.passes:
             share = self.share(entry, middle)
             stair = (np.floor(share * _STAIRS) + 0.5) / _STAIRS
@@ -151,6 +158,7 @@ class BeltTravel:
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
         mass = self._next_mass()
+        mass = self.mass or mass
         self._planned += 1
         if self._complete():
             self.last_exit = t4
@@ -159,7 +167,7 @@ class BeltTravel:
     def _extend(self) -> None:
         jitter, impact = self._random.standard_normal(2)
         self._impacts.append(float(impact))
-        speed = self._line.speed * (1 + self._line.speed_jitter * float(jitter))
+        speed = self.speed * (1 + self._line.speed_jitter * float(jitter))
         self._times.append(self._times[-1] + self._line.spacing / speed)
         self._knots += 1
         self._travels.append(self._knots * self._line.spacing)

@@ -169,7 +169,7 @@ class MachineSignal:
 
     def _products(self, time: Array, travel: Array) -> tuple[Array, Array]:
         """Return force and moment, (n,), of the products; a moment in kg at the end of the belt."""
-        force, moment = np.zeros(len(time)), np.zeros(len(time))
+        force, moment = np.full(len(time), self._belt.resting), np.zeros(len(time))
         machine = self._machine
         for entry, touched in self._belt.touched(time):
             share = self._belt.share(entry, travel[touched])
@@ -188,7 +188,7 @@ class MachineSignal:
 
     def _add_belt(self, force: Array, moment: Array, time: Array, travel: Array) -> None:
         """Add what turns with the belt."""
-        load, speed = self._belt.load(time, travel), self._line.speed
+        load, speed = self._belt.load(time, travel), self._belt.speed
         for roller, phases, wander in self._rollers:
             shaking = roller_force(roller, phases, wander, travel, load, speed)
             force += shaking

@@ -181,6 +181,24 @@ class SimulationParameters(Parameters):
             )
 
 
+@dataclass(frozen=True)
+class OperationParameters(Parameters):
+    """What an operator sets at a simulated machine while it runs; it holds a second later."""
+
+    node: ClassVar[str] = 'simulator.now'
+
+    feed: bool = parameter(True, 'whether products come')
+    speed: float = parameter(
+        0.0, 'belt speed; 0: simulator.speed', unit='m/s', minimum=0.0, maximum=5.0
+    )
+    mass: float = parameter(
+        0.0, 'mass of each product; 0: simulator.masses', unit='kg', minimum=0.0, maximum=CAPACITY
+    )
+    load: float = parameter(
+        0.0, 'mass that stands on the belt', unit='kg', minimum=0.0, maximum=CAPACITY
+    )
+
+
 def own_values(profile: str) -> dict[str, float]:
     """Return the parameters that a drawn machine has of its own, none of another profile.
 
@@ -197,10 +215,12 @@ class Simulation:
     Every iteration starts the same line again. What has been yielded is not kept, so a line may be
     of any length; with ``count`` 0 it does not end. The first products do not depend on how many
     follow. `filler` is that of the iteration that was begun last; a correction that it is given
-    holds for the products that are planned after that, up to a second ahead.
+    holds for the products that are planned after that, up to a second ahead. `operation` is what
+    the operator has set; it may change at any time.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
+        self.operation = OperationParameters()
         self._parameters = parameters
         self.load_cell = LoadCell.of(
             parameters, min_counts=MIN_COUNTS, max_counts=MAX_COUNTS, capacity=CAPACITY,
@@ -217,6 +237,7 @@ class Simulation:
         chunk = size * max(1, round(_CHUNK_DURATION * rate / size))
         first = 0
         while machine.total is None or first < machine.total:
+            machine.operate(self.operation)
             counts, passes = machine.run(first, first + chunk)
             for begin in range(0, len(counts), size):
                 index = first + begin
@@ -297,6 +318,12 @@ class _Machine:
         elif machine:
             self._signal = MachineSignal(machine, self._belt, line, 1 / self._rate, drawn)
 
+    def operate(self, operation: OperationParameters) -> None:
+        """Set belt and feed for what comes next."""
+        belt, known = self._belt, operation
+        belt.speed, belt.feed = known.speed or self._parameters.speed, known.feed
+        belt.mass, belt.resting = known.mass, known.load
+
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the readings from `first` up to `end` or the end of the line, and new passes.
 
@@ -338,7 +365,7 @@ class _ProfileSignal:
         self, profile: Profile, belt: BeltTravel, line: Line, step: float,
         seeds: Sequence[np.random.SeedSequence],
     ) -> None:  # fmt: skip
-        self._profile, self._belt, self._speed, self._step = profile, belt, line.speed, step
+        self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(_generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
         self._platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS, step)
@@ -372,16 +399,16 @@ class _ProfileSignal:
             zip(self._profile.roller, roller, strict=True), start=1
         ):
             angle = 2 * order / ROLLER_DIAMETER * travel + phase
-            force += self._speed * amplitude * np.sin(angle)
+            force += self._belt.speed * amplitude * np.sin(angle)
         if self._profile.motor:
             angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
-            force += self._speed * self._profile.motor * np.sin(angle)
+            force += self._belt.speed * self._profile.motor * np.sin(angle)
 
     def _add_noise(self, force: NDArray[np.float64]) -> None:
         """Add broadband noise and the floor's vibration."""
         if self._profile.broadband:
             # The power density times the bandwidth, which is half the step rate.
-            deviation = self._profile.broadband * self._speed * math.sqrt(1 / self._step / 2)
+            deviation = self._profile.broadband * self._belt.speed * math.sqrt(1 / self._step / 2)
             force += deviation * self._broadband.standard_normal(len(force))
         if self._profile.floor:
             force += self._profile.floor * self._floor(len(force))
@@ -390,7 +417,7 @@ class _ProfileSignal:
         self, force: NDArray[np.float64], time: NDArray[np.float64], entry: Pass
     ) -> None:
         """Add the half sine of a product that hits the belt."""
-        size = self._profile.impact * entry.mass * self._speed * entry.impact
+        size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
         begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
         phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
         force[begin:end] += size * np.sin(math.pi * phase)

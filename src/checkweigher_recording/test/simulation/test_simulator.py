@@ -3,7 +3,7 @@
 """The simulated line against its physics and geometry."""
 
 import gc
-from itertools import islice
+from itertools import dropwhile, islice, takewhile
 import math
 import tracemalloc
 
@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Eye, EyeEdge, Reference
+from checkweigher_dsp.records import Eye, EyeEdge, Reference, SampleBlock
 from checkweigher_recording.recording import canonical_order
 from checkweigher_recording.simulation.simulator import (
     MAX_COUNTS,
     PROFILES,
+    OperationParameters,
     Simulation,
     SimulationParameters,
     simulate,
@@ -256,3 +257,33 @@ def test_what_cannot_be_simulated_is_refused(values, message):
 def test_an_endless_line_has_no_recording():
     with pytest.raises(ParameterError, match=r'simulator\.count'):
         simulate(SimulationParameters(count=0))
+
+
+def operated(seconds, **values):
+    """Return some seconds of an endless line, two seconds after an operator has set something."""
+    line = Simulation(SimulationParameters(profile='quiet', count=0, masses=(0.1,)))
+    events = iter(line)
+    begin = next(events).stamp + 5 * 10**9
+    while next(events).stamp < begin:
+        pass
+    line.operation = OperationParameters(**values)
+    begin += 2 * 10**9
+    after = dropwhile(lambda event: event.stamp < begin, events)
+    end = begin + seconds * 10**9
+    return line.load_cell, list(takewhile(lambda event: event.stamp < end, after))
+
+
+def test_without_feed_nothing_passes_and_a_load_stands_on_the_belt():
+    cell, events = operated(3, feed=False, load=0.2)
+    assert all(isinstance(event, SampleBlock) for event in events)
+    counts = np.concatenate([block.counts for block in events])
+    load = (counts - cell.zero_counts) / cell.counts_per_kg
+    assert load == pytest.approx(0.2, abs=1e-3)
+
+
+def test_an_operator_sets_mass_and_belt_speed_of_a_line_that_runs():
+    _, events = operated(5, mass=0.3, speed=1.5)
+    assert {each.mass for each in events if isinstance(each, Reference)} == {0.3}
+    edges = [each for each in events if isinstance(each, EyeEdge)]
+    entered = [each.stamp for each in edges if each.eye == Eye.INFEED and each.blocked]
+    assert np.diff(entered) / 1e9 == pytest.approx(0.66 / 1.5, rel=0.01)

@@ -1,0 +1,88 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of object stores and other places that fsspec reaches: copied here while they are read."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+import shutil
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from checkweigher_recording.bags.bounds import LARGEST_FILE
+from checkweigher_recording.bags.definitions import BagError
+
+_MOST_FILES = 1000  # of a bag
+_PIECE = 1 << 20  # bytes
+
+
+def is_url(place: str) -> bool:
+    """Tell whether a place is a URL, and not a path of this machine."""
+    return '://' in place
+
+
+@contextmanager
+def local_bag(bag: str) -> Iterator[Path]:
+    """Have a bag on this machine: itself, or a copy of that of a URL, which is dropped at the end.
+
+    Raises
+    ------
+    BagError
+        If it cannot be copied. An error of the bag within names its URL, not the copy.
+    """
+    if not is_url(bag):
+        yield Path(bag)
+        return
+    with TemporaryDirectory(prefix='checkweigher-') as folder:
+        copy = Path(folder, PurePosixPath(bag.rstrip('/')).name)
+        with store_errors(bag) as store_of:
+            _copy(*store_of(bag), copy)
+        try:
+            yield copy
+        except BagError as error:
+            raise type(error)(str(error).replace(str(copy), bag)) from None
+
+
+@contextmanager
+def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
+    """Turn what goes wrong in an object store into one line.
+
+    Yield a function that returns the file system of a URL and the path in it.
+    """
+    from fsspec.core import url_to_fs  # takes as long as reading a short bag
+
+    try:
+        yield url_to_fs
+    except BagError:
+        raise
+    except ImportError as error:
+        raise BagError(f'{url}: {" ".join(str(error).split())}') from None
+    # Each file system of fsspec has exceptions of its own.
+    except Exception as error:
+        text = ' '.join(str(error).split()) or type(error).__name__
+        if isinstance(error, FileNotFoundError):
+            text = 'there is no such file or folder'
+        raise BagError(f'{url}: cannot be read: {text}') from None
+
+
+def _copy(store: Any, path: str, copy: Path) -> None:
+    """Copy a file, or the files of a folder but not the folders in it."""
+    if path.endswith(('.mcap', '.db3')):
+        _copy_file(store, path, copy)
+        return
+    entries = [each for each in store.ls(path.rstrip('/'), detail=True) if each['type'] == 'file']
+    if not entries:
+        raise FileNotFoundError(path)
+    if len(entries) > _MOST_FILES:
+        raise BagError(f'{path}: has more than {_MOST_FILES} files; it is no bag')
+    copy.mkdir()
+    for entry in entries:
+        name = PurePosixPath(str(entry['name'])).name
+        _copy_file(store, str(entry['name']), copy / name)
+
+
+def _copy_file(store: Any, path: str, copy: Path) -> None:
+    with store.open(path, 'rb') as source, copy.open('xb') as target:
+        if (getattr(source, 'size', None) or 0) > LARGEST_FILE:
+            raise BagError(f'{path}: larger than {LARGEST_FILE >> 30} GiB')
+        shutil.copyfileobj(source, target, _PIECE)

@@ -1,0 +1,39 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The digest of a bag, by which results tell of which bag they are."""
+
+import hashlib
+from pathlib import Path
+
+from checkweigher_dsp.input_files import open_input
+from checkweigher_recording.bags.bounds import LARGEST_FILE
+from checkweigher_recording.bags.definitions import BagError
+
+_PIECE = 1 << 20  # bytes
+
+
+def bag_digest(path: Path) -> str:
+    """Return the SHA-256 over a bag: its file, or names and contents of the files of its folder.
+
+    Where the bag is and how it is named does not matter.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or it cannot be read.
+    """
+    digest = hashlib.sha256()
+    if not path.exists():
+        raise BagError(f'{path}: there is no such file or folder')
+    try:
+        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else []
+        for file in files or [path]:
+            if files:
+                digest.update(f'{file.name}\n{file.stat().st_size}\n'.encode())
+            with open_input(file, LARGEST_FILE) as content:
+                while piece := content.read(_PIECE):
+                    digest.update(piece)
+    except OSError as error:
+        where = error.filename or path
+        raise BagError(f'{where}: cannot be read: {error.strerror or error}') from None
+    return digest.hexdigest()

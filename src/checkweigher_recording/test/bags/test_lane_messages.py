@@ -1,0 +1,118 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A bag in stretches: the same events as all at once, in the same order, or a clear refusal."""
+
+from dataclasses import replace
+import random
+
+import pytest
+
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.lane_messages import OutOfOrderError
+from checkweigher_recording.bags.reading import read_bag, read_stretches
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.recording import Recording
+from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
+
+SECOND = 10**9  # ns
+
+
+@pytest.fixture(scope='module')
+def long_recording():
+    """Three and a half minutes, in many small blocks."""
+    return simulate(SimulationParameters(count=300, samples_per_block=10))
+
+
+def joined(parts):
+    """Return the recording that stretches are of, the line on its end among it."""
+    return replace(
+        Recording.from_events(parts[0].load_cell, (event for part in parts for event in part)),
+        unfinished=parts[-1].unfinished,
+    )
+
+
+def test_stretches_have_all_events_in_their_order(tmp_path, long_recording, same):
+    write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
+
+    parts = list(read_stretches(tmp_path / 'bag'))
+
+    assert len(parts) > 3
+    assert all(len(part.blocks) for part in parts)
+    assert same(joined(parts), long_recording)
+    stamps = [event.stamp for part in parts for event in part]
+    assert stamps == sorted(stamps)
+
+
+def test_messages_that_were_logged_late_are_put_in_order(
+    tmp_path, long_recording, write_mcap, messages_of, same
+):
+    chance = random.Random(1)
+    timed = [
+        (message, message.stamp + chance.randrange(50 * SECOND))
+        for message in messages_of(long_recording)
+    ]
+    write_mcap(tmp_path / 'late.mcap', timed)
+
+    assert same(joined(list(read_stretches(tmp_path / 'late.mcap'))), long_recording)
+
+
+def test_messages_that_are_too_late_for_stretches_are_read_as_a_whole(
+    tmp_path, long_recording, write_mcap, messages_of, same
+):
+    timed = [(message, message.stamp) for message in messages_of(long_recording)]
+    late = next(n for n, (message, _) in enumerate(timed) if message.topic == '/photo_eyes')
+    timed[late] = (timed[late][0], timed[-1][1])
+    write_mcap(tmp_path / 'late.mcap', timed)
+
+    with pytest.raises(OutOfOrderError, match=r'late.mcap: has messages that came more than 60 s'):
+        list(read_stretches(tmp_path / 'late.mcap'))
+    assert same(read_bag(tmp_path / 'late.mcap'), long_recording)
+
+
+def test_a_load_cell_that_is_logged_last_is_that_of_the_first_stretch(
+    tmp_path, long_recording, write_mcap, messages_of, same
+):
+    cell, *rest = messages_of(long_recording)
+    timed = [(message, message.stamp) for message in rest]
+    write_mcap(tmp_path / 'line.mcap', [*timed, (cell, timed[-1][1])])
+
+    assert same(joined(list(read_stretches(tmp_path / 'line.mcap'))), long_recording)
+
+
+def test_a_load_cell_that_changes_later_ends_the_stretches(
+    tmp_path, long_recording, write_mcap, messages_of
+):
+    timed = [(message, message.stamp) for message in messages_of(long_recording)]
+    other = replace(timed[0][0], content=timed[0][0].content | {'zero_counts': 1.0})
+    write_mcap(tmp_path / 'line.mcap', [*timed, (other, timed[-1][1])])
+
+    stretches = read_stretches(tmp_path / 'line.mcap')
+
+    assert len(next(stretches).blocks)
+    with pytest.raises(BagError, match='load_cell/info changes'):
+        list(stretches)
+
+
+def test_a_recording_that_broke_off_says_so_with_its_last_stretch(tmp_path, long_recording, same):
+    write_bag(tmp_path / 'bag', long_recording.load_cell, long_recording)
+    (tmp_path / 'bag' / 'metadata.yaml').unlink()
+    file = tmp_path / 'bag' / 'line_0.mcap'
+    file.write_bytes(file.read_bytes()[: -(file.stat().st_size // 8)])
+
+    whole, parts = read_bag(tmp_path / 'bag'), list(read_stretches(tmp_path / 'bag'))
+
+    assert 'the recording broke off' in whole.unfinished
+    assert joined(parts).unfinished == whole.unfinished
+    assert same(joined(parts), whole)
+    assert not any(part.unfinished for part in parts[:-1])
+
+
+@pytest.mark.parametrize('kind', ['none', 'text.mcap'])
+def test_what_is_no_bag_is_refused_as_by_reading_it_whole(tmp_path, kind):
+    (tmp_path / 'text.mcap').write_text('no magic bytes in here, but long enough for a footer')
+
+    with pytest.raises(BagError) as whole:
+        read_bag(tmp_path / kind)
+    with pytest.raises(BagError) as parts:
+        list(read_stretches(tmp_path / kind))
+    assert str(parts.value) == str(whole.value)
