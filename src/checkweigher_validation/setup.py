@@ -23,5 +23,5 @@ setup(
     maintainer_email='maintainers@checkweigher.example',
     description='Offline: protocol, tuning, accuracy tables and classes, plots and reports.',
     license='Apache-2.0',
-    extras_require={'test': ['pytest']},
+    extras_require={'cluster': ['distributed'], 'test': ['pytest']},
 )

@@ -7,7 +7,7 @@ In a ``joblib.parallel_config`` block the same jobs run on the backend that it n
 
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from multiprocessing import resource_tracker
 import os
 import signal
@@ -15,12 +15,13 @@ import threading
 from typing import Any
 import warnings
 
-from joblib import Parallel, effective_n_jobs
+from joblib import Parallel, delayed, effective_n_jobs
 
 from checkweigher_dsp.parent_process import end_with_parent
 from checkweigher_recording.progress import with_progress
 
 ALL_CORES = -1  # as joblib takes it
+_MOST_LOSSES = 3  # of processes, one after the other
 
 # All cores have a worker: more threads of a matrix library only stand in each other's way. The
 # parameter of joblib for it, inner_max_num_threads, would tie the jobs to one backend.
@@ -35,6 +36,10 @@ _ENVIRONMENT = {
 
 class WorkerLostError(ValueError):
     """A process that died at its work."""
+
+
+class ClusterLostError(ValueError):
+    """A cluster that has ended, or cannot be reached any more."""
 
 
 def run_jobs(
@@ -58,14 +63,55 @@ def run_jobs(
     ------
     WorkerLostError
         If a process was killed.
+    ClusterLostError
+        If the jobs were done by a cluster, and it has ended.
     """
+    with closing(_results(calls, n_jobs, 'generator')) as results:
+        return list(with_progress(results, doing, len(calls), unit=unit))
+
+
+def jobs_as_done(
+    calls: Sequence[Any], n_jobs: int | None = None
+) -> Generator[tuple[int, Any], None, None]:
+    """Make independent calls; yield the number and the result of each as soon as it is done.
+
+    A call whose process is killed is made again. The parameters are those of `run_jobs`.
+
+    Raises
+    ------
+    WorkerLostError
+        If processes are killed again and again, and no call is done in between.
+    """
+    left = dict(enumerate(calls))
+    losses = 0
+    while left:
+        numbered = [delayed(_numbered)(number, call) for number, call in left.items()]
+        try:
+            with closing(_results(numbered, n_jobs, 'generator_unordered')) as results:
+                for number, result in results:
+                    del left[number]
+                    losses = 0
+                    yield number, result
+        except WorkerLostError:
+            losses += 1
+            if losses == _MOST_LOSSES:
+                raise
+
+
+def _numbered(number: int, call: Any) -> tuple[int, Any]:
+    function, positional, named = call
+    return number, function(*positional, **named)
+
+
+def _results(calls: Sequence[Any], n_jobs: int | None, order: str) -> Generator[Any, None, None]:
+    """Yield the results of calls as joblib returns them."""
     n_jobs = min(effective_n_jobs(n_jobs), max(len(calls), 1))
     with (
         _worker_environment(),
         _silent_end(),
         Parallel(
             n_jobs=n_jobs,
-            return_as='generator',
+            return_as=order,
             initializer=end_with_parent,
             initargs=(os.getpid(),),
         ) as parallel,  # fmt: skip
@@ -75,11 +121,29 @@ def run_jobs(
             results = parallel(calls)
             at_the_end.callback(_end, results)
         try:
-            return list(with_progress(results, doing, len(calls), unit=unit))
+            yield from results
         except BrokenExecutor:
             raise WorkerLostError(
                 'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
             ) from None
+        except Exception as error:
+            lost = _lost_in_cluster(error)
+            if lost is None:
+                raise
+            raise lost from None
+
+
+def _lost_in_cluster(error: Exception) -> ValueError | None:
+    """Return the one line for an error of dask.distributed itself, which need not be installed."""
+    kind = type(error)
+    if not kind.__module__.startswith('distributed.'):
+        return None
+    if kind.__name__ == 'KilledWorker':  # several, one after the other
+        return WorkerLostError(
+            'workers of the cluster were killed, perhaps for lack of memory; see their logs'
+        )
+    text = ' '.join(str(error).split()) or kind.__name__
+    return ClusterLostError(f'the cluster was lost: {text}')
 
 
 def _end(results: Generator[Any]) -> None:

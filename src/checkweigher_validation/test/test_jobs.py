@@ -16,7 +16,7 @@ from joblib import delayed, parallel_config
 import pytest
 
 from checkweigher_recording import progress
-from checkweigher_validation.jobs import WorkerLostError, run_jobs
+from checkweigher_validation.jobs import WorkerLostError, jobs_as_done, run_jobs
 
 PATIENCE = 60.0  # s, for processes to come up on a busy machine
 
@@ -119,3 +119,30 @@ def test_a_worker_that_is_killed_is_told_on_one_line():
     with pytest.raises(WorkerLostError, match='a worker process was killed'):
         run_jobs([delayed(os._exit)(9), delayed(os.getpid)()], 2)
     assert run_jobs([delayed(operator.neg)(1), delayed(operator.neg)(2)], 2) == [-1, -2]
+
+
+@pytest.mark.parametrize('n_jobs', [1, 2])
+def test_results_are_yielded_with_the_numbers_of_their_calls(n_jobs):
+    calls = [delayed(operator.mul)(number, 2) for number in range(5)]
+    assert sorted(jobs_as_done(calls, n_jobs)) == [(n, 2 * n) for n in range(5)]
+    assert list(jobs_as_done([], n_jobs)) == []
+
+
+DIES_ONCE = """
+import os, pathlib, signal
+if not pathlib.Path({path!r}).exists():
+    pathlib.Path({path!r}).touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_calls_of_a_worker_that_is_killed_are_made_again(tmp_path: Path):
+    script = DIES_ONCE.format(path=str(tmp_path / 'died'))
+    calls = [delayed(operator.neg)(1), delayed(exec)(script), delayed(operator.neg)(2)]
+    assert sorted(jobs_as_done(calls, 2)) == [(0, -1), (1, None), (2, -2)]
+    assert (tmp_path / 'died').exists()
+
+
+def test_a_call_that_kills_each_worker_is_given_up():
+    with pytest.raises(WorkerLostError, match='a worker process was killed'):
+        list(jobs_as_done([delayed(os._exit)(9), delayed(os._exit)(9)], 2))

@@ -16,7 +16,7 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.recording import Event
 
 # A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.
-_SAME_ITEM = NANOSECONDS // 100
+SAME_ITEM = NANOSECONDS // 100
 # Belt speeds that differ by less are one; a belt wanders by a few tenths of a percent.
 _SAME_SPEED = 0.05
 
@@ -27,14 +27,24 @@ class ReferenceMasses:
     def __init__(self, references: Iterable[Reference]) -> None:
         self._references = sorted(references, key=lambda reference: reference.stamp)
 
+    def extend(self, references: Iterable[Reference]) -> None:
+        """Take further references, in any order."""
+        self._references += references
+        self._references.sort(key=lambda reference: reference.stamp)
+
+    def forget(self, t1: int) -> None:
+        """Forget what belongs to items that entered before `t1`, ns."""
+        first = bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
+        del self._references[:first]
+
     def at(self, t1: int | None) -> float:
         """Return the mass in kg of the item that entered at `t1` in ns, NaN if it is not known."""
         if t1 is None:
             return math.nan
-        first = bisect_left(self._references, t1 - _SAME_ITEM, key=lambda known: known.stamp)
+        first = bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
         near = self._references[first : first + 2]
         best = min(near, key=lambda reference: abs(reference.stamp - t1), default=None)
-        return best.mass if best and abs(best.stamp - t1) <= _SAME_ITEM else math.nan
+        return best.mass if best and abs(best.stamp - t1) <= SAME_ITEM else math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,15 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of items, joined with their references: the table, the CSV and the summary."""
+"""Results of items, joined with their references: the table and the summary."""
 
-from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping
-import csv
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import chain
 import math
-from typing import TextIO
 
-from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import (
     GRAMS,
@@ -21,10 +21,10 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
-from checkweigher_recording.block_cutting import join_recording
+from checkweigher_recording.block_cutting import join_recording, join_stretches
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
-from checkweigher_validation.accuracy.passes import ReferenceMasses
+from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +49,29 @@ class ResultJoiner:
     """
 
     def __init__(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
-        self._outfeed = sorted((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
-        self._references = ReferenceMasses(references)
+        self._outfeed: list[tuple[int, bool]] = []
+        self._references = ReferenceMasses(())
+        self.extend(edges, references)
+
+    def extend(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
+        """Take further edges and known masses."""
+        self._outfeed += ((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
+        self._outfeed.sort()
+        self._references.extend(references)
+
+    def forget(self, t1: int) -> None:
+        """Forget what belongs to items that entered before `t1`, ns."""
+        del self._outfeed[: bisect_left(self._outfeed, (t1, False))]
+        self._references.forget(t1)
 
     def join(self, estimate: MassEstimate, verdict: Verdict) -> ItemResult:
         """Return the result of one item."""
         reference = self._references.at(estimate.t1)
         return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
+
+    def knows_t4(self, t3: int | None) -> bool:
+        """Tell whether there is an edge after t3, or none is to be waited for."""
+        return t3 is None or bisect_right(self._outfeed, (t3, True)) < len(self._outfeed)
 
     def _t4(self, t3: int | None) -> int | None:
         """Return the edge after t3, if the outfeed eye clears with it."""
@@ -84,54 +100,70 @@ def weigh(
     return sorted(results, key=lambda result: result.estimate.item_id)
 
 
-def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
-    """Write results as CSV: one row an item, empty where a value is not known."""
-    writer = csv.writer(file, lineterminator='\n')
-    writer.writerow(_COLUMNS)
-    for result in results:
-        writer.writerow([value(result) for value in _COLUMNS.values()])
+def weigh_stretches(
+    stretches: Iterable[Recording], parameters: LineParameters
+) -> Iterator[ItemResult]:
+    """Weigh a recording that comes in stretches, in memory that does not grow with it.
+
+    Yield the results that `weigh` returns of the whole, in the same order. At least one stretch is
+    needed; see `checkweigher_recording.bags.reading.read_stretches`.
+    """
+    stretches = iter(stretches)
+    first = next(stretches)
+    line = WeighingLine(first.load_cell, parameters)
+    waiting = _WaitingResults()
+    known = map(waiting.know, chain([first], stretches))
+    for weighing in line.weigh_all(join_stretches(known)):
+        waiting.add(weighing)
+        yield from waiting.complete()
+    yield from waiting.rest()
 
 
-def _time(stamp: int | None) -> str:
-    """Format ns as seconds without rounding, which a float of today's date would."""
-    if stamp is None:
-        return ''
-    whole, part = divmod(stamp, NANOSECONDS)
-    return f'{whole}.{part:09d}'
+class _WaitingResults:
+    """Weighings that wait for what the bag has of their items, and for the items before them."""
 
+    def __init__(self) -> None:
+        self._joiner = ResultJoiner((), ())
+        # A heap, by item and order of coming.
+        self._waiting: list[tuple[int, int, MassEstimate, Verdict]] = []
+        self._came = 0
+        self._next = 1  # item
+        self._known = -1  # ns: all that is before has come
 
-def _number(value: float, digits: int = 6) -> str:
-    return '' if math.isnan(value) else f'{value:.{digits}f}'
+    def know(self, stretch: Recording) -> Recording:
+        """Take edges and known masses of the next stretch, and return it."""
+        self._joiner.extend(stretch.edges, stretch.references)
+        if len(stretch.blocks):
+            self._known = stretch.blocks[-1].stamp
+        return stretch
 
+    def add(self, weighing: Weighing) -> None:
+        """Take the next weighing."""
+        estimate, verdict = weighing.estimate, weighing.verdict
+        heappush(self._waiting, (estimate.item_id, self._came, estimate, verdict))
+        self._came += 1
 
-def _limit(value: float) -> str:
-    return '' if math.isinf(value) else _number(GRAMS * value)
+    def complete(self) -> Iterator[ItemResult]:
+        """Yield the results of the next items of which all is known."""
+        while self._waiting and self._waiting[0][0] <= self._next:
+            estimate = self._waiting[0][2]
+            is_known = estimate.t1 is None or estimate.t1 + SAME_ITEM < self._known
+            if not (is_known and self._joiner.knows_t4(estimate.t3)):
+                return
+            self._next = estimate.item_id + 1
+            yield self._joined()
+            if estimate.t1 is not None:
+                self._joiner.forget(estimate.t1)
 
+    def rest(self) -> Iterator[ItemResult]:
+        """Yield the results of all items that are left: nothing more comes."""
+        while self._waiting:
+            yield self._joined()
 
-_COLUMNS: dict[str, Callable[[ItemResult], str]] = {
-    'item_id': lambda item: str(item.estimate.item_id),
-    't1': lambda item: _time(item.estimate.t1),
-    't2': lambda item: _time(item.estimate.t2),
-    't3': lambda item: _time(item.estimate.t3),
-    't4': lambda item: _time(item.t4),
-    'belt_speed_m_per_s': lambda item: _number(item.estimate.belt_speed),
-    'mass_g': lambda item: _number(GRAMS * item.estimate.mass, 9),
-    'std_dev_g': lambda item: _number(GRAMS * item.estimate.std_dev, 9),
-    'decision': lambda item: item.verdict.decision.name,
-    'reasons': lambda item: ';'.join(item.verdict.reasons),
-    'reference_g': lambda item: _number(GRAMS * item.reference),
-    'estimator': lambda item: item.estimate.estimator,
-    'zero_g': lambda item: _number(GRAMS * item.estimate.zero),
-    'product_length_m': lambda item: _number(item.estimate.product_length),
-    'a1': lambda item: _number(item.estimate.a1, 9),
-    'a2': lambda item: _number(item.estimate.a2, 9),
-    'b1_g': lambda item: _number(GRAMS * item.estimate.b1, 9),
-    'natural_frequency_hz': lambda item: _number(item.estimate.natural_frequency),
-    'damping_ratio': lambda item: _number(item.estimate.damping_ratio),
-    'lower_limit_g': lambda item: _limit(item.verdict.lower_limit),
-    'upper_limit_g': lambda item: _limit(item.verdict.upper_limit),
-    'reject_at': lambda item: _time(item.verdict.reject_at),
-}
+    def _joined(self) -> ItemResult:
+        *_, estimate, verdict = heappop(self._waiting)
+        return self._joiner.join(estimate, verdict)
+
 
 TABLE_HEADER = (
     f'{"item":>6} {"t1 s":>9} {"m/min":>6} {"mass g":>10} {"+- g":>7} {"reference":>10} '

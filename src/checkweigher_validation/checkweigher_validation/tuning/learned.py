@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
-from checkweigher_dsp.denoising.window_batch import rise_time
+from checkweigher_dsp.denoising.window_batch import rise_time, transit
 from checkweigher_dsp.estimation.estimators.learned import (
     PARTS,
     Layout,
@@ -32,7 +32,6 @@ from checkweigher_dsp.estimation.estimators.learned import (
     pass_features,
     rise_parts,
     seconds_alone,
-    transit,
 )
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import WeighWindow

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.segmentation.rise_lag import lag_of
+from checkweigher_dsp.signal.rise_lag import lag_of
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 
 _FEWEST = 3  # passes of one speed

@@ -41,7 +41,8 @@ TUNABLES: dict[str, type[Tunable]] = {
 }  # fmt: skip
 
 FEWEST_PASSES = 3  # of one speed; fewer tell nothing of their own scatter
-_FEWEST_FOR_HALVES = 20  # each half then holds enough to be tuned on
+_FEWEST_FOR_HALVES = 60  # each half then holds enough to be tuned on
+_FEWEST_FOR_FIFTHS = 20
 _DIGITS = 7  # significant, of what is written into a parameter file
 
 
@@ -50,8 +51,9 @@ class TunedSpeed:
     """Parameters, calibration and accuracy from the passes of one belt speed.
 
     `lists` has the values of the lists of parameters for this speed, by their name with that of the
-    node. `held_out_index` is A when each half of the passes, or with fewer than 20 each single one,
-    is weighed by what the others taught; much more than `index` means overfitting.
+    node. `held_out_index` is A when each half of the passes (of fewer than 60 each fifth, of fewer
+    than 20 each single one) is weighed by what the others taught; much more than `index` means
+    overfitting.
     """
 
     speed: float  # m/s
@@ -177,15 +179,18 @@ def _with_held_out(learned: TunedSpeed, checks: Sequence[NDArray[np.float64]]) -
         learned, held_out_index=index(errors, masses), held_out_errors=tuple(errors.tolist()),
         masses=tuple(masses.tolist()),
     )  # fmt: skip
-    if len(masses) < _FEWEST_FOR_HALVES:
+    if len(masses) < _FEWEST_FOR_FIFTHS:
         # A search fits a handful of passes far better than those to come.
         learned = replace(learned, uncertainty=uncertainty(errors, masses))
     return learned
 
 
 def _folds(group: SpeedGroup) -> range:
-    """Return the numbers of the folds: halves, or every single pass where there are few."""
-    return range(2 if len(group.passes) >= _FEWEST_FOR_HALVES else len(group.passes))
+    """Return the numbers of the folds: halves, fifths, or every single pass where there are few."""
+    count = len(group.passes)
+    if count >= _FEWEST_FOR_HALVES:
+        return range(2)
+    return range(5 if count >= _FEWEST_FOR_FIFTHS else count)
 
 
 def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
@@ -199,7 +204,7 @@ def _check_fold(task: _Task, fold: int) -> NDArray[np.float64]:
         for chosen in (~held_out, held_out)
     )
     # Half the passes, half the evaluations: the check costs as much as what it checks.
-    budget = max(budget // 2, 1) if count == 2 else budget
+    budget = max(budget // 2, 1) if count < len(group.passes) else budget
     learned = _tune_speed(replace(task, group=learn, budget=budget))
     parameters = _assemble(task.estimator, [learned], task.base).parameters
     estimates = estimates_of(check, parameters)

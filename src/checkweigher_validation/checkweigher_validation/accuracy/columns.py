@@ -1,0 +1,87 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The columns of results of items: name, unit and value of each, and the CSV that they make."""
+
+from collections.abc import Callable, Iterable
+import csv
+from dataclasses import dataclass
+from enum import Enum
+import math
+from typing import Any, TextIO
+
+from checkweigher_dsp.records import GRAMS, NANOSECONDS
+from checkweigher_validation.accuracy.results import ItemResult
+
+
+class Kind(Enum):
+    """What the values of a column are; None where one is not known."""
+
+    WHOLE = 'whole number'
+    TIME = 'time of the bag'  # values are in ns
+    NUMBER = 'number'
+    TEXT = 'text'
+    TEXTS = 'several texts'
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of results; `unit` is that of files, `digits` are those of a number in the CSV."""
+
+    name: str
+    kind: Kind
+    unit: str  # '1' for a number without one, empty for what is no number
+    value_of: Callable[[ItemResult], Any]
+    digits: int = 6
+
+    def value(self, item: ItemResult) -> Any:
+        """Return the value of an item, a time in ns; None if it is not known."""
+        value = self.value_of(item)
+        return None if self.kind is Kind.NUMBER and not math.isfinite(value) else value
+
+    def text(self, item: ItemResult) -> str:
+        """Return the value of an item in the CSV, empty if it is not known."""
+        value = self.value(item)
+        if value is None:
+            return ''
+        if self.kind is Kind.TIME:
+            # As seconds without rounding, which a float of today's date would.
+            whole, part = divmod(value, NANOSECONDS)
+            return f'{whole}.{part:09d}'
+        if self.kind is Kind.TEXTS:
+            return ';'.join(value)
+        return f'{value:.{self.digits}f}' if self.kind is Kind.NUMBER else str(value)
+
+
+_time, _number = Kind.TIME, Kind.NUMBER
+COLUMNS = (
+    Column('item_id', Kind.WHOLE, '1', lambda item: item.estimate.item_id),
+    Column('t1', _time, 's', lambda item: item.estimate.t1),
+    Column('t2', _time, 's', lambda item: item.estimate.t2),
+    Column('t3', _time, 's', lambda item: item.estimate.t3),
+    Column('t4', _time, 's', lambda item: item.t4),
+    Column('belt_speed_m_per_s', _number, 'm/s', lambda item: item.estimate.belt_speed),
+    Column('mass_g', _number, 'g', lambda item: GRAMS * item.estimate.mass, 9),
+    Column('std_dev_g', _number, 'g', lambda item: GRAMS * item.estimate.std_dev, 9),
+    Column('decision', Kind.TEXT, '', lambda item: item.verdict.decision.name),
+    Column('reasons', Kind.TEXTS, '', lambda item: item.verdict.reasons),
+    Column('reference_g', _number, 'g', lambda item: GRAMS * item.reference),
+    Column('estimator', Kind.TEXT, '', lambda item: item.estimate.estimator),
+    Column('zero_g', _number, 'g', lambda item: GRAMS * item.estimate.zero),
+    Column('product_length_m', _number, 'm', lambda item: item.estimate.product_length),
+    Column('a1', _number, '1', lambda item: item.estimate.a1, 9),
+    Column('a2', _number, '1', lambda item: item.estimate.a2, 9),
+    Column('b1_g', _number, 'g', lambda item: GRAMS * item.estimate.b1, 9),
+    Column('natural_frequency_hz', _number, 'Hz', lambda item: item.estimate.natural_frequency),
+    Column('damping_ratio', _number, '1', lambda item: item.estimate.damping_ratio),
+    Column('lower_limit_g', _number, 'g', lambda item: GRAMS * item.verdict.lower_limit),
+    Column('upper_limit_g', _number, 'g', lambda item: GRAMS * item.verdict.upper_limit),
+    Column('reject_at', _time, 's', lambda item: item.verdict.reject_at),
+)
+
+
+def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
+    """Write results as CSV: one row an item, empty where a value is not known."""
+    writer = csv.writer(file, lineterminator='\n')
+    writer.writerow([column.name for column in COLUMNS])
+    for result in results:
+        writer.writerow([column.text(result) for column in COLUMNS])

@@ -1,0 +1,68 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The program that makes results: its version, its code, and the libraries that it computes by."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+import hashlib
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+import platform
+import socket
+
+_WEIGHING = ('dsp', 'recording', 'validation')  # what results follow from
+_LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Version and digest of the program, and versions of Python and the libraries.
+
+    Equal programs make equal results, on processors of one kind.
+    """
+
+    version: str
+    sha256: str
+    libraries: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f'checkweigher {self.version} ({self.sha256[:8]}; {", ".join(self.libraries)})'
+
+
+@cache
+def program() -> Program:
+    """Return the program of this process."""
+    libraries = [f'{name} {version(name)}' for name in _LIBRARIES]
+    return Program(
+        version('checkweigher_validation'),
+        program_digest(_WEIGHING),
+        (f'Python {platform.python_version()}', *libraries),
+    )
+
+
+def other_program(there: Program, here: Program) -> str:
+    """Return why a worker with its program is not used, in one line; empty if it is."""
+    if there == here:
+        return ''
+    return f'the worker runs {there}, here is {here}; bring it to the same version'
+
+
+def host() -> str:
+    """Return the name of this machine."""
+    return socket.gethostname()
+
+
+def program_digest(packages: Iterable[str]) -> str:
+    """Return the SHA-256 over the Python files of packages of the program, with their names."""
+    digest = hashlib.sha256()
+    for package in packages:
+        found = find_spec(f'checkweigher_{package}')
+        assert found is not None
+        assert found.submodule_search_locations
+        root = Path(found.submodule_search_locations[0])
+        for file in sorted(root.rglob('*.py')):
+            digest.update(f'{package}/{file.relative_to(root).as_posix()}\n'.encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()

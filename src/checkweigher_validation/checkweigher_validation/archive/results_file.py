@@ -1,0 +1,105 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Results of one bag as a Parquet file: typed columns with their units, and what made them."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from decimal import Decimal
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from checkweigher_validation.accuracy.columns import COLUMNS, Column, Kind
+from checkweigher_validation.accuracy.results import ItemResult
+
+_TYPES = {
+    Kind.WHOLE: pa.int64(),
+    Kind.TIME: pa.decimal128(19, 9),  # exact, as in the CSV
+    Kind.NUMBER: pa.float64(),
+    Kind.TEXT: pa.string(),
+    Kind.TEXTS: pa.list_(pa.string()),
+}
+_KEY = 'checkweigher'  # of the metadata
+_ROWS = 10_000  # that are written at once
+SCHEMA = pa.schema(
+    [
+        pa.field(column.name, _TYPES[column.kind], metadata={'unit': column.unit})
+        for column in COLUMNS
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """What results follow from: bag and parameters by their SHA-256, lane, and program."""
+
+    bag_sha256: str
+    parameters_sha256: str
+    lane: str
+    program: str
+
+
+@dataclass(frozen=True, slots=True)
+class BagSummary:
+    """What a bag came to; errors are in g, None where there are too few items of known mass."""
+
+    duration_s: float  # of the signal
+    items: int
+    accept: int
+    under: int
+    over: int
+    fault: int
+    mean_error_g: float | None
+    std_dev_g: float | None
+    largest_error_g: float | None
+    notes: tuple[str, ...] = ()  # the recording broke off, or may be damaged
+
+
+def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetWriter:
+    """Write the rows of a Parquet file as they come; it is whole when `finish` was called."""
+    writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
+    for rows in _batches(results):
+        columns = [[_value(column, row) for row in rows] for column in COLUMNS]
+        arrays = [
+            pa.array(values, field.type) for values, field in zip(columns, SCHEMA, strict=True)
+        ]
+        writer.write_table(pa.table(arrays, schema=SCHEMA))
+    return writer
+
+
+def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> None:
+    """Complete a file with what made it and what it came to."""
+    text = json.dumps({'origin': asdict(origin), 'summary': asdict(summary)})
+    writer.add_key_value_metadata({_KEY: text})
+    writer.close()
+
+
+def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
+    """Return what made a file of results and what it came to, None if it is no whole one."""
+    with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
+        metadata = pq.read_metadata(path).metadata
+        found = json.loads(metadata[_KEY.encode()])
+        summary = found['summary'] | {'notes': tuple(found['summary']['notes'])}
+        return Origin(**found['origin']), BagSummary(**summary)
+    return None
+
+
+def _value(column: Column, result: ItemResult) -> Any:
+    """Return the value of a result as pyarrow takes it; None if it is not known."""
+    value = column.value(result)
+    return Decimal(value).scaleb(-9) if column.kind is Kind.TIME and value is not None else value
+
+
+def _batches(results: Iterable[ItemResult]) -> Iterator[list[ItemResult]]:
+    rows: list[ItemResult] = []
+    for result in results:
+        rows.append(result)
+        if len(rows) == _ROWS:
+            yield rows
+            rows = []
+    if rows:
+        yield rows

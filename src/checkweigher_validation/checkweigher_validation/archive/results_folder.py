@@ -1,0 +1,126 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The folder with the results of many bags: a file a bag, and the summary of all."""
+
+from collections.abc import Sequence
+import csv
+from dataclasses import asdict, fields, replace
+from io import StringIO
+from pathlib import Path
+
+from checkweigher_recording.archive.finding import result_names
+from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
+from checkweigher_validation.archive.results_file import BagSummary, read_origin
+from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
+
+SUMMARY = 'summary.csv'
+_SECONDS_PER_HOUR = 3600
+
+
+class ResultsFolder:
+    """Results of jobs as they are done.
+
+    Parameters
+    ----------
+    path : Path
+        Folder, which is made if need be; what is there of the same bags, parameters and program is
+        kept.
+    jobs : sequence of WeighJob
+        All of them; `jobs` has them with the digests of the bags whose results are there.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made or written to.
+    """
+
+    def __init__(self, path: Path, jobs: Sequence[WeighJob]) -> None:
+        self._path = path
+        self._names = result_names(job.bag for job in jobs)
+        self._done: dict[str, Weighed] = {}
+        try:
+            path.mkdir(exist_ok=True)
+        except OSError as error:
+            raise output_error(path, error) from None
+        check_folder_of(path / SUMMARY)
+        self.kept = self.broken = 0
+        self.jobs = [replace(job, known=self._known(job)) for job in jobs]
+
+    def file_of(self, bag: str) -> Path:
+        """Return the file with the results of a bag."""
+        return self._path / f'{self._names[bag]}.parquet'
+
+    def _known(self, job: WeighJob) -> str:
+        """Return the digest of the bag whose results are there, made in the same way, or none."""
+        found = read_origin(self.file_of(job.bag))
+        if found is None:
+            return ''
+        digest = found[0].bag_sha256
+        return digest if found[0] == origin_of(job, digest) else ''
+
+    def take(self, weighed: Weighed) -> Weighed:
+        """Write the results of a bag; return what became of it, with the summary of those kept.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written.
+        """
+        file = self.file_of(weighed.bag)
+        if weighed.file is not None:
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise output_error(file, error) from None
+            write_whole(file, weighed.file)
+        elif not weighed.problem:
+            found = read_origin(file)
+            if found is None:
+                problem = f'{file}: was there and is gone; run this again'
+                weighed = replace(weighed, problem=problem)
+            else:
+                self.kept += 1
+                weighed = replace(weighed, summary=found[1])
+        self.broken += bool(weighed.problem)
+        self._done[weighed.bag] = replace(weighed, file=None)
+        return weighed
+
+    @property
+    def hours(self) -> float:
+        """Hours of signal of the bags that are done."""
+        summaries = (each.summary for each in self._done.values())
+        return sum(each.duration_s for each in summaries if each) / _SECONDS_PER_HOUR
+
+    @property
+    def progress(self) -> str:
+        """How many bags are done, and how many hours of signal."""
+        return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
+
+    def close(self) -> str:
+        """Write the summary, one row a bag in the order of the jobs; return one line on all.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
+        text = StringIO()
+        writer = csv.writer(text, lineterminator='\n')
+        columns = [each.name for each in fields(BagSummary)]
+        writer.writerow(['bag', 'file', *columns, 'problem'])
+        done = [self._done[job.bag] for job in self.jobs if job.bag in self._done]
+        for each in done:
+            name = '' if each.problem else f'{self._names[each.bag]}.parquet'
+            values = asdict(each.summary) if each.summary else dict.fromkeys(columns)
+            values['notes'] = '; '.join(values['notes'] or ())
+            writer.writerow([each.bag, name, *values.values(), each.problem])
+        write_whole(self._path / SUMMARY, text.getvalue())
+        items = sum(each.summary.items for each in done if each.summary)
+        parts = [_bags(len(done)), f'{self.hours:.2f} h of signal', f'{items} items']
+        parts += [f'{_bags(self.kept)} as before'] if self.kept else []
+        parts += [f'{_bags(self.broken)} passed over'] if self.broken else []
+        return ', '.join(parts)
+
+
+def _bags(count: int) -> str:
+    return f'{count} bag{"" if count == 1 else "s"}'

@@ -1,0 +1,161 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The job of one bag: its results, from a bag and parameters, wherever it is done."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+import hashlib
+import json
+import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
+import traceback
+
+from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision
+from checkweigher_dsp.ros.ports import STAGES
+from checkweigher_recording.archive.copying import local_bag
+from checkweigher_recording.archive.digest import bag_digest
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.reading import over_stretches
+from checkweigher_recording.recording import Recording
+from checkweigher_validation.accuracy.results import ErrorSum, ItemResult, weigh_stretches
+from checkweigher_validation.archive.program import Program, host, other_program, program
+from checkweigher_validation.archive.results_file import (
+    BagSummary,
+    Origin,
+    finish,
+    write_results_file,
+)
+
+
+@dataclass(frozen=True)
+class WeighJob:
+    """A bag to weigh, with what and by which program.
+
+    `bag` is a path or a URL; `lane` a namespace, None if the bag has only one. `known` is the
+    SHA-256 of the bag of which the same parameters and program have made results already.
+    """
+
+    bag: str
+    parameters: LineParameters
+    lane: str | None
+    program: Program
+    known: str = ''
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What became of a job, and on which machine.
+
+    `file` is the Parquet file, None if the results that are known are still those of the bag, or if
+    there is a `problem`, in one line.
+    """
+
+    bag: str
+    host: str
+    summary: BagSummary | None = None
+    file: bytes | None = None
+    problem: str = ''
+
+
+def parameters_digest(parameters: LineParameters) -> str:
+    """Return the SHA-256 over the parameters of all stages."""
+    values = {stage: getattr(parameters, stage).as_mapping() for stage in STAGES}
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+
+
+def origin_of(job: WeighJob, digest: str) -> Origin:
+    """Return what the results of a job follow from; `digest` is that of its bag."""
+    return Origin(digest, parameters_digest(job.parameters), job.lane or '', str(job.program))
+
+
+def weigh_bag(job: WeighJob) -> Weighed:
+    """Weigh a bag, in memory that does not grow with it; what is wrong is a line of the result."""
+    try:
+        if other := other_program(program(), job.program):
+            return Weighed(job.bag, host(), problem=f'{job.bag}: not weighed: {other}')
+        with local_bag(job.bag) as bag:
+            digest = bag_digest(bag)
+            if digest == job.known:
+                return Weighed(job.bag, host())
+            summary, file = _weigh(job, bag, digest)
+            return Weighed(job.bag, host(), summary, file)
+    except BagError as error:
+        problem = str(error)
+    except (OSError, MemoryError) as error:
+        problem = f'{job.bag}: {error or "not enough memory for this"}'
+    # A bag that leads the program astray must not take the results of all others with it.
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        problem = (
+            f'{job.bag}: {type(error).__name__}: {error}, at line {place.lineno} of '
+            f'{Path(place.filename).name}; report this with the bag'
+        )
+    return Weighed(job.bag, host(), problem=one_line(problem))
+
+
+def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
+    """Return what a bag came to, and its Parquet file."""
+    with TemporaryDirectory(prefix='checkweigher-') as folder:
+        path = Path(folder, 'results.parquet')
+
+        def work(stretches: Iterable[Recording]) -> BagSummary:
+            tally = _Tally(f'{bag}: ')
+            results = weigh_stretches(tally.stretches(stretches), job.parameters)
+            writer = write_results_file(path, tally.results(results))
+            finish(writer, origin_of(job, digest), tally.summary())
+            return tally.summary()
+
+        summary = over_stretches(work, bag, job.lane)
+        return summary, path.read_bytes()
+
+
+@dataclass
+class _Tally:
+    """Sums over a bag, as its stretches and results pass; `name` is what lines on it begin with."""
+
+    name: str
+    begin: int | None = None  # ns, of the signal
+    end: int = 0
+    decisions: Counter[Decision] = field(default_factory=Counter)
+    errors: ErrorSum = field(default_factory=ErrorSum)  # g
+    notes: list[str] = field(default_factory=list)
+
+    def stretches(self, stretches: Iterable[Recording]) -> Iterator[Recording]:
+        """Yield stretches, and take note of their times."""
+        for stretch in stretches:
+            if len(stretch.blocks):
+                last = stretch.blocks[-1]
+                length = len(last.counts) / stretch.load_cell.sample_rate
+                self.begin = stretch.blocks[0].stamp if self.begin is None else self.begin
+                self.end = last.stamp + round(length * NANOSECONDS)
+            found = filter(None, (stretch.unfinished, stretch.doubt))
+            self.notes += (line.removeprefix(self.name) for line in found)
+            yield stretch
+
+    def results(self, results: Iterable[ItemResult]) -> Iterator[ItemResult]:
+        """Yield results, and count them."""
+        for result in results:
+            self.decisions[result.verdict.decision] += 1
+            if not math.isnan(result.error):
+                self.errors.add(GRAMS * result.error)
+            yield result
+
+    def summary(self) -> BagSummary:
+        """Return the sums."""
+        errors = self.errors
+        return BagSummary(
+            duration_s=(self.end - (self.begin or 0)) / NANOSECONDS,
+            items=self.decisions.total(),
+            accept=self.decisions[Decision.ACCEPT],
+            under=self.decisions[Decision.UNDER],
+            over=self.decisions[Decision.OVER],
+            fault=self.decisions[Decision.FAULT],
+            mean_error_g=errors.mean if errors.count else None,
+            std_dev_g=errors.std_dev if errors.count > 1 else None,
+            largest_error_g=errors.largest if errors.count else None,
+            notes=tuple(self.notes),
+        )
