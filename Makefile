@@ -22,6 +22,7 @@ setup: ## Make the environment (.venv) and build the workspace; PYTHON=python3.1
 
 demo: ## Replay a recorded bag through the ROS graph in real time.
 	@./checkweigher replay bags/paper_60 --rate 1
+	@echo 'next, a line with its page: ./checkweigher run --page --folder my_machine (docs/page.md)'
 
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
