@@ -23,7 +23,7 @@ setup(
     maintainer_email='maintainers@checkweigher.example',
     description='Launch files, parameters and recipes, the one-process line and the command line.',
     license='Apache-2.0',
-    extras_require={'test': ['pytest']},
+    extras_require={'cluster': ['distributed'], 'test': ['pytest']},
     entry_points={
         'console_scripts': [
             'batch_reporter = checkweigher_bringup.batch_reporter:main',

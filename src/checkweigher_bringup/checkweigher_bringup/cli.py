@@ -36,13 +36,15 @@ GROUPS = {
          'calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml'),
         ('page', 'show the running lanes in a browser, and act on them with a login',
          'page --port 8080'),
+        ('policy', 'write the security policy of a line for SROS2: what each node may do',
+         'policy --namespace lane1 lane2 --output policy.xml'),
         ('user', 'add, list, change and remove the users of the page',
          'user add anna --role operator'),
         ('certificate', 'make a self-signed certificate for the page, and show its fingerprint',
          'certificate scale7.local 192.168.1.7 --certificate page.crt --key page.key'),
     ),
     'recordings': (
-        ('weigh', 'weigh a bag offline, with the same stages as the graph',
+        ('weigh', 'weigh bags offline, with the same stages as the graph',
          'weigh bags/paper_60 --csv masses.csv'),
         ('replay', 'play a bag through the ROS graph and show each verdict',
          'replay bags/paper_60 --rate 0'),
@@ -68,6 +70,8 @@ GROUPS = {
         ('batch', "report on a batch: the packers' rules, the reference test, histogram, "
          'control chart',
          'batch bags/paper_60 --nominal 134.5 --html batch.html'),
+        ('performance', 'make the performance test that the recipe asks for',
+         'performance --who anna'),
         ('audit', 'verify the chain of an audit log and show what was changed',
          'audit /var/log/checkweigher/lane1.log'),
     ),
@@ -113,12 +117,18 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             name,
             help=text,
             description=text[0].upper() + text[1:] + '.',
-            epilog=f'example:\n  {_PROGRAM} {example}',
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if only == name or only not in names:
-            _module_of(name).add_arguments(command)
+            module = _module_of(name)
+            module.add_arguments(command)
+            command.epilog = _examples(example, *getattr(module, 'EXAMPLES', ()))
     return parser
+
+
+def _examples(*examples: str) -> str:
+    lines = ''.join(f'\n  {_PROGRAM} {one}' for one in examples)
+    return f'example{"s" * (len(examples) > 1)}:{lines}'
 
 
 def _module_of(command: str) -> ModuleType:

@@ -10,12 +10,18 @@ import platform
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import check_output_file
-from checkweigher_bringup.settings import check_positive, estimator_names, line_parameters
-from checkweigher_bringup.training import read_passes
+from checkweigher_bringup.settings import (
+    check_positive,
+    estimator_names,
+    line_parameters,
+    places_of,
+)
+from checkweigher_bringup.training import ReadPasses, read_passes
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.production.prepackages import limits
 from checkweigher_dsp.records import GRAMS
+from checkweigher_recording.archive.finding import find_bags
 from checkweigher_recording.simulation.machine import CAUSES
 from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
 from checkweigher_recording.whole_file import write_whole
@@ -30,7 +36,6 @@ from checkweigher_validation.accuracy.machine_tables import (
 )
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 from checkweigher_validation.accuracy.tables import csv_text, json_text, text_table
-from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.machines_protocol import (
     PASSES,
     MachinesProtocol,
@@ -42,11 +47,14 @@ from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 
-Result = tuple[Evaluation, Mapping[str, Tuned]]
+Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
-def evaluate(arguments: argparse.Namespace) -> None:
-    """Weigh, show the table and write the files that are asked for."""
+def evaluate(arguments: argparse.Namespace, n_jobs: int) -> int:
+    """Weigh, show the table and write the files that are asked for.
+
+    Return how many bags were passed over. `n_jobs` is as in `run_jobs`.
+    """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
     nominal = None if arguments.nominal is None else arguments.nominal / GRAMS
@@ -56,7 +64,7 @@ def evaluate(arguments: argparse.Namespace) -> None:
     except ValueError as error:
         raise UserError(f'--nominal: {error}') from None
     weigh = _evaluate_simulation if arguments.protocol else _evaluate_bags
-    evaluation, tuned = weigh(arguments)
+    evaluation, tuned, broken = weigh(arguments, n_jobs)
     print(text_table(evaluation, accuracy_class))
     if arguments.html:
         from checkweigher_validation.report.page import render
@@ -69,10 +77,14 @@ def evaluate(arguments: argparse.Namespace) -> None:
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
         write_whole(arguments.tuned, parameter_file(tuned, source))
+    return broken
 
 
-def evaluate_family(arguments: argparse.Namespace) -> None:
-    """Tune and weigh on machines of the family, show the tables and write what is asked for."""
+def evaluate_family(arguments: argparse.Namespace, n_jobs: int) -> int:
+    """Tune and weigh on machines of the family, show the tables and write what is asked for.
+
+    Arguments and result are those of `evaluate`.
+    """
     _check(arguments)
     for option in ('train', 'profile', 'tuned', 'nominal'):
         if getattr(arguments, option) is not None:
@@ -96,7 +108,7 @@ def evaluate_family(arguments: argparse.Namespace) -> None:
     budget = arguments.budget or BUDGET
     machines = evaluate_machines(
         protocol, estimators, line_parameters(arguments.params, None), budget=budget,
-        n_jobs=arguments.jobs or ALL_CORES,
+        n_jobs=n_jobs,
     )  # fmt: skip
     trained = ', '.join(f'{GRAMS * mass:g}' for mass in masses)
     less = f' without {", ".join(protocol.without)}' if protocol.without else ''
@@ -118,6 +130,7 @@ def evaluate_family(arguments: argparse.Namespace) -> None:
         write_whole(arguments.csv, family_csv(machines, accuracy_class))
     if arguments.json:
         write_whole(arguments.json, family_json(machines, title, provenance))
+    return 0
 
 
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
@@ -150,7 +163,7 @@ def _check(arguments: argparse.Namespace) -> None:
             raise UserError(f'{path}: cannot be two of the outputs at once')
 
 
-def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
+def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int) -> Result:
     """Run the protocol of the paper on a simulated machine."""
     profile = arguments.profile or 'paper'
     if profile not in PROFILES:
@@ -163,7 +176,6 @@ def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
     estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
     protocol = Protocol(profile, arguments.passes, arguments.seed)
     budget = arguments.budget or BUDGET
-    n_jobs = arguments.jobs or ALL_CORES
     conditions, tuned = evaluate_protocol(protocol, estimators, base, budget=budget, n_jobs=n_jobs)
     half = protocol.passes // 2
     provenance = (
@@ -178,23 +190,25 @@ def _evaluate_simulation(arguments: argparse.Namespace) -> Result:
     shown = tuned['iswd_eksi'].parameters if 'iswd_eksi' in tuned else base
     ends = (protocol.speeds[0], protocol.speeds[-1])
     examples = simulated_examples(protocol.profile, ends, max(MASSES), shown, protocol.seed)
-    return Evaluation(title, conditions, provenance, examples), tuned
+    return Evaluation(title, conditions, provenance, examples), tuned, 0
 
 
-def _evaluate_bags(arguments: argparse.Namespace) -> Result:
+def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int) -> Result:
     """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
     base = line_parameters(arguments.params, None)
     default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
     estimators = estimator_names(arguments.estimator, default)
-    n_jobs = arguments.jobs or ALL_CORES
-    trained: list[KnownPass] = []
-    taught: list[str] = []
+    taught = ReadPasses([], [], 0)
     if arguments.train:
-        alone = unchecked(base.segmenter)
-        trained, taught = read_passes(arguments.train, arguments.lane, alone, n_jobs)
-        base = replace(base, segmenter=stated_lag(trained, base.segmenter))
-    passes, source = read_passes(arguments.bags, arguments.lane, base.segmenter, n_jobs)
-    provenance = [('test', line) for line in source] + [('train', line) for line in taught]
+        bags = places_of(arguments, find_bags(arguments.train))
+        taught = read_passes(bags, arguments.lane, unchecked(base.segmenter), n_jobs)
+        base = replace(base, segmenter=stated_lag(taught.passes, base.segmenter))
+    trained = taught.passes
+    bags = places_of(arguments, find_bags(arguments.bags))
+    read = read_passes(bags, arguments.lane, base.segmenter, n_jobs)
+    passes = read.passes
+    provenance = [('test', line) for line in read.lines]
+    provenance += [('train', line) for line in taught.lines]
     batches = _batches(trained, passes)
     if arguments.train:
         tuned = tune(
@@ -207,7 +221,8 @@ def _evaluate_bags(arguments: argparse.Namespace) -> Result:
         if arguments.params:
             provenance.append(('parameters', str(arguments.params)))
     conditions = evaluate_batches(batches, lines, n_jobs)
-    return Evaluation('Bags', conditions, (*provenance, *_versions()), _shown(passes, base)), tuned
+    evaluation = Evaluation('Bags', conditions, (*provenance, *_versions()), _shown(passes, base))
+    return evaluation, tuned, taught.broken + read.broken
 
 
 def _shown(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:

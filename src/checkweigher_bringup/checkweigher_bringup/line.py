@@ -1,14 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole line in one process: six nodes on one executor."""
+"""The whole line in one process, or some of its nodes: on one executor.
 
+The arguments name the nodes, all six without any: ``line driver reject --ros-args ...``
+"""
+
+from collections.abc import Callable, Collection
 from functools import partial
 import os
+import sys
 
 # As in checkweigher_dsp.nodes, which comes too late: rclpy imports numpy.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.denoise import DenoiseNode
@@ -16,6 +22,7 @@ from checkweigher_dsp.nodes.identifier import IdentifierNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.ros.running import run_all
 
 STAGE_NODES = {
@@ -26,16 +33,29 @@ STAGE_NODES = {
 }
 
 
-def make_line() -> list[Node]:
-    """Make all nodes of the line, in the order in which they start and take a record.
+NODE_CLASSES: dict[str, Callable[[], Node]] = {
+    **{name: STAGE_NODES[name] for name in reversed(STAGE_NODES)},
+    'product': ProductNode,
+    'driver': DriverNode,
+}
+
+
+def make_line(names: Collection[str] = ()) -> list[Node]:
+    """Make some nodes of the line, all without `names`, in the order in which they take a record.
 
     They shut down in the opposite order: the driver first, so that the items on the belt still get
     their verdict, and reject last. Reject hears of an edge before the estimate that rests on it.
     """
-    return [*(STAGE_NODES[name]() for name in reversed(STAGE_NODES)), ProductNode(), DriverNode()]
+    for name in names:
+        if name not in NODE_CLASSES:
+            raise ParameterError(f'{name}: no such node; there are {", ".join(NODE_CLASSES)}')
+    return [make() for name, make in NODE_CLASSES.items() if not names or name in names]
 
 
-main = partial(run_all, make_line)
+def main() -> None:
+    """Run the nodes that the command line names."""
+    run_all(partial(make_line, remove_ros_args(sys.argv)[1:]))
+
 
 if __name__ == '__main__':
     main()

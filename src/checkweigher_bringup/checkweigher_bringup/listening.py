@@ -31,7 +31,9 @@ class ResultListener(PortNode):
 
     def __init__(self, name: str, *, from_start: bool) -> None:
         super().__init__(name)
-        self.weighings: queue.SimpleQueue[Weighing] = queue.SimpleQueue()
+        # No SimpleQueue where a time limit is waited for: its get never ends in CPython 3.11 if a
+        # signal comes when the time is about to be over.
+        self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
         self._from_start = from_start

@@ -8,19 +8,20 @@ from io import StringIO
 import math
 from pathlib import Path
 import sys
+from typing import TextIO
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import GRAMS, Decision
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
+from checkweigher_validation.accuracy.columns import write_csv
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
     ErrorSum,
     ItemResult,
     summary,
     table_row,
-    write_csv,
 )
 
 
@@ -53,15 +54,16 @@ class Table:
     """A table on the screen that grows by one line an item and ends with a summary.
 
     `origin` is the zero of the column t1, ns; None for the time of the first item, before which
-    nothing is shown.
+    nothing is shown. `file` is one to show it later, None for the screen.
     """
 
-    def __init__(self, origin: int | None = None) -> None:
+    def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:
         self._origin = origin
+        self._file = file
         self._decisions: Counter[Decision] = Counter()
         self._errors = ErrorSum()  # g; a line runs for months
         if origin is not None:
-            print(TABLE_HEADER, flush=True)
+            self._print(TABLE_HEADER)
 
     @property
     def count(self) -> int:
@@ -73,15 +75,18 @@ class Table:
         if self._origin is None:
             first = results[0].estimate
             self._origin = first.t1 or first.t3 or 0
-            print(TABLE_HEADER)
+            self._print(TABLE_HEADER)
         self._decisions.update(result.verdict.decision for result in results)
         for result in results:
             if not math.isnan(result.error):
                 self._errors.add(GRAMS * result.error)
-        rows = ''.join(f'{table_row(result, self._origin)}\n' for result in results)
-        print(rows, end='', flush=True)
+        rows = '\n'.join(table_row(result, self._origin) for result in results)
+        self._print(rows)
 
     def close(self) -> None:
         """Show the summary."""
         if self._origin is not None:
-            print(summary(self._decisions, self._errors), flush=True)
+            self._print(summary(self._decisions, self._errors))
+
+    def _print(self, text: str) -> None:
+        print(text, file=self._file, flush=self._file is None)

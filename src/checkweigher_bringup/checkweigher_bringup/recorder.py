@@ -79,7 +79,7 @@ class RecorderNode(PortNode):
 
     def __init__(self, recorded: tuple[Port, ...], passes: ReferencePasses | None) -> None:
         super().__init__('record')
-        self.messages: queue.SimpleQueue[tuple[Port, int, bytes]] = queue.SimpleQueue()
+        self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self._passes = passes
         # With the profile of the stages, which takes no old verdicts: they would belong to items
         # that are not in the recording.

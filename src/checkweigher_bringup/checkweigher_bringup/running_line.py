@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 import queue
 import sys
 import time
 from typing import Any
 
+from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import Table
@@ -26,21 +28,27 @@ from checkweigher_bringup.spinning import (
 from checkweigher_bringup.supervision import CANNOT_START, Action, Supervision
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.graph.place import Place
+from checkweigher_web.access.users import default_users
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
 LINE = {'line': 'checkweigher_bringup.line'}
+# Beside the line, which does not depend on it.
+SETTING = {'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting'}
 
 
-class _Process:
+class SupervisedProcess:
     """One process of the line under supervision."""
 
-    def __init__(self, name: str, command: Sequence[str]) -> None:
+    def __init__(self, name: str, command: Callable[[], Sequence[str]]) -> None:
         self._name = name
         self._command = command
         self._supervision = Supervision()
         self._child: Process | None = None
-        self.heard = self._supervision.heard
+
+    def heard(self, now: float) -> None:
+        """Take that diagnostics of it came."""
+        self._supervision.heard(now)
 
     def look(self, now: float) -> bool:
         """Start or kill the process if that is due; return whether the line can go on."""
@@ -49,7 +57,7 @@ class _Process:
             self._supervision.ended(now, status)
         action = self._supervision.due(now)
         if action is Action.START:
-            self._child = start_process(self._command)
+            self._child = start_process(self._command())
             away = self._supervision.started(now)
             if self._supervision.reason:
                 _say(f'{self._name}: {self._supervision.reason}; started again after {away:.1f} s')
@@ -58,12 +66,18 @@ class _Process:
         return action is not Action.GIVE_UP
 
     def terminate(self) -> None:
+        """Ask the process to end."""
         if self._child is not None:
             self._child.terminate()
 
     def wait(self) -> None:
+        """Wait until the process has ended, and kill it if it does not."""
         if self._child is not None and not end_process(self._child):
             _say(f'{self._name}: did not end; killed')
+
+    def renew(self) -> None:
+        """Have a process that was ended on purpose start again at once."""
+        self._child, self._supervision = None, Supervision()
 
 
 class _Listener(EchoNode):
@@ -83,21 +97,19 @@ class _Listener(EchoNode):
 
 def run_line(
     params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool,
-    page: int | None = None,
+    page: int | None = None, folder: MachineFolder | None = None,
 ) -> int:  # fmt: skip
     """Run the line until a signal asks for its end, and return the exit status.
 
     The parameters of the `driver` win over the file `params`; `page` is the port of the page, None
-    for none. A UserError says that there is a line already in this lane.
+    for none. With a `folder` the line keeps there what becomes of its machine, and the dynamic
+    setting runs beside it. A UserError says that there is a line already in this lane.
     """
-    with asked_to_end() as asked, memory_file() as own:
-        files = [] if params is None else [params]
-        if driver:
-            files.append(own)
-            write_parameter_file(own, {'driver': driver})
-        modules = LINE if one_process else ports.NODES
+    with asked_to_end() as asked, memory_file() as first, memory_file() as last:
+        files = _parameter_files(first, params, last, driver, folder)
+        modules = {**(LINE if one_process else ports.NODES), **(SETTING if folder else {})}
         processes = {
-            name: _Process(name, node_command(module, namespace, *files))
+            name: SupervisedProcess(name, partial(_command, module, namespace, files))
             for name, module in modules.items()
         }
         with spinning(namespace) as spinner:
@@ -109,16 +121,42 @@ def run_line(
             if node.count_drivers():
                 raise UserError('a line runs here already; stop it, or choose another '
                                 '--namespace or ROS_DOMAIN_ID')  # fmt: skip
-            with _page_beside(page, namespace):  # that ends after the line
+            with _page_beside(page, namespace, folder):  # that ends after the line
                 try:
-                    return _supervise(processes, node, asked)
+                    return _supervise(processes, node, asked, folder)
                 finally:
                     _end(processes)
                     place.free()
 
 
+def _parameter_files(
+    first: Path, params: Path | None, last: Path, driver: Mapping[str, object],
+    folder: MachineFolder | None,
+) -> Callable[[], list[Path]]:  # fmt: skip
+    """Return what gives the parameter files of the line as they are when it starts.
+
+    Those of the user stand between `first`, which they overrule, and `last`, which overrules them.
+    """
+    if folder is None:
+        given = [] if params is None else [params]
+        if driver:
+            write_parameter_file(last, {'driver': driver})
+            given.append(last)
+        return lambda: given
+    own = folder.parameters(params, restarts=True)
+    write_parameter_file(first, folder.defaults())
+    write_parameter_file(last, {**own, 'driver': {**own['driver'], **driver}})
+    return lambda: [first, *folder.files(params), last]
+
+
+def _command(module: str, namespace: str, files: Callable[[], list[Path]]) -> list[str]:
+    return node_command(module, namespace, *files())
+
+
 @contextmanager
-def _page_beside(port: int | None, namespace: str) -> Iterator[None]:
+def _page_beside(
+    port: int | None, namespace: str, folder: MachineFolder | None
+) -> Iterator[None]:  # fmt: skip
     """Serve the page while the block lasts, in a process that the line does not depend on.
 
     The page itself says its address, or why it cannot be served.
@@ -127,7 +165,8 @@ def _page_beside(port: int | None, namespace: str) -> Iterator[None]:
         yield
         return
     command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
-    process = start_process([*command, '--namespace', namespace])
+    keep = ['--keep', str(folder.kept)] if folder is not None and default_users().exists() else []
+    process = start_process([*command, '--namespace', namespace, *keep])
     try:
         yield
     finally:
@@ -135,7 +174,10 @@ def _page_beside(port: int | None, namespace: str) -> Iterator[None]:
         end_process(process)
 
 
-def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequence[int]) -> int:
+def _supervise(
+    processes: Mapping[str, SupervisedProcess], node: _Listener, asked: Sequence[int],
+    folder: MachineFolder | None,
+) -> int:  # fmt: skip
     table = Table()
     try:
         while not asked:
@@ -143,10 +185,14 @@ def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequen
             while not node.alive.empty():
                 name = node.alive.get()
                 # In one process any node speaks for all: they share one executor.
-                for process in [processes[n] for n in (name, 'line') if n in processes]:
+                speaks_for = (name,) if name in SETTING else (name, 'line')
+                for process in [processes[n] for n in speaks_for if n in processes]:
                     process.heard(now)
+            if folder is not None and folder.take_restart():
+                _restart(processes)
             # All of them: the first to fail must not keep the others from being looked after.
-            if not all([process.look(now) for process in processes.values()]):
+            going = {name: process.look(now) for name, process in processes.items()}
+            if not all(well for name, well in going.items() if name not in SETTING):
                 return CANNOT_START
             with suppress(queue.Empty):
                 table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
@@ -155,10 +201,20 @@ def _supervise(processes: Mapping[str, _Process], node: _Listener, asked: Sequen
         table.close()
 
 
-def _end(processes: Mapping[str, _Process]) -> None:
-    """End all processes, the driver first and reject last; further signals do not hurry it."""
-    names = list(processes)
-    for group in (names[:1], names[1:-1], names[-1:]):
+def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
+    """End the line and have it start again; the dynamic setting goes on."""
+    line = {name: process for name, process in processes.items() if name not in SETTING}
+    _say('the line starts again, as was asked')
+    _end(line)
+    for process in line.values():
+        process.renew()
+
+
+def _end(processes: Mapping[str, SupervisedProcess]) -> None:
+    """End all processes, the driver first, reject last of the line; no signal hurries it."""
+    names = [name for name in processes if name not in SETTING]
+    beside = [name for name in processes if name in SETTING]
+    for group in (names[:1], names[1:-1], names[-1:], beside):
         for name in group:
             processes[name].terminate()
         for name in group:

@@ -3,15 +3,23 @@
 """Options that several commands check, and the parameters of the line that they name."""
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 import math
+import os
 from pathlib import Path
 import re
+import sys
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.recipes import Product, read_recipes
+from checkweigher_recording.archive.copying import is_url
+from checkweigher_validation.archive.program import other_program, program
+from checkweigher_validation.jobs import ALL_CORES
+from checkweigher_validation.scheduling import LOCAL, on_scheduler
 
 
 def line_parameters(
@@ -67,6 +75,42 @@ def check_namespace(name: str) -> str:
         rule = 'names are letters, digits and _, and do not begin with a digit'
         raise UserError(f'--namespace {name}: {rule}')
     return name
+
+
+def places_of(arguments: Namespace, bags: Sequence[str]) -> list[str]:
+    """Return bags as the workers of `--scheduler` find them, which may run in another folder."""
+    if arguments.scheduler == LOCAL:
+        return list(bags)
+    return [bag if is_url(bag) else os.path.abspath(bag) for bag in bags]
+
+
+@contextmanager
+def on_scheduler_of(arguments: Namespace) -> Iterator[int]:
+    """Have jobs done where `--scheduler` says; yield how many at once, as joblib takes it.
+
+    Workers that are not used are named on stderr.
+
+    Raises
+    ------
+    UserError
+        If the options cannot be used together.
+    SchedulerError
+        If the cluster cannot be used.
+    """
+    check_positive(arguments, 'jobs')
+    if arguments.scheduler != LOCAL and arguments.jobs is not None:
+        raise UserError('--jobs: a cluster has as many as its workers; leave it out')
+    if arguments.scheduler != LOCAL and '://' not in arguments.scheduler:
+        raise UserError(
+            f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'
+        )
+    here = program()
+    with on_scheduler(
+        arguments.scheduler, program, lambda there: other_program(there, here)
+    ) as refused:
+        for line in refused:
+            print(one_line(line), file=sys.stderr, flush=True)
+        yield arguments.jobs or ALL_CORES
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:

@@ -15,6 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 import yaml
 
 from checkweigher_dsp.parent_process import child_environment
+from checkweigher_dsp.ros.access.enclave import enclave_arguments
+from checkweigher_dsp.ros.ports import NODES
 from checkweigher_dsp.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
@@ -48,8 +50,18 @@ def ros_arguments(namespace: str) -> list[str]:
 def node_command(module: str, namespace: str = '', *parameter_files: Path) -> list[str]:
     """Return the command that runs the nodes of a module, with the parameters of files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    arguments = ['--ros-args', *files, *ros_arguments(namespace)]
+    arguments = [
+        '--ros-args',
+        *files,
+        *ros_arguments(namespace),
+        *enclave_arguments(namespace, _name(module)),
+    ]
     return [sys.executable, '-m', module, *arguments]
+
+
+def _name(module: str) -> str:
+    """Return the name of what a module runs: a node, or a process of several."""
+    return {module: node for node, module in NODES.items()}.get(module, module.rpartition('.')[2])
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training on passes of known mass in bags."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 import sys
@@ -14,10 +15,13 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import LoadCell
+from checkweigher_dsp.records import LoadCell, Reference
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.block_cutting import join_recording
+from checkweigher_recording.archive.copying import local_bag
+from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.reading import over_stretches
+from checkweigher_recording.block_cutting import join_stretches
+from checkweigher_recording.recording import Event, Recording
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
 from checkweigher_validation.jobs import ALL_CORES, run_jobs
@@ -28,64 +32,141 @@ from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
 
 
-def read_passes(
-    bags: Sequence[Path], lane: str | None, segmenter: SegmenterParameters,
-    n_jobs: int | None = None,
-) -> tuple[list[KnownPass], list[str]]:  # fmt: skip
-    """Return the passes of known mass in bags, and a line on each bag; `n_jobs` as in `run_jobs`.
+@dataclass(frozen=True, slots=True)
+class BagPasses:
+    """What a bag has of passes of known mass.
 
-    A UserError says that a bag has none or that the bags are of different load cells, a BagError
-    that a bag cannot be read.
+    `notes` are lines for the user; `problem` is why the bag cannot be used.
     """
-    calls = [delayed(_read_bag)(bag, lane, segmenter, len(bags) == 1) for bag in bags]
+
+    passes: tuple[KnownPass, ...] = ()
+    cell: LoadCell | None = None
+    notes: tuple[str, ...] = ()
+    problem: BagError | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReadPasses:
+    """Passes of known mass of several bags, a line on each bag, and how many were passed over."""
+
+    passes: list[KnownPass]
+    lines: list[str]
+    broken: int
+
+
+def read_passes(
+    bags: Sequence[Path | str], lane: str | None, segmenter: SegmenterParameters,
+    n_jobs: int | None = None,
+) -> ReadPasses:  # fmt: skip
+    """Return the passes of known mass in bags; `n_jobs` as in `run_jobs`.
+
+    Of several bags, one that cannot be read is told on stderr and passed over.
+
+    Raises
+    ------
+    UserError
+        If a bag has no such pass, or the bags are of different load cells.
+    BagError
+        If the only bag, or none of several, can be read.
+    """
+    calls = [delayed(passes_of_bag)(str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     read = run_jobs(calls, n_jobs, 'reading', unit='bags')
     passes: list[KnownPass] = []
     lines = []
     rate = None
-    for bag, (cell, found, unfinished) in zip(bags, read, strict=True):
-        if unfinished:
-            print(one_line(unfinished), file=sys.stderr, flush=True)
-        if rate not in (None, cell.sample_rate):
+    broken = [each.problem for each in read if each.problem is not None]
+    if len(broken) == len(bags):
+        raise broken[0]
+    for problem in broken:
+        print(f'{one_line(problem)}; passed over', file=sys.stderr, flush=True)
+    for bag, found in zip(bags, read, strict=True):
+        if found.cell is None:
+            continue
+        for note in found.notes:
+            print(one_line(note), file=sys.stderr, flush=True)
+        if rate not in (None, found.cell.sample_rate):
             raise UserError(
-                f'{bag}: sampled at {cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '
-                'bags of one machine belong together'
+                f'{bag}: sampled at {found.cell.sample_rate:g} Hz, the bags before it at '
+                f'{rate:g} Hz; bags of one machine belong together'
             )
-        rate = cell.sample_rate
-        if not found:
+        rate = found.cell.sample_rate
+        if not found.passes:
             text = 'no pass of known mass; the bag needs reference_mass, stamped with t1'
             raise UserError(f'{bag}: {text}')
-        whole = sum(each.whole for each in found)
+        whole = sum(each.whole for each in found.passes)
         lines.append(
-            f'{bag}: {whole} passes of {len({each.mass for each in found})} masses, '
-            f'{cell.model} {cell.serial_number}'.rstrip()
+            f'{bag}: {whole} passes of {len({each.mass for each in found.passes})} masses, '
+            f'{found.cell.model} {found.cell.serial_number}'.rstrip()
         )
-        passes += found
-    return passes, lines
+        passes += found.passes
+    return ReadPasses(passes, lines, len(broken))
 
 
-def _read_bag(
-    bag: Path, lane: str | None, segmenter: SegmenterParameters, progress: bool
-) -> tuple[LoadCell, list[KnownPass], str]:
-    """Return load cell and passes of a bag, and a line if it is only the beginning of one."""
-    recording = read_bag(bag, lane, progress=progress)
-    events = chain(recording.references, join_recording(recording))
-    passes = known_passes(recording.load_cell, events, segmenter)
-    return recording.load_cell, passes, recording.unfinished or recording.doubt
+def passes_of_bag(
+    bag: str, lane: str | None, segmenter: SegmenterParameters, progress: bool
+) -> BagPasses:
+    """Return the passes of known mass of a bag, of whose samples only their windows are kept."""
+
+    def work(stretches: Iterable[Recording]) -> BagPasses:
+        notes: list[str] = []
+        first, whole = _noted(stretches, notes)
+        events = _with_references(whole)
+        found = known_passes(first.load_cell, events, segmenter)
+        return BagPasses(tuple(found), first.load_cell, tuple(notes))
+
+    try:
+        with local_bag(bag) as path:
+            return over_stretches(work, path, lane, progress=progress)
+    except BagError as error:
+        return BagPasses(problem=error)
+
+
+def _noted(
+    stretches: Iterable[Recording], notes: list[str]
+) -> tuple[Recording, Iterator[Recording]]:
+    """Return the first stretch, and all of them, which append to `notes` as they are read."""
+    stretches = iter(stretches)
+    first = next(stretches)
+
+    def all_of_them() -> Iterator[Recording]:
+        for stretch in chain([first], stretches):
+            notes.extend(filter(None, (stretch.unfinished or stretch.doubt,)))
+            yield stretch
+
+    return first, all_of_them()
+
+
+def _with_references(stretches: Iterable[Recording]) -> Iterator[Event]:
+    """Yield the joined signal of stretches, and the known masses of each before it."""
+    references: deque[Reference] = deque()
+
+    def taken() -> Iterator[Recording]:
+        for stretch in stretches:
+            references.extend(stretch.references)
+            yield stretch
+
+    for event in join_stretches(taken()):
+        while references:
+            yield references.popleft()
+        yield event
+    yield from references
 
 
 def train(
-    bags: Sequence[Path], output: Path, estimators: Sequence[str] | None, base: LineParameters, *,
-    budget: int = BUDGET, lane: str | None = None, jobs: int | None = None,
-) -> None:  # fmt: skip
+    bags: Sequence[Path | str], output: Path, estimators: Sequence[str] | None,
+    base: LineParameters, *, budget: int = BUDGET, lane: str | None = None,
+    jobs: int | None = None,
+) -> int:  # fmt: skip
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
     The file holds `base` besides, and selects the first estimator. Without names all are tuned and
     compared on held-out passes, and the file holds the one that is chosen. `budget` is the largest
     number of evaluations of each estimator at each speed; `jobs` is the number of processes, one
-    for each core by default.
+    for each core by default. Returned is how many bags were passed over.
     """
     n_jobs = jobs or ALL_CORES
-    passes, source = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
+    read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
+    passes, source = read.passes, read.lines
     base = replace(base, segmenter=stated_lag(passes, base.segmenter))
     names = tuple(estimators or ESTIMATORS)
     tuned = tune(
@@ -100,3 +181,4 @@ def train(
         text = parameter_file(tuned, source)
     write_whole(output, text)
     print('\n'.join(accuracy_lines(text)))
+    return read.broken

@@ -18,10 +18,12 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.supervision import CANNOT_START
+from checkweigher_dsp.ros.access.enclave import enclave_arguments
 from checkweigher_dsp.ros.ports import NODES
 
 RESPAWN_DELAY = 1.0  # s
-CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 
 
 # Name, default and description.
@@ -38,6 +40,9 @@ ARGUMENTS = (
     ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
     ('respawn', 'true',
      'whether a process that has ended is started again; false ends the launch with it'),
+    ('folder', '',
+     'of this machine: calibration, trained parameters, recipes, audit log; made if there is none, '
+     'and with it the node dynamic_setting runs beside the line'),
     ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
     ('batch_reports', 'false', 'whether each batch that ends gets a report beside its record'),
     ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
@@ -65,40 +70,64 @@ def make_line(context):
     )
     # Plain nodes, though driver and reject have a life cycle: they start themselves. The autostart
     # of launch_ros's LifecycleNode acts once, and a node that respawn has started again would wait.
+    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     common = {
-        'namespace': LaunchConfiguration('namespace'),
+        'namespace': namespace,
         'output': 'screen',
-        'ros_arguments': ['--log-level', LaunchConfiguration('log_level')],
         'respawn': respawn,
         'respawn_delay': RESPAWN_DELAY,
         'on_exit': partial(on_exit, respawn=respawn),
     }
+    log_level = ['--log-level', LaunchConfiguration('log_level')]
     reports = LaunchConfiguration('batch_reports')
-    for_driver = [params_file, driver_parameters(context)]
-    for_reject = [params_file, reject_parameters(context)]
+    files, own = files_and_parameters(context, Path(params_file))
+    own['driver'] |= driver_parameters(context)
+    own['reject'] |= reject_parameters(context)
     return [
         Node(
             package='checkweigher_bringup', executable='line',
-            parameters=[*for_driver, *for_reject[1:]], condition=IfCondition(one_process), **common,
+            parameters=[*files, *(own[name] for name in NODES)], condition=IfCondition(one_process),
+            ros_arguments=[*log_level, *enclave_arguments(namespace, 'line')], **common,
         ),
         *(
             Node(
                 package=module.partition('.')[0], executable=name, name=name,
-                parameters={'driver': for_driver, 'reject': for_reject}.get(name, [params_file]),
-                condition=UnlessCondition(one_process), **common,
+                parameters=[*files, own[name]],
+                condition=UnlessCondition(one_process),
+                ros_arguments=[*log_level, *enclave_arguments(namespace, name)], **common,
             )
             for name, module in NODES.items()
         ),
         Node(
+            package='checkweigher_bringup', executable='dynamic_setting', output='screen',
+            namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
+            parameters=[*files, own['dynamic_setting']],
+            ros_arguments=[*log_level, *enclave_arguments(namespace, 'dynamic_setting')],
+            condition=IfCondition('true' if own['dynamic_setting'] else 'false'),
+        ),
+        Node(
             package='checkweigher_web', executable='page', output='screen', respawn=respawn,
             respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('page')),
+            ros_arguments=enclave_arguments('', 'page'),
         ),
         Node(
             package='checkweigher_bringup', executable='batch_reporter', output='screen',
-            namespace=LaunchConfiguration('namespace'), respawn=respawn,
-            respawn_delay=RESPAWN_DELAY, condition=IfCondition(reports),
+            namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
+            ros_arguments=enclave_arguments(namespace, 'batch_reporter'),
+            condition=IfCondition(reports),
         ),
     ]  # fmt: skip
+
+
+def files_and_parameters(context, params_file):
+    """Return the parameter files, those of the folder too, and its parameters for each node."""
+    own = {name: {} for name in (*NODES, 'dynamic_setting')}
+    path = LaunchConfiguration('folder').perform(context)
+    if not path:
+        return [str(params_file)], own
+    folder = MachineFolder.made(Path(path))
+    files = [folder.defaults()['driver'], *map(str, folder.files(params_file))]
+    return files, own | folder.parameters(params_file, restarts=False)
 
 
 def on_exit(event, context, *, respawn):

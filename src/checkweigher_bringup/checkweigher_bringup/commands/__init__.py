@@ -34,10 +34,30 @@ def add_end(parser: Parser, counted: str) -> None:
     parser.add_argument('--duration', type=float, metavar='S', help='end after S seconds')
 
 
-def add_weighing(parser: Parser) -> None:
-    """Add the bag to weigh, the parameters, and the CSV file of the results."""
+def add_bags(parser: Parser, what: str) -> None:
+    """Add any number of bags; `what` says what they must have."""
+    parser.add_argument(
+        'bags', nargs='+', metavar='BAG',
+        help=f'{what}: a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with '
+        'bags in it',
+    )  # fmt: skip
+
+
+def add_scheduling(parser: Parser) -> None:
+    """Add how many processes do the work, and where."""
     add = parser.add_argument
-    add('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
+    add('--jobs', type=int, metavar='N', help='processes; default one for a core')
+    add(
+        '--scheduler',
+        default='local',
+        metavar='ADDRESS',
+        help='local, processes of this machine (default), or a Dask cluster: tcp://HOST:8786',
+    )
+
+
+def add_weighing(parser: Parser) -> None:
+    """Add the parameters of the weighing, the lane, and the CSV file of the results."""
+    add = parser.add_argument
     add_parameter_file(parser)
     add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
     add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
@@ -52,12 +72,12 @@ def add_recipe(add: Callable[..., object], what: str) -> None:
 
 
 def add_tuning(parser: Parser) -> None:
-    """Add what is tuned, how long, on how many processes, and the lane of the bags."""
+    """Add what is tuned, how long, on how many processes and where, and the lane of the bags."""
     add = parser.add_argument
     add('--estimator', nargs='+', action='extend', metavar='NAME',
         help='one or several, or all; the first one is what a tuned file selects; '
         'default of tune the best of all on held-out passes')  # fmt: skip
     add('--budget', type=int, metavar='N',
         help='evaluations of each estimator at each speed; default 240')  # fmt: skip
-    add('--jobs', type=int, metavar='N', help='processes; default one for a core')
+    add_scheduling(parser)
     add('--lane', metavar='NAME', help='namespace to take, if the bags hold several')

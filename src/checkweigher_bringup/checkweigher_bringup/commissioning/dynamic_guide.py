@@ -76,7 +76,7 @@ def _record_at(
         record(
             bag, check_namespace(arguments.namespace), None, inputs_only=True,
             reference=0.001 * arguments.reference, passes=arguments.passes)  # fmt: skip
-        passes = [each for each in read_passes([bag], None, base.segmenter)[0] if each.whole]
+        passes = [each for each in read_passes([bag], None, base.segmenter).passes if each.whole]
         if len(passes) < arguments.passes:
             raise UserError(
                 f'{bag}: {len(passes)} of {arguments.passes} passes were recorded; start again, '

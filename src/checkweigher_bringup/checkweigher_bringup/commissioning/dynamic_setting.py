@@ -61,6 +61,9 @@ class DynamicSettingParameters(Parameters):
     parameters: str = parameter(
         '', 'parameter file of everything that is not trained; empty for the defaults'
     )
+    restart_file: str = parameter(
+        '', 'file by which the line is asked to start again; empty where nobody looks for it'
+    )
 
 
 class DynamicSettingNode(StageNode[DynamicSettingParameters]):
@@ -87,7 +90,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
         self.create_service(Trigger, ports.SHOW_TUNED, self._on_show)
         self.create_service(Trigger, ports.ACCEPT_TUNED, self._on_accept)
-        self.create_timer(_POLL_PERIOD, self._poll)
+        self.create_service(Trigger, ports.RESTART_LINE, self._on_restart)
+        self._timer = self.create_timer(_POLL_PERIOD, self._poll, autostart=False)
         self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
     def _bags(self) -> list[Path]:
@@ -216,6 +220,19 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             await self.change_record.write(TUNED, name, response.message)
         return response
 
+    def _on_restart(self, request: Any, response: Any) -> Any:
+        """Ask for the line to be started again, with the newest version of the file."""
+        if not self.parameters.restart_file:
+            response.message = 'this line is started again where it was started, not from here'
+            return response
+        try:
+            Path(self.parameters.restart_file).touch()
+        except OSError as error:
+            response.message = f'{self.parameters.restart_file}: {error.strerror}'
+            return response
+        response.success, response.message = True, 'the line ends, and starts again'
+        return response
+
     def _take_over(self) -> str:
         """Make what was learned the newest version of the file, and say so."""
         version = replace_version(self._file, self._learned)
@@ -244,6 +261,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
                 env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
                 process_group=0,  # signals of the terminal reach this node alone, which ends it
             )  # fmt: skip
+        self._timer.reset()
         if words[0] == 'tune':
             os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
 
@@ -265,6 +283,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         errors, passes = _lines(self._errors), int(self._said.passes)
         was, wanted, mass = self._said.state, int(self._said.wanted), self._said.mass
         self._child, bag, self._recording = None, self._recording, None
+        self._timer.cancel()
         if was == DynamicSetting.RECORDING and bag is not None and not passes:
             shutil.rmtree(bag, ignore_errors=True)  # it was made for this, and nothing is in it
         if was == DynamicSetting.TUNING and (status or self._cancelled):

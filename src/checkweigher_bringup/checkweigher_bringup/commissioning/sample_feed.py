@@ -30,7 +30,7 @@ class SampleFeed:
     def __init__(self, name: str) -> None:
         self.name = name
         self.load_cell: LoadCell | None = None
-        self._messages: queue.SimpleQueue[_Message] = queue.SimpleQueue()
+        self._messages: queue.Queue[_Message] = queue.Queue()
         self.latest: SampleBlock | None = None  # of those that `blocks` has given
         self._next: int | None = None
 

@@ -5,7 +5,6 @@
 import argparse
 import hashlib
 from importlib.metadata import version
-from importlib.util import find_spec
 import json
 from pathlib import Path
 import shutil
@@ -17,7 +16,9 @@ from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import AuditError, read_log
+from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.whole_file import check_new, output_error, write_whole
+from checkweigher_validation.archive.program import program_digest
 from checkweigher_validation.report.verification_page import render_verification
 from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
@@ -36,7 +37,8 @@ def verify(arguments: argparse.Namespace) -> str:
     if arguments.plan is None:
         if arguments.audit is not None:
             raise UserError('--audit: not with --from, the bag has the digest of its log')
-        return write_report(arguments.procedure, folder)
+        with local_bag(arguments.procedure) as recorded:
+            return write_report(recorded, folder)
     plan, text = plan_of(arguments.plan)
     namespace = check_namespace(arguments.namespace)
     parameters = line_parameters(arguments.params, None)
@@ -48,7 +50,7 @@ def verify(arguments: argparse.Namespace) -> str:
         write_parameter_file(file, values)
         return json.dumps({
             'program': f'checkweigher {version("checkweigher_bringup")}',
-            'program_sha256': program_digest(),
+            'program_sha256': program_digest(_PACKAGES),
             'parameters_sha256': hashlib.sha256(file.read_bytes()).hexdigest(),
             **audit_log,
             'how': how,
@@ -92,20 +94,6 @@ def plan_of(path: Path) -> tuple[Plan, str]:
         raise UserError(f'{path}: is no text in UTF-8') from None
     except PlanError as error:
         raise UserError(f'{path}: {error}') from None
-
-
-def program_digest() -> str:
-    """Return the SHA-256 over the Python files of the program, with their names."""
-    digest = hashlib.sha256()
-    for package in _PACKAGES:
-        found = find_spec(f'checkweigher_{package}')
-        assert found is not None
-        assert found.submodule_search_locations
-        root = Path(found.submodule_search_locations[0])
-        for file in sorted(root.rglob('*.py')):
-            digest.update(f'{package}/{file.relative_to(root).as_posix()}\n'.encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
 
 
 def _audit_digests(path: Path | None) -> dict[str, str | None]:

@@ -10,13 +10,13 @@ import queue
 import sys
 import threading
 import time
-from typing import Any
 
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
+from checkweigher_bringup.commissioning.service_call import answer_of, call
 from checkweigher_bringup.commissioning.static_guide import ask, read_at_rest, show
 from checkweigher_bringup.commissioning.verification_bags import Identity
 from checkweigher_bringup.errors import UserError
@@ -91,7 +91,7 @@ class VerificationNode(RecorderNode):
         recorded = tuple(port for port in ports.ALL if port is not ports.VERIFICATION)
         super().__init__(recorded, None)
         self.feed = SampleFeed(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
-        self.verdicts: queue.SimpleQueue[Verdict] = queue.SimpleQueue()
+        self.verdicts: queue.Queue[Verdict] = queue.Queue()
         self.zeros: list[ZeroChange] = []
         self.latest = 0
         self._told = self.create_publisher(
@@ -267,26 +267,6 @@ def _line(result: Result) -> str:
     return ', '.join([*parts, *result.failures])
 
 
-def call(node: Any, kind: Any, name: str, patience: float) -> Any:
-    """Call a service from another thread than that of its node, and return the answer."""
-    client = node.create_client(kind, name)
-    try:
-        if not client.wait_for_service(patience):
-            raise UserError(f'no answer of the service {client.srv_name}; is the line running?')
-        return _answer(client.call_async(kind.Request()), client.srv_name, patience)
-    finally:
-        node.destroy_client(client)
-
-
-def _answer(future: Any, name: str, patience: float) -> Any:
-    end = time.monotonic() + patience
-    while not future.done():
-        if time.monotonic() > end:
-            raise UserError(f'no answer of {name} within {patience:g} s')
-        time.sleep(0.01)
-    return future.result()
-
-
 def _parameters(node: VerificationNode) -> dict[str, dict[str, object]]:
     """Return the parameters of the stages and the driver as they are."""
     found: dict[str, dict[str, object]] = {}
@@ -296,8 +276,8 @@ def _parameters(node: VerificationNode) -> dict[str, dict[str, object]]:
             if name in ports.STAGES:
                 raise UserError(f'{name}: does not answer; is the line running?')
             continue
-        listed = _answer(client.list_parameters(), name, _ANSWER_PATIENCE).result.names
+        listed = answer_of(client.list_parameters(), name, _ANSWER_PATIENCE).result.names
         names = sorted(each for each in listed if not each.startswith(_NOT_OURS))
-        values = _answer(client.get_parameters(names), name, _ANSWER_PATIENCE).values
+        values = answer_of(client.get_parameters(names), name, _ANSWER_PATIENCE).values
         found[name] = dict(zip(names, map(python_value, values), strict=True))
     return found

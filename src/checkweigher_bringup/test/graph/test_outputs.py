@@ -144,7 +144,8 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
                 lambda: 'behind the rejector' in line.stops[-1].hint, 'the product that was missed'
             )
             assert line.stops[-1].state == StopRequest.STOP
-            assert line.driver.diagnose(time.monotonic())[-1].level == Level.ERROR
+            found = {each.aspect: each.level for each in line.driver.diagnose(time.monotonic())}
+            assert found['Outputs'] == Level.ERROR
             wait_for(lambda: plc.state(RELEASE) is False, 'the outputs')
             wait_for(lambda: line.driver._outputs.ready, 'the end of the trouble')
             line.verdict_after(time.time_ns())  # nothing changes by itself

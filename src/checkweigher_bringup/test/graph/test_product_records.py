@@ -65,7 +65,7 @@ def test_what_becomes_of_the_zero_is_in_the_log(spinner: Spinner, tmp_path: Path
 
 def test_the_audit_log_believes_no_parameter_event(spinner: Spinner, tmp_path: Path):
     line = Line(spinner, tmp_path)
-    wait_for(lambda: 'reject' not in line.product._audit.unread)
+    wait_for(lambda: 'reject' not in line.product._audit.parameters.unread)
     events = line.operator.create_publisher(ParameterEvent, '/parameter_events', 1000)
     names = ('upper_limit', 'no_such_parameter')
     for number in range(300):

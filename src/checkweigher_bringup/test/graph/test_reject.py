@@ -6,8 +6,10 @@ from collections.abc import Iterator
 import signal
 import subprocess
 import sys
+from typing import Any
 
 from checkweigher_msgs.msg import StopRequest, Verdict
+from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from graph import heard, publish, wait_for
 import pytest
 from rclpy.node import Node
@@ -19,8 +21,16 @@ from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes import recall
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, StreamState, StreamStatus
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Eye,
+    EyeEdge,
+    LineHistory,
+    StreamState,
+    StreamStatus,
+)
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import stamp_from, to_message
 
@@ -213,6 +223,68 @@ def test_a_reset_while_the_driver_has_trouble_shows_the_request_again(spinner: S
     assert line.stop() == first
     wait_for(answer.done)
     assert not answer.result().success
+
+
+class Historian:
+    """The service line_history in the place of the driver's; without a `history` no answer."""
+
+    def __init__(self, line: RejectLine) -> None:
+        self.line = line
+        self.history: LineHistory | None = None
+        line.node.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._answer)
+        topic = ports.DRIVER_STATUS
+        self._status = line.node.create_publisher(topic.type, topic.name, topic.qos)
+        wait_for(lambda: self._status.get_subscription_count() > 0)
+
+    def _answer(self, request: Any, response: Any) -> Any:
+        # An answer of no stream is as good as none, and does not keep the service busy.
+        return to_message(ports.LINE_HISTORY, self.history or LineHistory(0, 0))
+
+    def begin_stream(self, number: int) -> None:
+        status = StreamStatus(START, number, StreamState.RUNNING)
+        self._status.publish(to_message(ports.DRIVER_STATUS, status))
+        wait_for(lambda: self.line.reject._stream == number)
+
+
+def test_numbers_wait_for_a_driver_that_does_not_answer_and_the_line_stands_meanwhile(
+    spinner: Spinner, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(recall, '_NO_ANSWER', 0.5)
+    line = RejectLine(spinner)
+    historian = Historian(line)
+    assert line.stop().state == StopRequest.RUN
+    historian.begin_stream(7)
+    line.pass_item(1)
+
+    request = line.stop()
+
+    assert (request.reason, 'line_history' in request.hint) == ('NotReady', True)
+    assert line.reset.wait_for_service(timeout_sec=PATIENCE)
+    answer = line.reset.call_async(Trigger.Request())
+    wait_for(answer.done)
+    assert not answer.result().success
+    assert line.verdicts.empty()
+    historian.history = LineHistory(7, edges(1)[-1].stamp, 0, tuple(edges(1)), (), 57)
+    assert line.verdict().item_id == 58
+    while line.stop().state != StopRequest.RUN:
+        pass
+
+
+def test_numbers_go_on_where_the_driver_begins_a_stream_before_it_has_answered(spinner: Spinner):
+    line = RejectLine(spinner)
+    historian = Historian(line)
+    historian.begin_stream(7)
+    line.pass_item(1)
+    wait_for(lambda: len(line.reject._recall.edges) == 3)
+
+    historian.history = LineHistory(8, START, last_item_id=57)
+    historian.begin_stream(8)
+
+    verdict = line.verdict()
+    assert (verdict.item_id, stamp_from(verdict.t1)) == (58, edges(1)[0].stamp)
+    assert verdict.decision == Verdict.FAULT
+    line.pass_item(1)  # a bag that is played again has the same stamps
+    assert line.verdict().item_id == 59
 
 
 def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):

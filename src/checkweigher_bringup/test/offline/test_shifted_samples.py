@@ -150,6 +150,14 @@ def test_no_good_item_is_refused_on_simulated_machines(profile: str):
         assert all(done.estimate.weighed for done in weigh(line, LineParameters()))
 
 
+@pytest.mark.parametrize('speed', [1.0, 1.5])
+def test_what_a_slow_amplifier_makes_of_good_items_is_no_distance_fault(speed: float):
+    line = simulated(profile='machine:212', speed=speed, count=30, seed=1)  # it lags by 28 ms
+    weighings = weigh(line, LineParameters())
+    reasons = {reason for done in weighings for reason in done.estimate.reasons}
+    assert reasons == {'EdgeMismatch'}
+
+
 @pytest.mark.soak
 @pytest.mark.skipif(not MACHINES.is_dir(), reason='no bags of machines that nobody modelled here')
 def test_no_good_item_is_refused_on_machines_that_nobody_modelled():

@@ -7,11 +7,18 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import add_parameter_file, add_tuning
 
+EXAMPLES = ('evaluate shift*/ --params machine.yaml --csv accuracy.csv',)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `evaluate`."""
     add = parser.add_argument_group('what is weighed').add_argument
-    add('bags', type=Path, nargs='*', metavar='BAG', help='bags with reference_mass')
+    add(
+        'bags',
+        nargs='*',
+        metavar='BAG',
+        help='bags with reference_mass: folders, .mcap files, URLs, or folders with bags in them',
+    )
     add('--protocol', choices=('paper', 'machines'),
         help='instead of bags simulate, tune on one part of the passes and test on another. paper: '
         '5 speeds x 5 masses on the machine of a profile; machines: 3 speeds on machines drawn '
@@ -34,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--mass', type=float, nargs='+', action='extend', metavar='G',
         help='masses that the machines are tuned on, g; default the five that test')  # fmt: skip
     how = parser.add_argument_group('how it is weighed')
-    how.add_argument('--train', type=Path, nargs='+', action='extend', metavar='BAG',
+    how.add_argument('--train', nargs='+', action='extend', metavar='BAG',
                      help='tune on these bags first; BAG then are the test')  # fmt: skip
     add_parameter_file(how)
     add_tuning(how)
@@ -63,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Weigh, show the table and write the files that are asked for."""
     from checkweigher_bringup.evaluation import evaluate, evaluate_family
+    from checkweigher_bringup.settings import on_scheduler_of
 
-    (evaluate_family if arguments.protocol == 'machines' else evaluate)(arguments)
-    return 0
+    work = evaluate_family if arguments.protocol == 'machines' else evaluate
+    with on_scheduler_of(arguments) as n_jobs:
+        return int(work(arguments, n_jobs) > 0)

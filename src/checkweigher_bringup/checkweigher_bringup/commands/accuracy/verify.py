@@ -8,6 +8,9 @@ import sys
 
 from checkweigher_bringup.commands import add_namespace, add_parameter_file
 from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.printable import one_line
+
+EXAMPLES = ('verify --from 2026-05-28/bag 2026-06-28/bag --output again',)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,9 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         '--from',
         dest='procedure',
-        type=Path,
+        nargs='+',
+        action='extend',
         metavar='BAG',
-        help='make the same report again, from the bag of a whole procedure',
+        help='make the same report again, from the bag of a whole procedure; of several bags, or '
+        'a folder with bags in it, each in a folder of its own',
     )
     what.add_argument('--steps', action='store_true', help='show the steps of the plan')
     what.add_argument('--example', action='store_true', help='show a plan with comments')
@@ -63,10 +68,39 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         raise UserError('--output: must be given')
     from checkweigher_bringup.commissioning import verification
+    from checkweigher_recording.archive.finding import find_bags
 
+    if arguments.procedure is not None:
+        bags = find_bags(arguments.procedure)
+        if len(bags) > 1:
+            return _reports_of(bags, arguments)
+        (arguments.procedure,) = bags
     verdict = verification.verify(arguments)
     print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has every reading')
     return 0 if verdict == 'passed' else 1
+
+
+def _reports_of(bags: list[str], arguments: argparse.Namespace) -> int:
+    """Make the reports of any number of procedures again; 1 if one is not passed or not made."""
+    from checkweigher_bringup.commissioning import verification
+    from checkweigher_recording.archive.finding import result_names
+    from checkweigher_recording.bags.definitions import BagError
+    from checkweigher_recording.whole_file import check_new
+
+    check_new(arguments.output)
+    failed = 0
+    for number, (bag, name) in enumerate(result_names(bags).items(), start=1):
+        folder = arguments.output / name
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            one = argparse.Namespace(**vars(arguments) | {'procedure': bag, 'output': folder})
+            verdict = verification.verify(one)
+        except BagError as error:
+            print(f'{one_line(error)}; passed over', file=sys.stderr, flush=True)
+            verdict = 'passed over'
+        failed += verdict != 'passed'
+        print(f'{number} of {len(bags)}: {one_line(bag)}: {verdict}', flush=True)
+    return int(failed > 0)
 
 
 def _show_steps(path: Path) -> int:

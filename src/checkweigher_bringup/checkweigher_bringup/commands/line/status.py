@@ -12,6 +12,7 @@ import time
 from typing import TYPE_CHECKING
 
 from checkweigher_bringup.commands import add_end
+from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
     from checkweigher_dsp.health.status_board import Row
@@ -26,6 +27,8 @@ _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `status`."""
     parser.add_argument('--namespace', default='', metavar='NAME', help='only this lane')
+    parser.add_argument('--all', action='store_true',
+                        help='one row for each lane of the graph, the worst first')  # fmt: skip
     add_end(parser, 'tables, one a second')
     parser.add_argument('--values', action='store_true',
                         help='show the figures of what is well, too')  # fmt: skip
@@ -40,6 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_dsp.ros import ports
     from checkweigher_dsp.ros.port_node import PortNode
 
+    if arguments.all and arguments.namespace:
+        raise UserError('--all: is of all lanes; leave --namespace away')
     check_positive(arguments, 'count', 'duration')
     duration = arguments.duration or math.inf
     board = StatusBoard(check_namespace(arguments.namespace))
@@ -56,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
                 time.sleep(_FIRST_LOOK)
             while True:
                 rows = board.rows(time.monotonic())
-                _print(rows, values=arguments.values, heard=board.heard)
+                _print(rows, values=arguments.values, heard=board.heard, lanes=arguments.all)
                 shown += 1
                 if shown == arguments.count or time.monotonic() - began >= duration:
                     break
@@ -66,16 +71,33 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if worst(rows) < Level.ERROR else 1
 
 
-def _print(rows: 'list[Row]', *, values: bool, heard: bool) -> None:
+def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
     from checkweigher_dsp.health.status_board import headline
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
     if not heard:
         lines.append('nothing on /diagnostics: is the line running, and in this ROS_DOMAIN_ID?')
-    lines += table(rows, get_terminal_size().columns, values=values)
+    width = get_terminal_size().columns
+    lines += lane_table(rows, width) if lanes else table(rows, width, values=values)
     screen = sys.stdout.isatty()
     clear = '\033[H\033[J' if screen else ''
     print(clear + '\n'.join(lines) + ('' if screen else '\n'), flush=True)
+
+
+def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
+    """Yield the lines of a table with a row for each lane, `width` columns wide at most."""
+    from checkweigher_dsp.health.status_board import by_lane
+
+    lanes = by_lane(rows)
+    wide = max([len(each.lane) for each in lanes] + [10])
+    columns = f'{{:5}}  {{:{wide}}}  {{:>7}}  {{:>7}}  {{:>7}}  {{}}'
+    yield columns.format('level', 'lane', 'accept', 'reject', 'fault', 'the worst of it')
+    for each in lanes:
+        counts = {name: int(float(count)) for name, count in each.verdicts}
+        accepted, faults = counts.pop('ACCEPT', 0), counts.pop('FAULT', 0)
+        rejected = sum(counts.values())
+        line = columns.format(each.level.name, each.lane, accepted, rejected, faults, each.worst)
+        yield line[: max(width, wide + _NARROWEST)]
 
 
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:

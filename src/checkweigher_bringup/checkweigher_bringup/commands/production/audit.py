@@ -103,11 +103,12 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
     """Yield a line for each value that was changed."""
-    yield f'{"entry":>5}  {"time":26}  {"kind":11}  what: old -> new'
+    yield f'{"entry":>5}  {"time":26}  {"who":16}  {"kind":11}  what: old -> new, why'
     for entry in entries:
         for what, old, new in _changes(entry):
-            begin = f'{entry.sequence:>5}  {entry.time[:26]:26}  {entry.kind:11}'
-            yield f'{begin}  {what}: {_short(old)} -> {_short(new)}'
+            begin = f'{entry.sequence:>5}  {entry.time[:26]:26}  {_short(entry.who):16}'
+            why = f', {_short(entry.why)}' if entry.why else ''
+            yield f'{begin}  {entry.kind:11}  {what}: {_short(old)} -> {_short(new)}{why}'
 
 
 def _conclusion(found: 'Verification') -> str:

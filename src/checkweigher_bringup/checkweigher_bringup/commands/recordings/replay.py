@@ -3,14 +3,16 @@
 """Play a bag through the ROS graph and show each verdict."""
 
 import argparse
+from pathlib import Path
 
 from checkweigher_bringup.commands import add_weighing
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `replay`."""
-    add_weighing(parser)
     add = parser.add_argument
+    add('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
+    add_weighing(parser)
     add('--rate', type=float, default=1.0, metavar='R',
         help='seconds of signal in a second; 0 as fast as nothing is lost (default 1)')  # fmt: skip
     add('--namespace', default='', metavar='NAME', help='ROS namespace to run the graph in')

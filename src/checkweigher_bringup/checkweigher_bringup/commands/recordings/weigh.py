@@ -3,29 +3,144 @@
 """Weigh a bag offline: the stages in one loop, no ROS graph."""
 
 import argparse
+from collections.abc import Iterable, Iterator
+from contextlib import closing
+from functools import partial
+from itertools import chain
+from pathlib import Path
+import shutil
+import sys
+from tempfile import TemporaryFile
+from typing import TYPE_CHECKING, TextIO
 
-from checkweigher_bringup.commands import add_weighing
+from checkweigher_bringup.commands import add_bags, add_scheduling, add_weighing
+from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.printable import one_line
+
+if TYPE_CHECKING:
+    from checkweigher_dsp.pipeline.line import LineParameters
+    from checkweigher_recording.recording import Recording
+    from checkweigher_validation.accuracy.results import ItemResult
+    from checkweigher_validation.archive.weighing import Weighed
+
+EXAMPLES = (
+    'weigh shift*/ --output results                     # a Parquet file a bag, and a summary',
+    'weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786',
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `weigh`."""
+    add_bags(parser, 'bags')
     add_weighing(parser)
+    many = parser.add_argument_group('any number of bags')
+    many.add_argument('--output', type=Path, metavar='DIR',
+                      help='write a Parquet file a bag, and summary.csv, to DIR; what is there of '
+                      'the same bags, parameters and program is kept')  # fmt: skip
+    add_scheduling(many)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Weigh the bag and show each item."""
-    from checkweigher_bringup.output import Table, check_output_file, warn_unfinished, write_results
+    """Weigh one bag and show each item, or any number of bags and write their results."""
     from checkweigher_bringup.settings import line_parameters
-    from checkweigher_recording.bags.reading import read_bag
-    from checkweigher_validation.accuracy.results import weigh
 
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
+    if arguments.output is not None:
+        return _weigh_all(arguments, parameters)
+    if len(arguments.bags) > 1:
+        raise UserError('several bags: add --output DIR, for a file with the results of each')
+    if arguments.jobs is not None or arguments.scheduler != 'local':
+        raise UserError('--jobs, --scheduler: of --output DIR; one bag is one job')
+    return _weigh_one(arguments, parameters)
+
+
+def _weigh_one(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
+    """Weigh a bag and show each item."""
+    from checkweigher_bringup.output import check_output_file
+    from checkweigher_recording.archive.copying import local_bag
+    from checkweigher_recording.bags.reading import over_stretches
+    from checkweigher_recording.whole_file import write_whole
+
     check_output_file(arguments.csv, arguments.overwrite)
-    recording = read_bag(arguments.bag, arguments.lane, progress=True)
-    warn_unfinished(recording)
-    results = weigh(recording, parameters, progress=True)
-    write_results(arguments.csv, results)
-    table = Table(recording.blocks[0].stamp)
-    table.show(*results)
-    table.close()
+    # On the disk until the end of the bag has been read: it may show that nothing is to be used.
+    with _spool() as table, _spool() as rows, local_bag(arguments.bags[0]) as bag:
+        work = partial(_weigh, parameters=parameters, table=table, rows=rows)
+        over_stretches(work, bag, arguments.lane, progress=True)
+        table.seek(0)
+        rows.seek(0)
+        if arguments.csv is not None:
+            write_whole(arguments.csv, rows)
+        shutil.copyfileobj(table, sys.stdout)
     return 0
+
+
+def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
+    """Weigh any number of bags and write the results of each; 1 if a bag was passed over."""
+    from joblib import delayed
+
+    from checkweigher_bringup.settings import on_scheduler_of, places_of
+    from checkweigher_recording.archive.finding import find_bags
+    from checkweigher_validation.archive.program import program
+    from checkweigher_validation.archive.results_folder import ResultsFolder
+    from checkweigher_validation.archive.weighing import WeighJob, weigh_bag
+    from checkweigher_validation.jobs import jobs_as_done
+
+    if arguments.csv is not None:
+        raise UserError('--csv: of one bag; --output DIR has the results of all')
+    bags = places_of(arguments, find_bags(arguments.bags))
+    jobs = [WeighJob(bag, parameters, arguments.lane, program()) for bag in bags]
+    with on_scheduler_of(arguments) as n_jobs:
+        results = ResultsFolder(arguments.output, jobs)
+        calls = [delayed(weigh_bag)(job) for job in results.jobs]
+        with closing(jobs_as_done(calls, n_jobs)) as done:
+            for _, found in done:
+                _tell(results.take(found), results.progress, arguments.scheduler)
+    said = results.close()
+    print(f'{arguments.output}: {said}')
+    return int(results.broken > 0)
+
+
+def _tell(weighed: 'Weighed', progress: str, scheduler: str) -> None:
+    """Print a line on a bag, and on stderr what is wrong with it."""
+    lines = weighed.summary.notes if weighed.summary else ()
+    said = [f'{weighed.bag}: {line}' for line in lines]
+    if weighed.problem:
+        where = '' if scheduler == 'local' else f'on worker {weighed.host}: '
+        said = [f'{where}{weighed.problem}; passed over']
+    for line in said:
+        print(one_line(line), file=sys.stderr, flush=True)
+    items = f'{weighed.summary.items} items' if weighed.summary else 'passed over'
+    print(f'{progress}: {one_line(weighed.bag)}: {items}', flush=True)
+
+
+def _spool() -> TextIO:
+    return TemporaryFile('w+', encoding='utf-8', errors='surrogatepass', newline='')
+
+
+def _weigh(
+    stretches: 'Iterable[Recording]', parameters: 'LineParameters', table: TextIO, rows: TextIO
+) -> None:
+    """Write the table of a bag that comes in stretches, and the rows of its CSV."""
+    from checkweigher_bringup.output import Table, warn_unfinished
+    from checkweigher_validation.accuracy.columns import write_csv
+    from checkweigher_validation.accuracy.results import weigh_stretches
+
+    for file in (table, rows):
+        file.seek(0)
+        file.truncate()
+    stretches = iter(stretches)
+    first = next(stretches)
+    shown = Table(first.blocks[0].stamp, table)
+
+    def told() -> 'Iterator[Recording]':
+        for stretch in chain([first], stretches):
+            warn_unfinished(stretch)
+            yield stretch
+
+    def seen() -> 'Iterator[ItemResult]':
+        for result in weigh_stretches(told(), parameters):
+            shown.show(result)
+            yield result
+
+    write_csv(rows, seen())
+    shown.close()

@@ -134,7 +134,7 @@ def test_what_cannot_be_verified_is_one_line(plan: Path, tmp_path: Path):
         (('verify', '--output', 'x'), 'a PLAN, or with --from BAG none'),
         (('verify', plan), '--output: must be given'),
         (('verify', '--from', recorded, '--output', tmp_path / 'x'), 'holds no verification'),
-        (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'not the folder of a whole'),
+        (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'holds no verification'),
         (('verify', tmp_path / 'none.yaml', '--output', tmp_path / 'x'), 'No such file'),
         (('verify', plan, '--output', tmp_path), 'exists already'),
         (('verify', plan, '--params', plan, '--output', tmp_path / 'x'), 'only with --bags'),

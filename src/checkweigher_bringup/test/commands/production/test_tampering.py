@@ -1,0 +1,155 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Ten ways of tampering with a sealed audit log, and what `audit` says of each: docs/records.md."""
+
+from collections.abc import Callable
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import pytest
+from running import ROOT, run_command
+
+from checkweigher_dsp.production.audit_log import AuditLog, head_path
+
+Forge = Callable[[Path], None]
+
+
+def write(log: Path, *limits: float) -> None:
+    with AuditLog(log) as audit:
+        for number, limit in enumerate(limits):
+            time = f'2026-05-28T06:00:0{number}.000000+00:00'
+            subject = '/lane1/reject.lower_limit'
+            audit.append(time, '/lane1/product', 'parameter', subject, None, limit, 'ann', 'order')
+
+
+def lines(log: Path) -> list[bytes]:
+    return log.read_bytes().splitlines(keepends=True)
+
+
+def chained_again(log: Path, *limits: float) -> None:
+    log.unlink()
+    head_path(log).unlink()
+    write(log, *limits)
+
+
+def value(log: Path) -> None:
+    log.write_bytes(log.read_bytes().replace(b'"new":0.14', b'"new":0.13', 1))
+
+
+def person(log: Path) -> None:
+    log.write_bytes(log.read_bytes().replace(b'"who":"ann"', b'"who":"bob"', 1))
+
+
+def middle(log: Path) -> None:
+    first, _, *rest = lines(log)
+    log.write_bytes(b''.join([first, *rest]))
+
+
+def moved(log: Path) -> None:
+    first, second, third, *rest = lines(log)
+    log.write_bytes(b''.join([first, third, second, *rest]))
+
+
+def copied(log: Path) -> None:
+    log.write_bytes(b''.join([*lines(log), lines(log)[1]]))
+
+
+def tail(log: Path) -> None:
+    log.write_bytes(b''.join(lines(log)[:-1]))
+
+
+def head(log: Path) -> None:
+    head_path(log).unlink()
+
+
+def tail_with_head(log: Path) -> None:
+    chained_again(log, 0.14, 0.15, 0.16)  # the same bytes as those of the first three entries
+
+
+def whole_file(log: Path) -> None:
+    chained_again(log, 0.13, 0.13, 0.13, 0.13)
+
+
+def from_one_entry_on(log: Path) -> None:
+    chained_again(log, 0.14, 0.13, 0.16, 0.17)
+
+
+# Way, and what `audit` says: without, and with the seal of a key that the forger does not have.
+WAYS: list[tuple[str, Forge, str, str]] = [
+    ('a value is changed', value, 'line 1: changed', ''),
+    ('the person is changed', person, 'line 1: changed', ''),
+    ('a line in the middle is removed', middle, 'line 2: removed', ''),
+    ('two lines are exchanged', moved, 'line 2: removed', ''),
+    ('a line is added', copied, 'line 5: inserted', ''),
+    ('the last line is removed', tail, 'line 4: cut', ''),
+    ('LOG.head is removed', head, 'line 5: cut', ''),
+    ('the last line is removed, with its head', tail_with_head, '', 'its end was removed'),
+    ('log and head are those of another log', whole_file, '', 'was written again or replaced'),
+    (
+        'an entry is changed, all behind it chained again',
+        from_one_entry_on,
+        '',
+        'was written again or replaced',
+    ),
+]
+
+
+@pytest.fixture(scope='module', name='sealed')
+def _sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('sealed')
+    (folder / 'keys').mkdir()
+    key, public = folder / 'keys/key', folder / 'keys/public'
+    subprocess.run(['openssl', 'genpkey', '-algorithm', 'ed25519', '-out', key], check=True)
+    subprocess.run(['openssl', 'pkey', '-in', key, '-pubout', '-out', public], check=True)
+    write(folder / 'audit.log', 0.14, 0.15, 0.16, 0.17)
+    done = run_command(
+        'audit', folder / 'audit.log', '--seal', key, '--seals', folder / 'keys/seals'
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def audit(folder: Path, *, trust: bool) -> tuple[int, str]:
+    keys = folder / 'keys'
+    options = ['--trust', keys / 'public', '--seals', keys / 'seals'] if trust else []
+    done = run_command('audit', folder / 'audit.log', *options)
+    return done.returncode, done.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize(('way', 'forge', 'alone', 'by_seal'), WAYS, ids=[w[0] for w in WAYS])
+def test_each_way_is_told(
+    sealed: Path, tmp_path: Path, way: str, forge: Forge, alone: str, by_seal: str
+):
+    folder = tmp_path / 'copy'
+    shutil.copytree(sealed, folder)
+    assert audit(folder, trust=True)[0] == 0
+    forge(folder / 'audit.log')
+
+    status, said = audit(folder, trust=False)
+    print(f'{way}: {said}')
+    assert (status, alone in said) == (1 if alone else 0, True)
+    status, said = audit(folder, trust=True)
+    print(f'{way}: --trust: {said}')
+    assert status == 1
+    assert (by_seal or alone) in said
+
+
+def test_a_second_writer_is_refused_and_costs_no_entry(tmp_path: Path):
+    """The second writer is refused; the first one goes on as if it had not been there."""
+    log = tmp_path / 'audit.log'
+    write(log, 0.14)
+    program = (
+        'import sys; from pathlib import Path; '
+        'from checkweigher_dsp.production.audit_log import AuditLog; '
+        'AuditLog(Path(sys.argv[1]))'
+    )
+    with AuditLog(log) as first:
+        second = subprocess.run(
+            [sys.executable, '-c', program, log], capture_output=True, text=True, cwd=ROOT
+        )
+        assert 'another process writes to this log' in second.stderr
+        first.append('2026-05-28T06:00:09+00:00', '/lane1/product', 'zero', 'zero', None, 1.0)
+    done = run_command('audit', log)
+    assert (done.returncode, 'the chain is whole: 2 entries' in done.stdout) == (0, True)

@@ -1,0 +1,226 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""One bag as ever; any number of bags: a file each, a summary, resumed, broken ones passed over."""
+
+import csv
+from functools import partial
+import hashlib
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+
+from lines import simulated
+from processes import children
+import pyarrow.parquet as pq
+import pytest
+from running import BAGS, PATIENCE, run_command
+
+from checkweigher_recording.bags.writing import write_bag
+
+
+@pytest.fixture
+def archive(tmp_path: Path) -> Path:
+    """Return a folder with two bags in folders of their own."""
+    for name in ('may/paper_60', 'june/paper_90'):
+        shutil.copytree(BAGS / Path(name).name, tmp_path / 'archive' / name)
+    return tmp_path / 'archive'
+
+
+def files_of(folder: Path) -> dict[str, str]:
+    return {
+        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(folder.rglob('*.parquet'))
+    }
+
+
+def summary_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / 'summary.csv').open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_bag_has_a_file_with_the_rows_of_the_csv(archive: Path, tmp_path: Path):
+    results = tmp_path / 'results'
+
+    done = run_command('weigh', archive, '--output', results)
+
+    assert (done.returncode, done.stderr) == (0, '')
+    lines = done.stdout.splitlines()
+    assert [line.partition(',')[0] for line in lines[:2]] == ['1 of 2 bags', '2 of 2 bags']
+    assert lines[2] == f'{results}: 2 bags, 0.01 h of signal, 50 items'
+    assert list(files_of(results)) == ['june/paper_90.parquet', 'may/paper_60.parquet']
+    run_command('weigh', archive / 'may/paper_60', '--csv', tmp_path / 'one.csv')
+    with (tmp_path / 'one.csv').open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    table = pq.read_table(results / 'may/paper_60.parquet')
+    assert table.column_names == list(rows[0])
+    assert [str(value) for value in table['t1'].to_pylist()] == [row['t1'] for row in rows]
+    assert [f'{value:.9f}' for value in table['mass_g'].to_pylist()] == [
+        row['mass_g'] for row in rows
+    ]
+    assert table.schema.field('mass_g').metadata == {b'unit': b'g'}
+    first, second = summary_of(results)
+    assert (first['bag'], first['items'], first['accept']) == (
+        str(archive / 'june/paper_90'), '25', '25'
+    )  # fmt: skip
+    assert second['file'] == 'may/paper_60.parquet'
+
+
+def test_what_is_there_is_kept_as_long_as_bag_and_parameters_are_the_same(
+    archive: Path, tmp_path: Path
+):
+    words = ('weigh', archive, '--output', tmp_path / 'results')
+    run_command(*words)
+    before = files_of(tmp_path / 'results')
+    times = {name: (tmp_path / 'results' / name).stat().st_mtime_ns for name in before}
+
+    kept = run_command(*words)
+    assert kept.stdout.splitlines()[-1].endswith('50 items, 2 bags as before')
+    for name, written in times.items():
+        assert (tmp_path / 'results' / name).stat().st_mtime_ns == written
+
+    other = run_command(*words, '--estimator', 'mean')
+    assert 'as before' not in other.stdout
+    assert not set(files_of(tmp_path / 'results').values()) & set(before.values())
+
+    run_command(*words)
+    shutil.rmtree(archive / 'may/paper_60')
+    shutil.copytree(BAGS / 'paper_30', archive / 'may/paper_60')
+    changed = run_command(*words)
+    assert changed.stdout.splitlines()[-1].endswith('50 items, 1 bag as before')
+    after = files_of(tmp_path / 'results')
+    assert after['june/paper_90.parquet'] == before['june/paper_90.parquet']
+    assert after['may/paper_60.parquet'] != before['may/paper_60.parquet']
+
+
+def test_a_broken_bag_is_told_in_a_line_and_passed_over(archive: Path, tmp_path: Path):
+    broken = archive / 'may/paper_60/line_0.mcap'
+    broken.write_bytes(broken.read_bytes()[:-100])
+
+    done = run_command('weigh', archive, '--output', tmp_path / 'results')
+
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f'{broken}: cut off')
+    assert line.endswith('; passed over')
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
+    assert list(files_of(tmp_path / 'results')) == ['june/paper_90.parquet']
+    good, bad = summary_of(tmp_path / 'results')
+    assert (good['problem'], good['items']) == ('', '25')
+    assert (bad['file'], bad['items']) == ('', '')
+    assert 'cut off' in bad['problem']
+
+
+def many_bags(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    line = simulated(count=120, speed=1.0)
+    write_bag(folder / 'shift00', line.load_cell, line)
+    for number in range(1, count):
+        shutil.copytree(folder / 'shift00', folder / f'shift{number:02}')
+    return folder
+
+
+def begun(bags: Path, output: Path) -> subprocess.Popen[str]:
+    """Begin to weigh bags on two processes; return when the first one is done."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', bags, '--output', output,
+         '--jobs', '2'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith('1 of ')
+    return process
+
+
+def test_what_was_broken_off_is_resumed(tmp_path: Path):
+    bags, results = many_bags(tmp_path / 'bags', 12), tmp_path / 'results'
+    process = begun(bags, results)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (130, '')
+    there = files_of(results)
+    assert 0 < len(there) < 12
+    assert all(name.startswith('shift') for name in os.listdir(results))
+
+    done = run_command('weigh', bags, '--output', results)
+
+    assert done.stdout.splitlines()[-1].endswith(
+        f'{12 * 120} items, {len(there)} bag{"s" * (len(there) > 1)} as before'
+    )
+    assert len(set(files_of(results).values())) == 1
+
+
+def test_a_process_that_is_killed_costs_time_only(tmp_path: Path):
+    bags, results = many_bags(tmp_path / 'bags', 12), tmp_path / 'results'
+    process = begun(bags, results)
+    # The tracker of resources of joblib is a child as well, and uses less.
+    victim = max(children(process.pid), key=busy)
+    os.kill(victim, signal.SIGKILL)
+
+    said, errors = process.communicate(timeout=2 * PATIENCE)
+
+    assert (process.returncode, errors) == (0, '')
+    assert said.splitlines()[-1] == f'{results}: 12 bags, 0.27 h of signal, {12 * 120} items'
+    assert len(files_of(results)) == 12
+
+
+def busy(pid: int) -> int:
+    """Return the processor time of a process in ticks."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return int(fields[11]) + int(fields[12])
+
+
+class Silent(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_bags_of_a_web_server_have_the_same_bits(archive: Path, tmp_path: Path):
+    run_command('weigh', archive, '--output', tmp_path / 'here')
+    with ThreadingHTTPServer(('127.0.0.1', 0), partial(Silent, directory=str(archive))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f'http://127.0.0.1:{server.server_address[1]}'
+        done = run_command('weigh', url, '--output', tmp_path / 'there')
+        one = run_command('weigh', f'{url}/may/paper_60')
+        none = run_command('weigh', f'{url}/july', '--output', tmp_path / 'none')
+        server.shutdown()
+
+    assert (done.returncode, done.stderr) == (0, '')
+    assert files_of(tmp_path / 'there') == files_of(tmp_path / 'here')
+    assert len(files_of(tmp_path / 'there')) == 2
+    assert one.stdout == run_command('weigh', archive / 'may/paper_60').stdout
+    assert none.stderr.startswith(f'checkweigher weigh: {url}/july: cannot be read: ')
+    assert (none.returncode, len(none.stderr.splitlines())) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ('words', 'text'),
+    [
+        (['bags', 'bags'], 'several bags: add --output DIR'),
+        (['bag', '--jobs', '2'], '--jobs, --scheduler: of --output DIR'),
+        (['bag', '--csv', 'x.csv', '--output', 'results'], '--csv: of one bag'),
+        (['empty', '--output', 'results'], 'empty: no bag in this folder'),
+        (['bag', '--output', 'file'], 'file: cannot be written: File exists'),
+        (['bag', '--output', 'none/results'], 'none/results: cannot be written: No such file'),
+        (['bag', '--output', 'results', '--jobs', '0'], '--jobs 0: must be above 0'),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], text: str
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'bag').symlink_to(BAGS / 'paper_60')
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'file').touch()
+    before = sorted(tmp_path.iterdir())
+
+    done = run_command('weigh', *words)
+
+    (line,) = done.stderr.splitlines()
+    assert text in line
+    assert (done.returncode, done.stdout) == (2, '')
+    assert sorted(tmp_path.iterdir()) == before

@@ -1,0 +1,49 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a machine: what is made in it, and what the line reads from it."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.errors import UserError
+from checkweigher_dsp.production.recipes import read_recipes
+
+
+def test_a_new_folder_has_a_recipe_to_begin_with_and_keeps_what_is_changed(tmp_path: Path):
+    folder = MachineFolder.made(tmp_path / 'lane1' / 'scale')
+    recipes = folder.path / 'recipes.yaml'
+    assert list(read_recipes(recipes)) == ['crisps_150g']
+    recipes.write_text(yaml.safe_dump({'products': {'tea': {'nominal': 0.1}}}))
+    MachineFolder.made(folder.path)
+    assert list(read_recipes(recipes)) == ['tea']
+
+
+def test_what_was_trained_overrules_the_file_of_the_user(tmp_path: Path):
+    folder, given = MachineFolder.made(tmp_path), tmp_path / 'line.yaml'
+    assert folder.files(given) == [given]
+    (tmp_path / 'machine.yaml').touch()
+    assert folder.files(given) == [given, tmp_path / 'machine.yaml']
+    assert folder.files(None) == [tmp_path / 'machine.yaml']
+
+
+def test_a_new_start_is_taken_once_and_not_one_that_was_asked_of_a_line_before(tmp_path: Path):
+    folder = MachineFolder.made(tmp_path)
+    values = folder.parameters(None, restarts=True)['dynamic_setting']
+    asked = Path(str(values['restart_file']))
+    asked.touch()
+    assert MachineFolder.made(tmp_path).take_restart() is False
+    asked.touch()
+    assert folder.take_restart() is True
+    assert folder.take_restart() is False
+    assert 'restart_file' not in folder.parameters(None, restarts=False)['dynamic_setting']
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path):
+    (tmp_path / 'file').touch()
+    for path in (tmp_path / 'file', tmp_path / 'file' / 'inside'):
+        with pytest.raises(UserError, match=r'--folder .*file') as refused:
+            MachineFolder.made(path)
+        assert '\n' not in str(refused.value)

@@ -1,0 +1,128 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The performance test of a recipe over real DDS: reminder, stop, passes, and its entry."""
+
+from collections.abc import Iterator
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+from checkweigher_msgs.srv import BeginTest
+from graph import wait_for
+from product_line import Line
+import pytest
+from std_srvs.srv import Trigger
+
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.ros import ports
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('lane1') as running:
+        yield running
+
+
+class Watched:
+    """A line with the product `tested`, and what it says of test and stop."""
+
+    def __init__(self, spinner: Spinner, folder: Path) -> None:
+        self.line = Line(spinner, folder, product='tested')
+        self.tests: list[Any] = []
+        self.stops: list[Any] = []
+        self.line.listen(ports.PERFORMANCE_TEST, self.tests.append)
+        self.line.listen(ports.STOP_REQUEST, self.stops.append)
+
+    def wait_for_state(self, name: str) -> Any:
+        wait_for(lambda: self.tests and self.tests[-1].state == getattr(self.tests[-1], name))
+        return self.tests[-1]
+
+    def wait_for_stop(self, reason: str) -> None:
+        wait_for(lambda: self.stops and self.stops[-1].reason == reason)
+
+    def begin(self, who: str = 'ann', **others: object) -> Any:
+        return self.line.call(BeginTest, 'begin_test', who=who, **others)
+
+    def reset(self) -> Any:
+        return self.line.call(Trigger, 'reset_stop_request')
+
+    def wait_until_accepting(self) -> None:
+        wait_for(lambda: not self.line.parameters()['reject']['performance_test'])
+
+
+def test_an_overdue_test_stops_the_line_until_one_has_passed(spinner: Spinner, tmp_path: Path):
+    watched = Watched(spinner, tmp_path)
+    watched.wait_for_state('OVERDUE')
+    watched.wait_for_stop('PerformanceTest')
+    assert not watched.reset().success  # it lasts
+    assert not watched.begin(who=' ').success
+
+    assert watched.begin(reason='shift').success
+    watched.wait_for_state('RUNNING')
+    assert not watched.begin(who='bob').success
+    wait_for(lambda: watched.reset().success)
+    first = watched.line.judge(0.1002)
+    assert (first.decision, list(first.reasons)) == (first.FAULT, ['PerformanceTest'])
+    assert first.mass == 0.1002
+    watched.line.judge(0.0998)
+
+    state = watched.wait_for_state('IN_TIME')
+    assert list(state.errors) == pytest.approx([2e-4, -2e-4], abs=1e-9)
+    assert (state.who, state.due.sec - state.last.sec) == ('ann', 8 * 3600)
+    watched.wait_until_accepting()
+    good = watched.line.judge(0.1)
+    assert (good.decision, good.batch_items, good.batch_accepted) == (good.ACCEPT, 3, 1)
+    begun, ended = watched.line.entries('test_begun')[0], watched.line.entries('test')[0]
+    assert (begun.who, begun.why, ended.who, ended.why) == ('ann', 'shift', 'ann', 'shift')
+    assert (ended.subject, ended.new['passed'], ended.new['mass']) == ('tested', True, 0.1)
+
+
+def test_a_failed_test_stops_the_line_and_counts_after_a_restart(spinner: Spinner, tmp_path: Path):
+    watched = Watched(spinner, tmp_path)
+    watched.wait_for_state('OVERDUE')
+    assert watched.begin().success
+    watched.wait_for_state('RUNNING')
+    for mass in (0.1002, 0.1006):
+        watched.line.judge(mass)
+    assert '1 of 2 passes of ann beyond 0.5 g' in watched.wait_for_state('FAILED').text
+    watched.wait_for_stop('PerformanceTest')
+
+    line, parameters = watched.line, {'recipes': str(watched.line.recipes)}
+    watched.wait_until_accepting()
+    spinner.remove(line.product)
+    wait_for(lambda: 'product' not in line.operator.get_node_names())
+    watched.tests.clear()
+    line.product = ProductNode(
+        {**parameters, 'audit_log': str(line.log), 'allowed_publishers': 'operator'}
+    )
+    spinner.add(line.product)
+    assert watched.wait_for_state('FAILED').who == 'ann'
+
+
+def test_the_command_guides_and_ends_with_the_result(spinner: Spinner, tmp_path: Path):
+    watched = Watched(spinner, tmp_path)
+    watched.wait_for_state('OVERDUE')
+    for masses, status in (((0.1, 0.1001), 0), ((0.1, 0.102), 1)):
+        options = '--who ann --namespace lane1 --timeout 60'
+        cli = [sys.executable, '-m', 'checkweigher_bringup.cli']
+        command = [*cli, 'performance', *options.split()]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as guide:
+            watched.wait_for_state('RUNNING')
+            for mass in masses:
+                watched.line.judge(mass)
+            text, _ = guide.communicate()
+        watched.wait_until_accepting()
+        assert guide.returncode == status, text
+        assert text.splitlines()[-1].startswith('FAILED: 1 of 2' if status else 'passed')
+        assert 'pass 1 of 2: error +0.000 g, within 0.5 g' in text
+
+
+def test_a_recipe_without_a_test_asks_for_none(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path, product='nuts')
+    tests: list[Any] = []
+    line.listen(ports.PERFORMANCE_TEST, tests.append)
+    wait_for(lambda: tests and tests[-1].state == tests[-1].NOT_ASKED)
+    refused = line.call(BeginTest, 'begin_test', who='ann')
+    assert refused.message == 'the recipe of the product asks for no performance test'

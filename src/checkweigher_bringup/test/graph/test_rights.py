@@ -1,0 +1,114 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The security policy against the endpoints of a running line, in processes of their own."""
+
+from pathlib import Path
+import sys
+
+from graph import wait_for
+from processes import parameter_file
+import rclpy
+from rclpy.node import Node
+from running import ROOT
+
+from checkweigher_bringup.spinning import node_command, running_processes, spinning
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.access.policy import PAGE_WORK, REPORTER, Rights, rights
+
+LANE = 'guarded'
+RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
+# Of the start alone: by it a node finds its own participant.
+PASSING = '/_*'
+
+
+def endpoints(node: Node, name: str, space: str) -> Rights:
+    """Return what a node of the graph does."""
+    asked = (
+        node.get_publisher_names_and_types_by_node,
+        node.get_subscriber_names_and_types_by_node,
+        node.get_service_names_and_types_by_node,
+        node.get_client_names_and_types_by_node,
+    )
+    try:
+        found = [{each for each, _ in ask(name, space)} for ask in asked]
+    except RuntimeError:  # it is not there yet
+        return Rights()
+    return Rights(*(frozenset(e for e in each if '/_' not in e) for each in found))
+
+
+def lasting(node: str, lane: str = LANE) -> Rights:
+    its = rights(node, lane)
+    publish = frozenset(name for name in its.publish if not name.endswith(PASSING))
+    return Rights(publish, its.subscribe, its.reply, its.request)
+
+
+def test_each_node_does_what_its_policy_allows_and_all_of_it(tmp_path: Path):
+    (tmp_path / 'batches').mkdir()
+    product = {
+        'audit_log': str(tmp_path / 'audit.log'),
+        'recipes': str(RECIPES),
+        'batch_folder': str(tmp_path / 'batches'),
+    }
+    # Nothing listens there: the services of the outputs are there all the same.
+    inputs = {'inputs': 'modbus', 'modbus_inputs.port': 1, 'modbus_inputs.metal': 5}
+    driver = {'outputs': 'modbus', 'modbus.port': 1, **inputs}
+    file = parameter_file(tmp_path / 'line.yaml', {'driver': driver, 'product': product})
+    commands = {name: node_command(m, LANE, file) for name, m in ports.NODES.items()}
+    commands[REPORTER] = node_command('checkweigher_bringup.batch_reporter', LANE)
+    with running_processes(commands), spinning() as spinner:
+        looker = rclpy.create_node('looker')
+        spinner.add(looker)
+        for name in commands:
+            if name == REPORTER:
+                continue
+            wait_for(lambda name=name: endpoints(looker, name, f'/{LANE}') == lasting(name))
+        wait_for(lambda: endpoints(looker, REPORTER, f'/{LANE}').subscribe != frozenset())
+        assert excess(endpoints(looker, REPORTER, f'/{LANE}'), lasting(REPORTER)) == Rights()
+
+
+def excess(found: Rights, allowed: Rights) -> Rights:
+    return Rights(
+        found.publish - allowed.publish,
+        found.subscribe - allowed.subscribe,
+        found.reply - allowed.reply,
+        found.request - allowed.request,
+    )
+
+
+def test_who_looks_on_does_no_more_than_its_policy_allows(tmp_path: Path):
+    cli = [sys.executable, '-m', 'checkweigher_bringup.cli']
+    commands = {
+        'line': node_command('checkweigher_bringup.line', LANE),
+        'page': [*cli, 'page', '--port', '0'],
+        'status': [*cli, 'status'],
+        'echo': [*cli, 'echo', '--namespace', LANE],
+        'record': [*cli, 'record', '--namespace', LANE, '--output', str(tmp_path / 'bag')],
+    }
+    places = {
+        'page': '/', 'status': '/', 'echo': f'/{LANE}', 'record': f'/{LANE}',
+        'page_results': f'/{LANE}',
+    }  # fmt: skip
+    with running_processes(commands), spinning() as spinner:
+        looker = rclpy.create_node('looker')
+        spinner.add(looker)
+        for name, space in places.items():
+            allowed = lasting(name, space.strip('/'))
+            wait_for(lambda n=name, s=space: endpoints(looker, n, s).subscribe != frozenset())
+            found = endpoints(looker, name, space)
+            assert excess(found, Rights(allowed.publish, allowed.subscribe, found.reply)) == (
+                Rights()
+            ), name
+
+
+def test_the_clients_of_the_page_are_allowed():
+    from checkweigher_web.work.services import LaneServices
+
+    with spinning() as spinner:
+        work, looker = LaneServices(LANE), rclpy.create_node('looker')
+        spinner.add(work, looker)
+        wait_for(lambda: bool(endpoints(looker, PAGE_WORK, f'/{LANE}').request))
+        wait_for(
+            lambda: (
+                endpoints(looker, PAGE_WORK, f'/{LANE}').request == rights(PAGE_WORK, LANE).request
+            )
+        )

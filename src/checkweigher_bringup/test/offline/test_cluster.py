@@ -1,0 +1,218 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Many bags on a Dask cluster of real processes: the bits of one machine, also where one dies."""
+
+from collections.abc import Iterator
+import hashlib
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+import threading
+import time
+
+from cluster import Cluster, cluster
+from joblib import delayed
+from lines import simulated
+import pytest
+from running import BAGS, PATIENCE, run_command
+
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_validation.jobs import run_jobs
+from checkweigher_validation.scheduling import on_scheduler
+
+
+@pytest.fixture(scope='module')
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    with cluster(tmp_path_factory.mktemp('cluster'), 3) as found:
+        yield found
+
+
+def make_bags(folder: Path, count: int, products: int) -> Path:
+    """Write so many bags of so many products, no two the same."""
+    folder.mkdir()
+    for number in range(count):
+        line = simulated(count=products, seed=number, speed=(0.5, 1.0, 1.5)[number % 3])
+        write_bag(folder / f'shift{number:02}', line.load_cell, line)
+    return folder
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file of results."""
+    return {
+        str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted(folder.rglob('*.parquet'))
+    }
+
+
+def weigh_with_one_killed(running: Cluster, bags: Path, output: Path) -> tuple[str, float]:
+    """Weigh bags on a cluster, kill a worker at its work; return what was said, and the time."""
+    begin = time.monotonic()
+    command = [
+        sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', bags, '--output', output,
+        '--scheduler', running.address,
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    killer = threading.Thread(target=running.kill_busy_worker)
+    killer.start()
+    said, errors = process.communicate(timeout=10 * PATIENCE)
+    killer.join()
+    assert (process.returncode, errors) == (0, '')
+    return said, time.monotonic() - begin
+
+
+def campaign(running: Cluster, folder: Path, count: int, products: int) -> None:
+    """Compare the results of a cluster that loses a worker with those of this machine."""
+    bags = make_bags(folder / 'bags', count, products)
+    begin = time.monotonic()
+    assert run_command('weigh', bags, '--output', folder / 'here', timeout=1000).returncode == 0
+    here = time.monotonic() - begin
+    before = running.workers
+
+    said, there = weigh_with_one_killed(running, bags, folder / 'there')
+
+    print(
+        f'\n{count} bags of {products} products: {here:.1f} s here, {there:.1f} s on a cluster of '
+        f'{before} workers of which one was killed'
+    )
+    assert running.workers == before - 1
+    assert said.splitlines()[-1].endswith(f'{count * products} items')
+    assert len(digests(folder / 'here')) == count
+    assert digests(folder / 'there') == digests(folder / 'here')
+
+
+def test_a_worker_without_access_to_a_bag_says_so(running: Cluster, tmp_path: Path):
+    (tmp_path / 'bags').mkdir()
+    shutil.copytree(BAGS / 'paper_90', tmp_path / 'bags/paper_90')
+    gone = tmp_path / 'bags/gone.mcap'
+
+    done = run_command(
+        'weigh', tmp_path / 'bags', gone, '--output', tmp_path / 'results',
+        '--scheduler', running.address,
+    )  # fmt: skip
+
+    host = os.uname().nodename
+    assert done.stderr.splitlines() == [
+        f'on worker {host}: {gone}: there is no such file or folder; passed over'
+    ]
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
+    assert list(digests(tmp_path / 'results')) == ['paper_90.parquet']
+
+
+def test_tuning_on_a_cluster_gives_the_same_file(running: Cluster, tmp_path: Path):
+    words = ('tune', BAGS / 'paper_60', BAGS / 'paper_90', '--estimator', 'mean', 'tvlpf',
+             '--budget', '20', '--output')  # fmt: skip
+    assert run_command(*words, tmp_path / 'here.yaml').returncode == 0
+
+    done = run_command(*words, tmp_path / 'there.yaml', '--scheduler', running.address)
+
+    assert (done.returncode, done.stderr) == (0, '')
+    here, there = (
+        (tmp_path / name).read_text().splitlines() for name in ('here.yaml', 'there.yaml')
+    )
+    assert here[1] != there[1]  # the time
+    del here[1], there[1]
+    assert there == here
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_bits(running: Cluster, tmp_path: Path):
+    campaign(running, tmp_path, 8, 150)
+
+
+@pytest.mark.soak
+def test_a_cluster_that_loses_a_worker_gives_the_same_bits_of_many_bags(tmp_path: Path):
+    with cluster(tmp_path, 3) as found:
+        campaign(found, tmp_path, 60, 600)
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path):
+    # The same program, but for a file that another version has changed.
+    other = tmp_path / 'other'
+    package = Path(__import__('checkweigher_validation').__file__).parent
+    shutil.copytree(package, other / 'checkweigher_validation')
+    with (other / 'checkweigher_validation/jobs.py').open('a') as file:
+        file.write('# changed\n')
+    (tmp_path / 'workers').mkdir()
+    path = os.pathsep.join([str(other), os.environ.get('PYTHONPATH', '')])
+
+    with cluster(tmp_path / 'workers', 2, {'PYTHONPATH': path}) as found:
+        done = run_command(
+            'weigh', BAGS / 'paper_60', BAGS / 'paper_90', '--output', tmp_path / 'results',
+            '--scheduler', found.address,
+        )  # fmt: skip
+
+    (line,) = done.stderr.splitlines()
+    assert line.startswith('worker tcp://127.0.0.1:')
+    assert 'is not used: the worker runs checkweigher' in line
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1].endswith('50 items')
+
+
+def test_a_cluster_that_ends_is_one_line_and_what_is_done_is_kept(tmp_path: Path):
+    bags, results = make_bags(tmp_path / 'bags', 1, 300), tmp_path / 'results'
+    for number in range(1, 40):
+        shutil.copytree(bags / 'shift00', bags / f'shift{number:02}')
+    (tmp_path / 'workers').mkdir()
+    with cluster(tmp_path / 'workers', 1) as found:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', bags, '--output', results,
+             '--scheduler', found.address],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith('1 of 40 bags')
+        found.scheduler.kill()
+        _, errors = process.communicate(timeout=PATIENCE)
+
+    assert process.returncode == 2
+    assert errors.splitlines()[-1].startswith('checkweigher weigh: the cluster was lost: ')
+    assert 'Traceback' not in errors
+    assert 0 < len(digests(results)) < 40
+
+
+@pytest.mark.parametrize(
+    ('address', 'text'),
+    [
+        ('tcp://127.0.0.1:1', 'no Dask scheduler there'),
+        ('nowhere', 'must be local, or an address as tcp://HOST:8786'),
+    ],
+)
+def test_a_scheduler_that_is_not_there_is_one_line(tmp_path: Path, address: str, text: str):
+    done = run_command(
+        'weigh', BAGS / 'paper_60', '--output', tmp_path / 'results', '--scheduler', address
+    )
+    (line,) = done.stderr.splitlines()
+    assert text in line
+    assert (done.returncode, list(tmp_path.iterdir())) == (2, [])
+
+
+def test_without_dask_distributed_there_is_one_line(tmp_path: Path):
+    (tmp_path / 'without').mkdir()
+    (tmp_path / 'without/distributed.py').write_text("raise ImportError('not installed')\n")
+    path = os.pathsep.join([str(tmp_path / 'without'), os.environ.get('PYTHONPATH', '')])
+
+    done = subprocess.run(
+        [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', str(BAGS / 'paper_60'),
+         '--output', str(tmp_path / 'results'), '--scheduler', 'tcp://127.0.0.1:8786'],
+        env={**os.environ, 'PYTHONPATH': path}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 2
+    assert done.stderr == (
+        'checkweigher weigh: --scheduler tcp://127.0.0.1:8786: dask.distributed is not installed; '
+        'pip install distributed\n'
+    )
+    assert not (tmp_path / 'results').exists()
+
+
+def test_a_cluster_of_one_worker_does_the_work_itself(tmp_path: Path):
+    with (
+        cluster(tmp_path, 1) as found,
+        on_scheduler(found.address, os.getpid, lambda _: '') as refused,
+    ):
+        done = run_jobs([delayed(os.getpid)()] * 2)
+    assert refused == []
+    assert len(set(done)) == 1
+    assert os.getpid() not in done
