@@ -36,8 +36,8 @@ _LEAD = 0.5  # of t3 - t1, that is shown before t1
 
 def nothing(text: str) -> Options:
     """Return an empty figure that says why it is empty."""
-    return {'title': {'text': text, 'left': 'center', 'top': 'middle',
-                      'textStyle': {'fontSize': 14, 'color': '#595959'}}}  # fmt: skip
+    style = {'fontSize': 14, 'fontWeight': 'normal', 'color': '#4d5969'}
+    return {'title': {'text': text, 'left': 'center', 'top': 'middle', 'textStyle': style}}
 
 
 def signal_chart(item: Item, load_cell: LoadCell | None) -> Options:
@@ -207,7 +207,9 @@ def control_figure(chart: ControlChart | None, *, spread: bool) -> Options:
         for point, mark in zip(line['data'], marked, strict=True)
     ]  # fmt: skip
     line['markLine'] = _marks(limits, axis='yAxis')
-    return _figure([line], 'subgroup', 'g')
+    figure = _figure([line], 'subgroup', 'g')
+    figure['xAxis'] |= {'minInterval': 1}
+    return figure
 
 
 def zero_chart(items: Sequence[Item]) -> Options:
@@ -261,11 +263,12 @@ def _figure(series: list[Options], x_name: str, y_name: str) -> Options:
     return {
         'animation': False, 'tooltip': {'trigger': 'axis'},
         'legend': {'show': len(series) > 1, 'top': 0},
-        'grid': {'left': 60, 'right': 50, 'top': 50, 'bottom': 40},
+        'grid': {'left': 65, 'right': 50, 'top': 40, 'bottom': 40},
         'xAxis': {'type': 'value', 'name': x_name, 'nameLocation': 'middle', 'nameGap': 25,
                   'min': 'dataMin', 'max': 'dataMax', 'axisLine': {'onZero': False},
                   'axisLabel': {'showMinLabel': False, 'showMaxLabel': False}},
-        'yAxis': {'type': 'value', 'name': y_name, 'scale': True, 'axisLine': {'onZero': False},
+        'yAxis': {'type': 'value', 'name': y_name, 'nameLocation': 'middle', 'nameGap': 45,
+                  'scale': True, 'axisLine': {'onZero': False},
                   'axisLabel': {'showMinLabel': False}},
         'series': series,
     }  # fmt: skip

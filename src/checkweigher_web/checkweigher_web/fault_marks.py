@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
-from checkweigher_dsp.segmentation.rise_lag import RiseLag, rise_lag
+from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 from checkweigher_web.lane import Item, Stretch
 
 _BEFORE_RISE = 0.3  # s of empty belt that a rise is compared with

@@ -7,6 +7,11 @@ from nicegui import ui
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
 
+_HOW_TO_ACT = (
+    'This page only shows, for it has no users. To work on the machine by it, run in a terminal: '
+    './checkweigher user add NAME --role technician'
+)
+
 
 def header(access: Access, lane: str) -> None:
     """Show the head of a page of a lane."""
@@ -16,5 +21,11 @@ def header(access: Access, lane: str) -> None:
         if session is not None:
             ui.label(f'{session.user.name}, {session.user.role.name.lower()}')
             ui.html(logout_form(session.token), sanitize=False)
-        elif access.sessions is not None:
+        else:
             ui.link('Log in', LOGIN)
+
+
+def hint_to_users(access: Access) -> None:
+    """Say how one may act, where there is nobody who may."""
+    if not access.users.any():
+        ui.label(_HOW_TO_ACT).classes('hint')

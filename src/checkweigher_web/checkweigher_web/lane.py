@@ -34,6 +34,7 @@ MAX_ITEMS = 500
 _MAX_WINDOWS = 50
 _MAX_EDGES = 400
 SHOWN = 20.0  # s of samples, which the views need
+_MOMENT = NANOSECONDS // 2  # over which a load is averaged
 _AROUND = 3 * NANOSECONDS // 10  # before the first and after the last edge of an item
 
 # Of an item: numbers begin at 1 again where a node is started again, stamps do not.
@@ -174,6 +175,16 @@ class Lane:
             return np.zeros(0)
         since = blocks[-1].stamp - SHOWN * NANOSECONDS
         return emptiest(load_cell, [each for each in blocks if each.stamp >= since], edges)
+
+    def load(self) -> float:
+        """Return what rests on the belt now by its calibration, kg; NaN without samples."""
+        with self._lock:
+            cell, blocks = self.load_cell, list(self._blocks)
+        if cell is None or not blocks:
+            return math.nan
+        begin = blocks[-1].stamp - _MOMENT
+        counts = np.concatenate([block.counts for block in blocks if block.stamp >= begin])
+        return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
         """Return what is held of samples and edges, from where on there are both; None of none."""

@@ -2,12 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a recorded shift: the views of a lane, and what moves through it."""
 
+from collections.abc import Callable
+from functools import partial
+
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
 from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_web.page import LanePage, clock, panel
+from checkweigher_web.drawing import Drawing
+from checkweigher_web.elements import panel
+from checkweigher_web.page import LanePage
 from checkweigher_web.shift import Playback, Shift
+from checkweigher_web.words import clock
 
 _PERIOD = 0.5  # s, in which the progress of the weighing is shown
 
@@ -36,15 +42,13 @@ class PlaybackPage:
             self._slider.on(
                 'input', self._moved, js_handler='event => emit(Number(event.target.value))'
             )
-            self._where = ui.label('').classes('where')
             with ui.element('div').classes('row'):
                 for text, step in (('previous item', -1), ('next item', 1)):
-                    ui.button(
-                        text, on_click=lambda step=step: self._go(self._playback.place + step)
-                    )
+                    _button(text, partial(self._step, step))
                 for text, forward in (('previous fault', False), ('next fault', True)):
-                    ui.button(text, on_click=lambda forward=forward: self._go_to_fault(forward))
-        LanePage(self._playback)
+                    _button(text, partial(self._go_to_fault, forward))
+                self._where = ui.label('').classes('where')
+        LanePage(Drawing(self._playback))
         self._timer = ui.timer(_PERIOD, self._follow)
         self._follow()
 
@@ -65,8 +69,8 @@ class PlaybackPage:
         self._playback.go(int(event.args) - 1)
         self._show_place()
 
-    def _go(self, place: int) -> None:
-        self._playback.go(place)
+    def _step(self, step: int) -> None:
+        self._playback.go(self._playback.place + step)
         self._show_place()
 
     def _go_to_fault(self, forward: bool) -> None:
@@ -84,3 +88,7 @@ class PlaybackPage:
             self._where.set_text(
                 f'item {place + 1} of {len(items)}, {clock(verdict.t3 or verdict.t1)}'
             )
+
+
+def _button(text: str, click: Callable[[], None]) -> None:
+    ui.button(text, on_click=click).props('outline no-caps dense padding="xs sm"')

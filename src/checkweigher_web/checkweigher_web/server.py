@@ -26,7 +26,8 @@ from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.login import add_login, add_style
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
-from checkweigher_web.header import header
+from checkweigher_web.drawing import Drawing
+from checkweigher_web.header import header, hint_to_users
 from checkweigher_web.lane import SHOWN
 from checkweigher_web.listening import Watch
 from checkweigher_web.page import LanePage, list_lanes
@@ -147,13 +148,14 @@ def _serve(
     site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None, keep: Path | None
 ) -> None:
     access, app = _application(site)
-    if keep is not None and access.sessions is None:
+    if keep is not None and not access.users.any():
         raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
     keeper = None if keep is None else Keeper(keep)
     viewers: Counter[str] = Counter()
     watch = Watch(spinner, namespace, SHOWN if keep is None else HELD)
     watch.viewers = lambda name: viewers[name]
     workshop = Workshop(spinner)
+    drawings: dict[str, Drawing] = {}
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:
@@ -176,12 +178,14 @@ def _serve(
         client.on_disconnect(lambda: viewers.subtract([name]))
         header(access, name)
         keeping = None
-        if access.sessions is not None:
-            desk = Desk(access, watch.lanes[name], partial(workshop.of, name))
+        desk = Desk(access, watch.lanes[name], partial(workshop.of, name))
+        hint_to_users(access)
+        if desk.role >= Role.OPERATOR:
             work_bar(desk)
-            if keeper is not None and desk.role >= Role.OPERATOR:
+            if keeper is not None:
                 keeping = partial(keep_item, desk, keeper)
-        LanePage(watch.lanes[name], watch.board, keeping)
+        drawing = drawings.setdefault(name, Drawing(watch.lanes[name]))
+        LanePage(drawing, watch.board, keeping)
 
     try:
         _run(app, access, listener)
@@ -194,8 +198,7 @@ def _application(site: Site) -> tuple[Access, FastAPI]:
     access = Access(site)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     add_style(app, STYLE)
-    if access.sessions is not None:
-        add_login(app, access, get_logger('page'))
+    add_login(app, access, get_logger('page'))
     return access, app
 
 
@@ -213,6 +216,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     config = uvicorn.Config(
         Guard(app, access), log_level='warning', timeout_graceful_shutdown=2, server_header=False,
         ssl_certfile=site.certificate, ssl_keyfile=site.key, ws_max_size=_LARGEST_MESSAGE,
+        ws_per_message_deflate=False,  # most of the work for a viewer, and wires are fast here
         # Only a reverse proxy may tell where a browser is.
         proxy_headers=bool(site.origin),
     )  # fmt: skip
@@ -223,6 +227,8 @@ def main() -> None:
     """Serve the page of all lanes."""
     try:
         serve(Site())
+    except KeyboardInterrupt:
+        pass  # uvicorn hands Ctrl-C on when it has ended
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)
         raise SystemExit(2) from None

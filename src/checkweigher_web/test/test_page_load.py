@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Many viewers, a flood of requests and a page that dies: what they cost the line."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from http.client import HTTPException
 from pathlib import Path
@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 
+from browsers import needs_browser, open_browser, text_of, until
 import pytest
 import rclpy
 from running import BAGS, PATIENCE
@@ -113,47 +114,102 @@ def processor_time(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / 100
 
 
-@pytest.mark.soak
-def test_processor_and_delay_of_the_page(tmp_path: Path):
-    """Measure an endless line with 0, 1 and 20 viewers."""
-    parameters = tmp_path / 'line.yaml'
+# Notes when a browser has the number of an item first, ms since 1970.
+NOTE_ITEMS = """
+window.seen = {};
+new MutationObserver(() => {
+  const found = /item (\\d+),/.exec(document.querySelector("[aria-label=Item] .about").innerText);
+  if (found) window.seen[found[1]] ??= Date.now();
+}).observe(document.querySelector("[aria-label=Item]"),
+           {subtree: true, childList: true, characterData: true});
+"""
+
+
+class Clock:
+    """When each item was judged, s; of two clocks, for a browser has none that never steps."""
+
+    def __init__(self) -> None:
+        self.judged: dict[int, float] = {}
+        self.apart = time.time() - time.monotonic()
+
+    def judge(self, verdict: Verdict) -> None:
+        self.judged.setdefault(verdict.item_id, time.monotonic())
+
+    def delays(self, seen: Mapping[int, float], begin: float) -> list[float]:
+        common = seen.keys() & self.judged.keys()
+        return [seen[item] - self.judged[item] for item in common if self.judged[item] > begin]
+
+
+@contextmanager
+def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
+    """Run an endless line whose verdicts `clock` takes, and give its process."""
+    parameters = folder / 'line.yaml'
     values = {'simulator': {'count': 0, 'seed': 3}}
     parameters.write_text(yaml.safe_dump({'/**/driver': {'ros__parameters': values}}))
     words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--params', str(parameters)]
     line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-    judged: dict[int, float] = {}
     try:
-        with served(*LANE) as (page, port), listening() as spinner:
+        with listening() as spinner:
             node = PortNode('judged')
-            node.subscribe(
-                ports.VERDICT, lambda verdict: judged.setdefault(verdict.item_id, time.monotonic())
-            )
+            node.subscribe(ports.VERDICT, clock.judge)
             spinner.add(node)
-            wait_for(lambda: judged)
+            wait_for(lambda: clock.judged)
             started = Path(f'/proc/{line.pid}/task').glob('*/children')
             (of_line,) = [int(each) for path in started for each in path.read_text().split()]
-            for count in (0, 1, MANY):
-                with viewers(port, count) as looking:
-                    wait_for(lambda looking=looking: all(each.seen for each in looking))
-                    begin = time.monotonic()
-                    before = [processor_time(each) for each in (of_line, page.pid)]
-                    time.sleep(MEASURED)
-                    after = [processor_time(each) for each in (of_line, page.pid)]
-                    taken = time.monotonic() - begin
-                shares = [(b - a) / taken for a, b in zip(before, after, strict=True)]
-                text = f'{count} viewers: line {shares[0]:.1%}, page {shares[1]:.1%} of a core'
-                delays = [
-                    each.seen[item] - judged[item]
-                    for each in looking
-                    for item in each.seen.keys() & judged.keys()
-                    if judged[item] > begin
-                ]
-                if delays:
-                    worst = statistics.quantiles(delays, n=100)[-1]
-                    text += f'; verdict to viewer: median {statistics.median(delays):.3f} s'
-                    text += f', 99 % within {worst:.3f} s of {len(delays)}'
-                    assert count > 1 or statistics.median(delays) < 0.3
-                print(text)
+            yield of_line
     finally:
         line.terminate()
         line.wait()
+
+
+def said_of(name: str, delays: Sequence[float]) -> str:
+    worst = statistics.quantiles(delays, n=100)[-1]
+    return (
+        f'; verdict to {name}: median {statistics.median(delays):.3f} s, 99 % within '
+        f'{worst:.3f} s of {len(delays)}'
+    )
+
+
+@pytest.mark.soak
+def test_processor_and_delay_of_the_page(tmp_path: Path):
+    """Measure an endless line with 0, 1 and 20 viewers: sockets, which cost no browser's time."""
+    clock = Clock()
+    with judged_line(tmp_path, clock) as line, served(*LANE) as (page, port):
+        for count in (0, 1, MANY):
+            with viewers(port, count) as looking:
+                wait_for(lambda looking=looking: all(each.seen for each in looking))
+                begin = time.monotonic()
+                before = [processor_time(each) for each in (line, page.pid)]
+                time.sleep(MEASURED)
+                after = [processor_time(each) for each in (line, page.pid)]
+                taken = time.monotonic() - begin
+            shares = [(b - a) / taken for a, b in zip(before, after, strict=True)]
+            text = f'{count} viewers: line {shares[0]:.1%}, page {shares[1]:.1%} of a core'
+            if delays := [d for each in looking for d in clock.delays(each.seen, begin)]:
+                text += said_of('viewer', delays)
+                assert statistics.median(delays) < 0.3
+            print(text)
+
+
+@pytest.mark.soak
+@needs_browser
+def test_delay_in_a_browser_beside_other_viewers(tmp_path: Path):
+    """Measure until a real browser shows an item, alone and beside 20 others."""
+    clock = Clock()
+    with (
+        judged_line(tmp_path, clock),
+        served(*LANE) as (_, port),
+        open_browser(tmp_path / 'browser') as browser,
+    ):
+        for count in (0, MANY):
+            with viewers(port, count):
+                browser.get(f'http://127.0.0.1:{port}/')
+                until(browser, lambda: 'item ' in text_of(browser, '[aria-label=Item] .about'))
+                browser.execute_script(NOTE_ITEMS)
+                begin = time.monotonic()
+                time.sleep(MEASURED)
+                seen = browser.execute_script('return window.seen')
+            found = {int(item): at / 1000 - clock.apart for item, at in seen.items()}
+            delays = clock.delays(found, begin)
+            print(f'beside {count} viewers' + said_of('a browser', delays))
+            assert statistics.median(delays) < 0.3

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 import os
 import signal
 import socket
+import subprocess
+import sys
 
 import pytest
 from running import BAGS, PATIENCE, run_command
@@ -94,3 +96,18 @@ def test_a_page_that_hangs_costs_the_line_nothing(
     with served() as (process, _):
         process.send_signal(signal.SIGSTOP)
         assert rows('replay', bag, '--rate', 0) == rows('weigh', bag)
+
+
+def test_the_executable_of_the_launch_file_ends_in_order_by_ctrl_c():
+    """On a port of its own: that of the launch file may be taken here."""
+    code = (
+        'from functools import partial; from checkweigher_web import server; '
+        'server.Site = partial(server.Site, port=0); server.main()'
+    )
+    with subprocess.Popen([sys.executable, '-c', code], stderr=subprocess.PIPE, text=True) as page:
+        assert page.stderr is not None
+        assert page.stderr.readline().startswith('page: http://127.0.0.1:')
+        page.send_signal(signal.SIGINT)
+        _, errors = page.communicate(timeout=PATIENCE)
+    assert page.returncode == 0
+    assert 'Traceback' not in errors

@@ -2,72 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """A person works on a running line by the page alone, in a real browser."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 import re
 import subprocess
 import sys
 
 from browsers import needs_browser, open_browser
-from running import PATIENCE
-from selenium.common.exceptions import TimeoutException, WebDriverException
-from selenium.webdriver import Chrome
-from selenium.webdriver.common.by import By
-from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.wait import WebDriverWait
-from served_page import served
+from persons import SCRIPT, Person, running_line
 import yaml
 
 from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_web.access.users import Role, User, hash_password, write_users
 
-PASSWORD = 'correct horse'
-SCRIPT = '<img src=x onerror=alert(1)>'
 EMPTY = 600.0  # s, of the simulated belt before the first product
-
-
-@dataclass
-class Line:
-    """A line on a simulated scale, with its page."""
-
-    port: int
-    folder: Path
-
-    def noted(self, name: str) -> list[str]:
-        """Return what the audit log has of a person."""
-        entries = read_log(self.folder / 'audit.log').entries
-        return [str(each.new) for each in entries if (each.kind, each.subject) == ('person', name)]
-
-
-@contextmanager
-def running_line(folder: Path, **driver: object) -> Iterator[Line]:
-    """Run a line with a simulated driver, and its page."""
-    known = hash_password('x', PASSWORD)
-    roles = {'anna': Role.OPERATOR, 'ben': Role.TECHNICIAN, 'vera': Role.VIEWER}
-    write_users(folder / 'users', {n: User(n, role, known) for n, role in roles.items()})
-    recipes = {'crisps': {'nominal': 0.15}, SCRIPT: {'nominal': 0.2, 'reason': True}}
-    (folder / 'recipes.yaml').write_text(yaml.safe_dump({'products': recipes}))
-    values = {
-        'driver': {
-            'source': 'simulator', 'simulator.count': 0,
-            'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5, **driver,
-        },
-        'product': {
-            'recipes': str(folder / 'recipes.yaml'), 'audit_log': str(folder / 'audit.log')
-        },
-    }  # fmt: skip
-    sections = {f'/**/{node}': {'ros__parameters': each} for node, each in values.items()}
-    (folder / 'line.yaml').write_text(yaml.safe_dump(sections))
-    words = ['-m', 'checkweigher_bringup.cli', 'run', '--params', str(folder / 'line.yaml')]
-    running = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
-    try:
-        with served('--users', str(folder / 'users')) as (_, port):
-            yield Line(port, folder)
-    finally:
-        running.terminate()
-        running.wait()
 
 
 @contextmanager
@@ -82,82 +30,6 @@ def dynamic_setting(folder: Path) -> Iterator[None]:
     finally:
         node.terminate()
         node.wait()
-
-
-class Person:
-    """Somebody at the browser."""
-
-    def __init__(self, browser: Chrome, line: Line) -> None:
-        self.browser, self.line = browser, line
-
-    def until(self, condition: Callable[[], object]) -> object:
-        wait = WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1)
-        try:
-            return wait.until(lambda _: condition())
-        except TimeoutException:
-            raise AssertionError(f'{self.browser.current_url}: {self.text("body")}') from None
-
-    def log_in(self, name: str) -> None:
-        self.browser.set_window_size(800, 900)
-        self.browser.get(f'http://127.0.0.1:{self.line.port}/login')
-        self.browser.find_element(By.NAME, 'name').send_keys(name)
-        self.browser.find_element(By.NAME, 'password').send_keys(PASSWORD + Keys.ENTER)
-        self.until(lambda: name in self.text('.head'))
-
-    def text(self, selector: str) -> str:
-        script = 'return document.querySelector(arguments[0])?.innerText ?? ""'
-        return str(self.browser.execute_script(script, selector))
-
-    def buttons(self, where: str) -> dict[str, object]:
-        found = self.browser.find_elements(By.CSS_SELECTOR, f'{where} button')
-        return {each.text.strip(): each for each in found}
-
-    def press(self, name: str, where: str = '.dialog') -> None:
-        self.until(lambda: self.clicked(f'{where} button', name))
-
-    def open(self, name: str) -> None:
-        self.press(name, '.work')
-        self.until(lambda: self.text('.dialog h2') == name)
-
-    def fill(self, label: str, text: str) -> None:
-        path = f'.dialog input[aria-label="{label}"]'
-        self.until(lambda: self.browser.find_elements(By.CSS_SELECTOR, path))
-        field = self.browser.find_element(By.CSS_SELECTOR, path)
-        field.send_keys(Keys.CONTROL, 'a')
-        field.send_keys(text)
-
-    def choose(self, name: str) -> None:
-        self.until(lambda: self.clicked('.dialog .q-select'))
-        self.until(lambda: self.clicked('.q-menu .q-item', name))
-
-    def clicked(self, selector: str, text: str = '') -> bool:
-        # While a dialog before it fades out, it is in the way.
-        found = self.browser.find_elements(By.CSS_SELECTOR, selector)
-        for each in found:
-            if text in ('', each.text.strip()):
-                with suppress(WebDriverException):
-                    each.click()
-                    return True
-        return False
-
-    def result(self, sign: str) -> str:
-        self.until(lambda: self.text('.dialog .result').startswith(sign))
-        return self.text('.dialog .result')
-
-    def does(self, name: str, sign: str, verb: str = '') -> str:
-        self.open(name)
-        self.press(verb or name)
-        result = self.result(sign)
-        self.close()
-        return result
-
-    def close(self) -> None:
-        self.press('Close')
-        self.until(lambda: not self.text('.dialog'))
-
-    def log_out(self) -> None:
-        self.press('Log out', '.head')
-        self.until(lambda: self.browser.current_url.endswith('/login'))
 
 
 @needs_browser
@@ -219,6 +91,14 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.press('Set')
         assert '190 g' in person.result('✓')
         person.close()
+        entries = read_log(tmp_path / 'audit.log').entries
+        changed = [each for each in entries if each.subject.endswith('lower_limit')]
+        assert (changed[-1].who, changed[-1].why) == ('ben', 'test weights')
+        person.open('Performance test')
+        person.fill('Reason', 'shift')
+        person.press('Begin')
+        assert 'asks for no performance test' in person.result('✗')
+        person.close()
 
         person.open('Calibration')
         person.fill('Reason', 'new load cell')
@@ -233,9 +113,14 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.press('Write calibration')
         person.result('✗')
         assert not (line.folder / 'cell.yaml').exists()
-        person.close()
+        # The browser loses its page, dialog and all: what was read is there when it comes back.
+        browser.refresh()
+        person.until(lambda: 'Calibration' in person.buttons('.work'))
         person.open('Calibration')
+        person.until(lambda: '200 g: reading' in person.text('.read'))
         person.fill('Reason', 'new load cell')
+        person.press('Begin again')
+        person.until(lambda: not person.text('.read'))
         person.press('Read empty belt')
         person.until(lambda: 'empty belt: reading' in person.text('.read'))
         person.press('Write calibration')

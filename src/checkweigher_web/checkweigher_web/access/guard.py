@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from checkweigher_web.access.sessions import Session, Sessions
 from checkweigher_web.access.site import Site
 from checkweigher_web.access.throttle import Throttle
-from checkweigher_web.access.users import Role, UserFile
+from checkweigher_web.access.users import Role, UserFile, default_users
 
 # NiceGUI writes scripts and styles into its page and compiles Vue's templates in the browser:
 # hence unsafe-inline and unsafe-eval. No attribute of an element is a script, and nothing is
@@ -51,15 +51,16 @@ class Access:
 
     def __init__(self, site: Site) -> None:
         self.site = site
-        self.users = None if site.users is None else UserFile(site.users)
-        self.sessions = None if self.users is None else Sessions(self.users, 60 * site.idle)
+        self.users = UserFile(site.users or default_users())
+        self.sessions = Sessions(self.users, 60 * site.idle)
         self.throttle = Throttle()
+        self._ended: set[str] = set()  # clients whose session had ended at the latest look
         # Cookies are those of a host: two pages on one host have two names.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
 
     def session(self, identifier: str, *, used: bool = False) -> Session | None:
         """Return the session of an identifier, None without one that holds."""
-        return None if self.sessions is None else self.sessions.find(identifier, used=used)
+        return self.sessions.find(identifier, used=used)
 
     def session_of(self, client: Client) -> Session | None:
         """Return the session that a page was made in, None without one that holds."""
@@ -73,11 +74,18 @@ class Access:
         return Role.VIEWER if self.site.open and not _identifier(client) else None
 
     def expel(self) -> None:
-        """Have pages whose session has ended load again, and give them nothing more."""
-        for client in list(Client.instances.values()):
-            if client.page.path and self.role_of(client) is None:
+        """Have pages whose session has ended load again, and give them nothing more.
+
+        That is at the second look. At the first one the answer to a logout may be on its way, and
+        a page that loads again then never takes it.
+        """
+        clients = list(Client.instances.values())
+        ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
+        for client in clients:
+            if client.id in ended & self._ended:
                 client.run_javascript('location.reload()')
                 core.loop.call_later(1.0, _forget, client)  # type: ignore[union-attr]
+        self._ended = ended
 
 
 def _forget(client: Client) -> None:

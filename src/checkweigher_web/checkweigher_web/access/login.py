@@ -122,7 +122,7 @@ class _Desk:
             answer.headers['Retry-After'] = f'{wait + 1:.0f}'
             return answer
         user = await asyncio.to_thread(self._user, name, password)
-        if user is None or self._access.sessions is None:
+        if user is None:
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
             return self._form('Name or password are wrong.', 403)
@@ -137,7 +137,7 @@ class _Desk:
         return answer
 
     def _user(self, name: str, password: str) -> User | None:
-        user = None if self._access.users is None else self._access.users.find(name)
+        user = self._access.users.find(name)
         if user is None:
             cost_of_nobody(password)
             return None
@@ -147,7 +147,7 @@ class _Desk:
         """End the session."""
         identifier = request.cookies.get(self._access.cookie, '')
         session, given = self._access.session(identifier), await _fields(request)
-        if session is not None and self._access.sessions is not None:
+        if session is not None:
             if not _same(given.get('token', ''), session.token):
                 return Response('this form is not of this page', 403)
             self._access.sessions.end(identifier)

@@ -73,10 +73,8 @@ class Site:
             raise PageError('--certificate and --key: one needs the other')
         if not self.idle > 0:
             raise PageError(f'--idle {self.idle:g}: must be above 0')
-        users = self.users
-        if users is None and default_users().exists():
-            users = default_users()
-        known = {} if users is None else read_users(users)
+        users = self.users or default_users()
+        known = read_users(users) if users == self.users or users.exists() else {}
         if not self.loopback and (self.certificate is None or not known):
             raise PageError(
                 f'--host {self.host}: needs --certificate and --key, which checkweigher '

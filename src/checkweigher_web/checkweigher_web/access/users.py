@@ -157,6 +157,13 @@ class UserFile:
 
     def find(self, name: str) -> User | None:
         """Return a user as the file has it now, None if it has none of the name."""
+        return self._now().get(unicodedata.normalize('NFC', name))
+
+    def any(self) -> bool:
+        """Tell whether the file has a user now."""
+        return bool(self._now())
+
+    def _now(self) -> dict[str, User]:
         try:
             status = os.stat(self.path)
             state = status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
@@ -165,4 +172,4 @@ class UserFile:
                 self._state = state
         except (OSError, UsersError):
             self._users, self._state = {}, ()
-        return self._users.get(unicodedata.normalize('NFC', name))
+        return self._users

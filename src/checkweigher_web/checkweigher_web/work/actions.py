@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Actions of persons on a lane: what an operator and a technician may do."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 import math
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.line_parameters import python_value
 from checkweigher_dsp.ros.node_parameters import ros_parameters
+from checkweigher_dsp.ros.services import SETTER
 from checkweigher_web.work.services import LaneServices, RefusedError
 
 _MANAGED = 'reject', 'driver'  # in the order in which they start
@@ -106,12 +108,44 @@ async def limits(services: LaneServices) -> Limits:
 async def set_limits(services: LaneServices, wanted: Limits) -> str:
     """Set both limits, or none."""
     values = {'lower_limit': wanted.lower, 'upper_limit': wanted.upper}
-    given = [each.to_parameter_msg() for each in ros_parameters(values)]
-    name = 'reject/set_parameters_atomically'
-    result = (await services.call(name, parameters=given)).result
-    if not result.successful:
-        raise RefusedError(result.reason)
+    await _set(services, 'reject', values)
     return f'the limits are {wanted}'
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What is set at a simulated machine: m/s and kg, 0 for what is configured."""
+
+    feed: bool
+    speed: float
+    mass: float
+    load: float
+
+    def __str__(self) -> str:
+        parts = ['feed on' if self.feed else 'feed off']
+        parts += [f'{60 * self.speed:g} m/min'] if self.speed else []
+        parts += [f'products of {_grams(self.mass)}'] if self.mass else []
+        parts += [f'{_grams(self.load)} on the belt'] if self.load else []
+        return ', '.join(parts)
+
+
+_OPERATION = 'simulator.now.'
+
+
+async def operation(services: LaneServices) -> Operation:
+    """Return what is set at the simulated machine of a lane; `RefusedError` if it is a real one."""
+    names = [_OPERATION + entry.name for entry in fields(Operation)]
+    feed, *others = [*await _parameters(services, 'driver', *names), None][: len(names)]
+    if feed is None:
+        raise RefusedError('the machine of this lane is not simulated')
+    return Operation(bool(feed), *(float(str(each)) for each in others))
+
+
+async def operate(services: LaneServices, wanted: Operation) -> str:
+    """Set what a simulated machine does."""
+    values = {_OPERATION + name: value for name, value in asdict(wanted).items()}
+    await _set(services, 'driver', values)
+    return f'it does so within two seconds: {wanted}'
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
@@ -131,6 +165,13 @@ async def line_parameters(services: LaneServices) -> LineParameters:
 
 def _grams(limit: float) -> str:
     return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
+
+
+async def _set(services: LaneServices, node: str, values: Mapping[str, object]) -> None:
+    given = [each.to_parameter_msg() for each in ros_parameters(values)]
+    result = (await services.call(f'{node}/{SETTER}', parameters=given)).result
+    if not result.successful:
+        raise RefusedError(result.reason)
 
 
 async def _parameters(services: LaneServices, node: str, *names: str) -> list[object]:

@@ -10,16 +10,21 @@ from nicegui import ui
 
 from checkweigher_dsp.records import GRAMS
 from checkweigher_web.access.users import Role
-from checkweigher_web.lane import Item
+from checkweigher_web.lane import Item, Lane
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.calibration import calibrate
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
 from checkweigher_web.work.dynamic_setting import set_dynamically
 from checkweigher_web.work.keeping import Keeper
+from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+from checkweigher_web.work.simulated_machine import operate
 
-_BUTTONS: tuple[tuple[str, Role, Callable[[Desk, LaneServices], Awaitable[None]]], ...]
+_PERIOD = 1.0  # s
+_Begin = Callable[[Desk, LaneServices], Awaitable[None]]
+# A further action is a function that opens its dialog, and a row here with its least role.
+_BUTTONS: tuple[tuple[str, Role, _Begin], ...]
 
 
 def work_bar(desk: Desk) -> None:
@@ -27,9 +32,20 @@ def work_bar(desk: Desk) -> None:
     with ui.element('nav').classes('work').props('aria-label="Work on the machine"'):
         for label, role, begin in _BUTTONS:
             if desk.role >= role:
-                ui.button(label, on_click=partial(_begin, desk, label, role, begin)).props(
-                    'outline no-caps'
-                )
+                _button(desk, label, role, begin)
+        if desk.role >= Role.TECHNICIAN:
+            simulated = _button(desk, 'Simulated machine', Role.TECHNICIAN, operate)
+            simulated.set_visibility(False)
+            ui.timer(_PERIOD, lambda: simulated.set_visibility(_is_simulated(desk.lane)))
+
+
+def _button(desk: Desk, label: str, role: Role, begin: _Begin) -> ui.button:
+    button = ui.button(label, on_click=partial(_open, desk, label, role, begin))
+    return button.props('outline no-caps')
+
+
+def _is_simulated(lane: Lane) -> bool:
+    return lane.load_cell is not None and lane.load_cell.model == 'simulated'
 
 
 async def keep_item(desk: Desk, keeper: Keeper, item: Item) -> None:
@@ -47,13 +63,10 @@ async def keep_item(desk: Desk, keeper: Keeper, item: Item) -> None:
         )
         ask(desk, Role.OPERATOR, 'Keep item', text, 'Keep', lambda: (f'keep item {number}', keep))
 
-    await _begin(desk, 'Keep item', Role.OPERATOR, begin)
+    await _open(desk, 'Keep item', Role.OPERATOR, begin)
 
 
-async def _begin(
-    desk: Desk, label: str, role: Role,
-    begin: Callable[[Desk, LaneServices], Awaitable[None]],
-) -> None:  # fmt: skip
+async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
     """Open a dialog, if the person still has the role."""
     if desk.role < role:
         ui.navigate.to('/login')
@@ -160,6 +173,7 @@ _BUTTONS = (
     ('Start', Role.OPERATOR, _start),
     ('Stop', Role.OPERATOR, _stop),
     ('Reset stop', Role.OPERATOR, _reset),
+    ('Performance test', Role.OPERATOR, performance_test),
     ('Limits', Role.TECHNICIAN, _limits),
     ('Calibration', Role.TECHNICIAN, calibrate),
     ('Dynamic setting', Role.TECHNICIAN, set_dynamically),

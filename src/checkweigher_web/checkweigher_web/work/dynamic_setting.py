@@ -10,7 +10,7 @@ from nicegui import ui
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_web.access.users import Role
-from checkweigher_web.page import Table
+from checkweigher_web.elements import Table
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
 
@@ -21,8 +21,8 @@ _STEPS = (
     'Set a belt speed, record passes of one known mass, and let that product pass as often; then '
     'the same at the next speed. Train on all that was recorded: it takes minutes, and the line '
     'weighs on. The table then tells how accurate each estimator was on passes that it was not '
-    'trained on. The line keeps its parameters until you take the trained ones over; it uses them '
-    'from its next start on, and the file before is kept. To close this dialog ends nothing.'
+    'trained on. The line keeps its parameters until you take the trained ones over, and uses them '
+    'once it is started again; the file before is kept. To close this dialog ends nothing.'
 )
 _STATES = {
     DynamicSetting.RECORDING: 'recording',
@@ -66,7 +66,8 @@ class Guide:
         self._dialog.button('Train', self._train)
         self._ending = self._dialog.button('End', self._end)
         self._taking = self._dialog.button('Take over', self._take_over)
-        for button in (self._ending, self._taking):
+        self._restarting = self._dialog.button('Start the line again', self._restart)
+        for button in (self._ending, self._taking, self._restarting):
             button.set_visibility(False)
 
     async def _update(self) -> None:
@@ -86,6 +87,7 @@ class Guide:
         self._ending.set_text(ending)
         self._ending.set_visibility(bool(ending))
         self._taking.set_visibility(bool(self._table))
+        self._restarting.set_visibility(bool(said.file) and said.state == DynamicSetting.IDLE)
 
     async def _trained(self) -> list[str]:
         """Return the table of what waits to be taken over, empty without."""
@@ -149,6 +151,12 @@ class Guide:
             return str((await self._services.call(ports.ACCEPT_TUNED)).message)
 
         await self._perform('take over the trained parameters', take_over)
+
+    async def _restart(self) -> None:
+        async def restart() -> str:
+            return str((await self._services.call(ports.RESTART_LINE)).message)
+
+        await self._perform('start the line again', restart)
 
     async def _perform(self, what: str, action: Action) -> None:
         reason = str(self._reason.value or '')

@@ -4,29 +4,26 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextvars import ContextVar
 from dataclasses import dataclass
 import json
 import time
 from typing import Any
 
 from checkweigher_msgs.msg import DynamicSetting
-from checkweigher_msgs.srv import (
-    CalibrateSpan,
-    FinishCalibration,
-    NewBatch,
-    RecordChange,
-    RecordPasses,
-    SelectProduct,
-)
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
-from std_srvs.srv import Trigger
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.audit_trail import PERSON
+from checkweigher_dsp.records import PerformanceTest
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.access.gate import needs_key
+from checkweigher_dsp.ros.access.key import own_key
+from checkweigher_dsp.ros.access.permissions import announcement
 from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_dsp.ros.services import LIFE_CYCLE_NODES, PAGE_WORK, SERVICES, SETTER
 from checkweigher_dsp.ros.spinner import Spinner
 
 _DISCOVERY = 3.0  # s, for a service to be found
@@ -35,30 +32,24 @@ _LOOK_PERIOD = 1.0  # s
 
 # The node that has a service, by its name in the lane.
 _SERVICES: dict[str, tuple[Any, str]] = {
-    'select_product': (SelectProduct, 'product'),
-    'new_batch': (NewBatch, 'product'),
-    ports.RECORD_CHANGE: (RecordChange, 'product'),
-    ports.ZERO: (Trigger, 'segmenter'),
-    ports.RESET_STOP_REQUEST: (Trigger, 'reject'),
-    ports.CALIBRATE_ZERO: (Trigger, 'driver'),
-    ports.CALIBRATE_SPAN: (CalibrateSpan, 'driver'),
-    ports.FINISH_CALIBRATION: (FinishCalibration, 'driver'),
-    ports.CANCEL_CALIBRATION: (Trigger, 'driver'),
-    ports.RECORD_PASSES: (RecordPasses, 'dynamic_setting'),
-    ports.TUNE_PASSES: (Trigger, 'dynamic_setting'),
-    ports.CANCEL_PASSES: (Trigger, 'dynamic_setting'),
-    ports.SHOW_TUNED: (Trigger, 'dynamic_setting'),
-    ports.ACCEPT_TUNED: (Trigger, 'dynamic_setting'),
+    **{
+        each.name: (ports.interface(each.kind), each.server)
+        for each in SERVICES
+        if PAGE_WORK in each.callers
+    },
     **{
         f'{node}/{name}': (kind, node)
-        for node in ('driver', 'reject')
+        for node in LIFE_CYCLE_NODES
         for name, kind in (('get_state', GetState), ('change_state', ChangeState))
     },
     **{
         f'{node}/get_parameters': (GetParameters, node)
         for node in ('driver', 'product', *ports.STAGES)
     },
-    'reject/set_parameters_atomically': (SetParametersAtomically, 'reject'),
+    **{
+        f'{node}/{SETTER}': (SetParametersAtomically, node)
+        for node in ('driver', 'segmenter', 'reject', 'product', 'dynamic_setting')
+    },
 }
 
 
@@ -82,6 +73,10 @@ class Outcome:
     text: str
 
 
+# Who acts in the task that runs, and why.
+_ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
+
+
 class LaneServices(PortNode):
     """Clients of the services of a lane, for the thread of the page."""
 
@@ -90,20 +85,49 @@ class LaneServices(PortNode):
         self._by_name: dict[str, Client] = {
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
+        self._key = own_key()
         self._has_log = False
+        self.readings: list[str] = []  # loads that were read for a calibration
         self.setting: DynamicSetting | None = None  # how far it is, once it was heard
+        self.test: PerformanceTest | None = None
         self.subscribe(ports.DYNAMIC_SETTING, self._hear, qos=ports.DYNAMIC_SETTING.qos)
+        self.subscribe(ports.PERFORMANCE_TEST, self._hear_test, qos=ports.PERFORMANCE_TEST.qos)
 
     def _hear(self, said: DynamicSetting) -> None:
         self.setting = said
 
+    def _hear_test(self, test: PerformanceTest) -> None:
+        self.test = test
+
+    @property
+    def acting(self) -> tuple[Person, str] | None:
+        """Who acts in the task that runs, and why."""
+        return _ACTING.get()
+
     async def call(self, name: str, **values: Any) -> Any:
         """Return the answer of a service; `RefusedError` without one, or if it says no."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
-        answer = await self._answer(client, kind.Request(**values), node)
+        if needs_key(name):  # it changes something, so the log has to know who does
+            await self._tell_who(_ACTING.get(), [name])
+        request = await self._permitted(name, kind.Request(**values))
+        answer = await self._answer(client, request, node)
         if not getattr(answer, 'success', True):
             raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
         return answer
+
+    async def _permitted(self, name: str, request: Any) -> Any:
+        """Return a request that a locked line takes, if the page has its key."""
+        if self._key is None or not needs_key(name):
+            return request
+        signed = announcement(self._key, self.resolve_service_name(name), request)
+        if type(request) is type(signed):
+            return signed
+        node = _SERVICES[name][1]
+        setter = await self.found(f'{node}/{SETTER}')
+        answer = await self._answer(setter, signed, node)
+        if not answer.result.successful:
+            raise RefusedError(f'{node}: {answer.result.reason}')
+        return request
 
     async def found(self, name: str) -> Client:
         """Return the client of a service that is there; `RefusedError` if it is not."""
@@ -143,27 +167,42 @@ class LaneServices(PortNode):
         """
         why = f'; reason: {reason}' if reason else ''
         try:
-            await self._note(person, f'{what}: asked from {person.address}{why}')
+            await self._note(person, f'{what}: asked from {person.address}{why}', reason)
         except RefusedError as error:
             return Outcome(False, f'nothing was done: not in the audit log: {error}')
+        acting = _ACTING.set((person, reason))
         try:
             outcome = Outcome(True, await action())
         except RefusedError as error:
             outcome = Outcome(False, one_line(error))
+        finally:
+            _ACTING.reset(acting)
         try:
+            await self._tell_who((person, reason), [])
             ending = 'done' if outcome.done else f'refused: {outcome.text}'
-            await self._note(person, f'{what}: {ending}')
+            await self._note(person, f'{what}: {ending}', reason)
         except RefusedError as error:
             return Outcome(
                 outcome.done, f'{outcome.text}; its end is not in the audit log: {error}'
             )
         return outcome
 
-    async def _note(self, person: Person, text: str) -> None:
+    async def _note(self, person: Person, text: str, reason: str) -> None:
+        if self._finds_log():
+            await self._record(person, reason, new_value=json.dumps(one_line(text)))
+
+    async def _tell_who(self, acting: tuple[Person, str] | None, services: list[str]) -> None:
+        """Say which services a person is about to call; none when all is done."""
+        if acting is not None and self._finds_log():
+            await self._record(*acting, new_value='null', subjects=services)
+
+    async def _record(self, person: Person, reason: str, **values: Any) -> None:
+        named = {'subject': person.name, 'who': person.name, 'reason': one_line(reason)}
+        await self.call(ports.RECORD_CHANGE, kind=PERSON, **named, **values)
+
+    def _finds_log(self) -> bool:
         self._has_log = self._has_log or self._client(ports.RECORD_CHANGE).service_is_ready()
-        if self._has_log:
-            value = json.dumps(one_line(text))
-            await self.call(ports.RECORD_CHANGE, kind=PERSON, subject=person.name, new_value=value)
+        return self._has_log
 
 
 class Workshop:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Login and guard on the real server, as a browser behind a proxy and an attacker meet them."""
 
+import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -14,10 +15,14 @@ import re
 import time
 from urllib.parse import urlencode
 
+from nicegui import Client, core, ui
 import pytest
 from running import PATIENCE
 from served_page import served
+from starlette.requests import Request
 
+from checkweigher_web.access.guard import Access
+from checkweigher_web.access.site import Site
 from checkweigher_web.access.users import Role, User, hash_password, read_users, write_users
 
 HOST, PASSWORD = 'scale.example', 'correct horse'
@@ -251,3 +256,29 @@ def test_a_session_ends_with_its_user_and_with_time(browser: Browser, users: Pat
     browser.log_in('dora')
     time.sleep(IDLE + 0.1)  # each look would be a use
     assert browser.ask('/').status == 303
+
+
+def test_a_page_loads_again_at_the_second_look_after_its_session_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """At the first look the answer to its logout may be on its way to the browser."""
+    users = tmp_path / 'users'
+    anna = User('anna', Role.VIEWER, '$argon2id$x')
+    write_users(users, {'anna': anna})
+    access = Access(Site(users=users))
+    identifier = access.sessions.begin(anna, '127.0.0.1')
+    scope = {'type': 'http', 'path': '/', 'headers': [], 'checkweigher.session': identifier}
+
+    async def look() -> list[bool]:
+        monkeypatch.setattr(core, 'loop', asyncio.get_running_loop())
+        client = Client(ui.page('/'), request=Request(scope))
+        asked: list[str] = []
+        monkeypatch.setattr(client, 'run_javascript', asked.append)
+        access.sessions.end(identifier)
+        found = []
+        for _ in range(2):
+            access.expel()
+            found.append(asked == ['location.reload()'])
+        return found
+
+    assert asyncio.run(look()) == [False, True]

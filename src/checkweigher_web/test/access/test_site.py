@@ -8,7 +8,7 @@ import pytest
 
 from checkweigher_web.access.certificate import make_certificate
 from checkweigher_web.access.site import PageError, Site
-from checkweigher_web.access.users import Role, User, write_users
+from checkweigher_web.access.users import Role, User, default_users, write_users
 
 
 @pytest.fixture
@@ -35,7 +35,8 @@ def test_another_address_needs_certificate_key_and_a_user(files: dict[str, Path]
 
 def test_without_configuration_it_is_open_to_this_machine_alone(files: dict[str, Path]):
     site = Site().checked()
-    assert (site.users, site.open, site.secure) == (None, True, False)
+    assert (site.users, site.open, site.secure) == (default_users(), True, False)
+    assert not default_users().exists()
     assert site.serves('127.0.0.1:8080')
     assert site.serves('localhost:9000')  # of a tunnel
     assert not site.serves('evil.example:8080')

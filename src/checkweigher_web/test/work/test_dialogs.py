@@ -33,7 +33,6 @@ def test_a_role_that_somebody_lacks_when_it_acts_is_refused(needed: Role, tmp_pa
     users = tmp_path / 'users'
     write_users(users, {'anna': ANNA})
     access = Access(Site(users=users))
-    assert access.sessions is not None
     identifier = access.sessions.begin(ANNA, '127.0.0.1')
     scope = {'type': 'http', 'path': '/', 'headers': [], 'checkweigher.session': identifier}
 

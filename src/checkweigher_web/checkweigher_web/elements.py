@@ -1,0 +1,99 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The elements that the page is made of: panels, figures, tables."""
+
+from collections.abc import Callable, Iterable
+
+from nicegui import ui
+from nicegui.element import Element
+
+from checkweigher_dsp.health.findings import Level
+
+
+def panel(title: str, place: str = '') -> Element:
+    """Return a part of the page with a heading; `place` names its area in the grid of the page."""
+    panel = ui.element('section').classes(f'panel {place}').props(f'aria-label="{title}"')
+    with panel:
+        ui.html(f'<h2>{title}</h2>', sanitize=False)
+    return panel
+
+
+class _FromText(ui.element):
+    """An element that shows one text of JSON."""
+
+    _of = ''  # the property that takes the text
+
+    def show(self, text: str) -> None:
+        """Show a text; the one that is shown already costs nothing."""
+        if self.props.get(self._of) != text:
+            self.props[self._of] = text
+
+
+class Figure(_FromText, ui.echart, component='figure.js'):  # that brings ECharts
+    """A figure of ECharts, from its options as JSON.
+
+    One text costs NiceGUI little, where of options it would look at each point for each viewer.
+    """
+
+    _of = 'text'
+
+    def __init__(self, label: str) -> None:
+        super().__init__({})
+        for name in ('options', 'enable-3d', 'renderer', 'theme'):
+            self.props.pop(name)
+        self._update_method = None
+        self.classes('chart').props(f'role=img aria-label="{label}"')
+
+
+class ItemList(_FromText, component='items.js'):
+    """The list of items, from its rows as JSON; `choose` is called with the key of a row."""
+
+    _of = 'rows'
+
+    def __init__(self, heads: Iterable[str], choose: Callable[[str], None]) -> None:
+        super().__init__()
+        self.props['heads'] = list(heads)
+        self.props['rows'] = '[]'
+        self.on('choose', lambda event: choose(str(event.args)))
+
+    def choose(self, key: str) -> None:
+        """Mark a row; '' for none."""
+        if self.props.get('chosen', '') != key:
+            self.props['chosen'] = key
+
+
+class Table:
+    """A table whose texts change in place: most stay as they are, and elements are dear.
+
+    Without rows nothing of it is seen.
+    """
+
+    def __init__(self, heads: tuple[str, ...]) -> None:
+        self._columns = len(heads)
+        self._rows: list[tuple[Element, list[ui.label]]] = []
+        with ui.element('table').classes('plain') as self._table:
+            with ui.element('thead'), ui.element('tr'):
+                for head in heads:
+                    with ui.element('th').props('scope=col'):
+                        ui.label(head)
+            self._body = ui.element('tbody')
+
+    def show(self, rows: Iterable[tuple[str, ...]]) -> None:
+        """Show rows, each with a text for each column."""
+        given = list(rows)
+        self._table.set_visibility(bool(given))
+        while len(self._rows) > len(given):
+            self._rows.pop()[0].delete()
+        while len(self._rows) < len(given):
+            with self._body, ui.element('tr') as row:
+                self._rows.append((row, [_cell() for _ in range(self._columns)]))
+        for (_, cells), texts in zip(self._rows, given, strict=True):
+            for cell, text in zip(cells, texts, strict=True):
+                cell.set_text(text)
+            first = texts[0]
+            cells[0].classes(replace=f'level-{first}' if first in Level.__members__ else '')
+
+
+def _cell() -> ui.label:
+    with ui.element('td'):
+        return ui.label('')

@@ -1,0 +1,80 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts, masses, times and reasons in the words of the page."""
+
+from datetime import UTC, datetime
+import math
+
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics, Verdict
+from checkweigher_web.lane import Item
+
+# Colour is never the only sign.
+_SIGNS = {'ACCEPT': '✓', 'UNDER': '↓', 'OVER': '↑', 'FAULT': '✗'}
+
+
+def decided(verdict: Verdict) -> str:
+    """Return the decision of a verdict with its sign."""
+    name = verdict.decision.name
+    return f'{_SIGNS[name]} {name}'
+
+
+def said(verdict: Verdict) -> str:
+    """Return a verdict in words, with its reasons."""
+    return ' '.join((decided(verdict), ', '.join(verdict.reasons))).rstrip()
+
+
+def about(item: Item) -> str:
+    """Return what is known of an item beside its mass."""
+    verdict, known = item.verdict, item.estimate
+    parts = [f'item {verdict.item_id}']
+    if math.isfinite(verdict.std_dev):
+        parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
+    if known is not None:
+        if math.isfinite(known.belt_speed):
+            parts.append(f'{60 * known.belt_speed:.1f} m/min')
+        parts.append(known.estimator)
+    if math.isfinite(item.reference):
+        parts.append(f'reference {GRAMS * item.reference:.2f} g')
+    return ', '.join(parts)
+
+
+def production(statistics: Statistics | None) -> list[tuple[str, str]]:
+    """Return the counts of product and batch by name."""
+    if statistics is None:
+        return [('', 'no statistics: the node product does not run')]
+    known = statistics
+    reasons = zip(known.reasons, known.reason_counts, strict=True)
+    return [
+        ('product', known.product or 'none'), ('batch', known.batch or 'none'),
+        ('items', str(known.items)), ('accepted', str(known.accepted)),
+        ('under', str(known.under)), ('over', str(known.over)), ('faults', str(known.faults)),
+        *((name, str(count)) for name, count in reasons),
+        ('mean g', grams(known.mean)), ('std dev g', grams(known.std_dev)),
+        ('giveaway g', grams(known.giveaway)),
+        ('below TU1', str(known.below_tu1)), ('below TU2', str(known.below_tu2)),
+        ('items/min', number(known.throughput, 1)),
+    ]  # fmt: skip
+
+
+def grams(mass: float, unit: str = '', digits: int = 3) -> str:
+    """Return a mass in kg as a number of grams."""
+    return number(GRAMS * mass, digits, unit)
+
+
+def number(value: float, digits: int, unit: str = '') -> str:
+    """Return a number with a unit, a dash for one that is not known."""
+    return f'{value:.{digits}f}{unit}' if math.isfinite(value) else '–'
+
+
+def clock(stamp: int | None) -> str:
+    """Return the time of a stamp on the clock of this machine."""
+    if stamp is None:
+        return '–'
+    return f'{datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone():%H:%M:%S}'
+
+
+def hint(reason: str) -> str:
+    """Return what to check for a reason."""
+    known = reason in Reason.__members__.values()
+    return Reason(reason).hint if known else 'a reason that this version does not know'

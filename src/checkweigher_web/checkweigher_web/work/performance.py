@@ -1,0 +1,63 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The performance test of the recipe: a person lets the test product pass, and sees each error."""
+
+import math
+
+from nicegui import ui
+
+from checkweigher_dsp.records import GRAMS, PerformanceState, PerformanceTest
+from checkweigher_dsp.ros import ports
+from checkweigher_web.access.users import Role
+from checkweigher_web.work.dialogs import Action, Desk, ask
+from checkweigher_web.work.services import LaneServices
+
+_PERIOD = 0.5  # s
+_STATES = {
+    PerformanceState.OVERDUE: 'Overdue: the line is asked to stop until a test has passed',
+    PerformanceState.NOT_ASKED: 'The recipe asks for no performance test',
+    PerformanceState.IN_TIME: 'In time',
+    PerformanceState.DUE: 'Due',
+    PerformanceState.RUNNING: 'The test goes on: every item is rejected',
+    PerformanceState.FAILED: 'Failed: the line is asked to stop until a test has passed',
+}
+
+
+async def performance_test(desk: Desk, services: LaneServices) -> None:
+    """Show the test, and ask before it is begun or broken off."""
+    running = services.test is not None and services.test.state is PerformanceState.RUNNING
+
+    def plan() -> tuple[str, Action]:
+        what = 'break off performance test' if running else 'begin performance test'
+
+        async def act() -> str:
+            person = services.acting
+            who, reason = (person[0].name, person[1]) if person else ('', '')
+            answer = await services.call(ports.BEGIN_TEST, who=who, reason=reason, cancel=running)
+            return str(answer.message)
+
+        return what, act
+
+    text = 'Let the test product pass as often as is asked for. Every item is rejected meanwhile.'
+    verb = 'Break off' if running else 'Begin'
+    body = ask(desk, Role.OPERATOR, 'Performance test', text, verb, plan)
+    with body:
+        shown = ui.label('').classes('read').props('role=status')
+        ui.timer(_PERIOD, lambda: shown.set_text(text_of(services.test)))
+
+
+def text_of(test: PerformanceTest | None) -> str:
+    """Return what a person has to know of the test, in one line."""
+    if test is None:
+        return 'Nothing is known of a performance test: no product is selected'
+    text = _STATES[test.state]
+    if test.text:
+        text += f' ({test.text})'
+    if test.errors or test.state is PerformanceState.RUNNING:
+        errors = ', '.join(_error(each) for each in test.errors)
+        text += f'. {len(test.errors)} of {test.passes} passes: {errors or "none yet"}'
+    return text
+
+
+def _error(error: float) -> str:
+    return 'no mass' if math.isnan(error) else f'{GRAMS * error:+.2f} g'
