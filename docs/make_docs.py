@@ -25,8 +25,8 @@ from checkweigher_driver.devices import (
     eyes_class,
     source_class,
 )
-from checkweigher_driver.line_io.gpio import GpioOutputParameters
-from checkweigher_driver.line_io.modbus import ModbusOutputParameters
+from checkweigher_driver.line_io.gpio import GpioInputParameters, GpioOutputParameters
+from checkweigher_driver.line_io.modbus import ModbusInputParameters, ModbusOutputParameters
 from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
@@ -37,7 +37,10 @@ from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.access.gate import LockParameters
+from checkweigher_dsp.ros.services import SERVICES, Service
 from checkweigher_dsp.ros.stage_node import GraphParameters
+from checkweigher_recording.simulation.simulator import OperationParameters
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / 'src/checkweigher_msgs/msg'
@@ -56,8 +59,10 @@ NODES: dict[str, type[Parameters]] = {
 SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{node: ('', parameters) for node, parameters in NODES.items()},
     'every node': ('', GraphParameters),
+    'every node, lock': ('', LockParameters),
     'dynamic_setting, commissioning': ('', DynamicSettingParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
+    'driver, simulator while it runs': ('simulator.now.', OperationParameters),
     **{
         f'driver, photo-eyes {name}': (f'{name}.', eyes_class(name).parameters)
         for name in EYES
@@ -67,6 +72,8 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'driver, rejector': ('rejector.', OutputParameters),
     'driver, outputs modbus': ('modbus_outputs.', ModbusOutputParameters),
     'driver, outputs gpio': ('gpio_outputs.', GpioOutputParameters),
+    'driver, inputs modbus': ('modbus_inputs.', ModbusInputParameters),
+    'driver, inputs gpio': ('gpio_inputs.', GpioInputParameters),
     'identifier, learning': ('learning.', LearningParameters),
     'identifier, every estimator': ('NAME.', EstimatorParameters),
     **{
@@ -122,6 +129,19 @@ def qos(port: ports.Port) -> tuple[str, str, str]:
     """Return reliability, durability and depth of a port's publisher."""
     durability = 'transient local' if port.history.latched else 'volatile'
     return 'reliable', durability, str(port.history.depth)
+
+
+def services() -> str:
+    """Return the table of services."""
+    return table(('service', 'type', 'of', ''), map(service_row, SERVICES))
+
+
+def service_row(service: Service) -> tuple[str, str, str, str]:
+    """Return the cells of a service."""
+    package, _, kind = service.kind.partition('/srv/')
+    kind = kind if package == 'checkweigher_msgs' else service.kind
+    where = f'{service.server}, with {service.condition}' if service.condition else service.server
+    return f'`{service.name}`', kind, where, service.text
 
 
 def messages() -> str:
@@ -183,6 +203,7 @@ def allowed(description: Description) -> str:
 TABLES: dict[str, Callable[[], str]] = {
     'topics': topics,
     'topics in short': topics_in_short,
+    'services': services,
     'messages': messages,
     'reasons': reasons,
     **{

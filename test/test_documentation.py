@@ -80,6 +80,7 @@ def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
         'README.md',
         'CONTRIBUTING.md',
         *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware', 'hardware_io', 'safety')),
+        *(f'docs/{n}.md' for n in ('security', 'hosts')),
     ],
 )
 def test_files_that_the_docs_name_are_there(path: str):
@@ -88,9 +89,16 @@ def test_files_that_the_docs_name_are_there(path: str):
         assert (base / target).exists(), f'{path} links to {target}'
 
 
-def test_each_promise_of_safety_names_a_test():
-    for line in (ROOT / 'docs/safety.md').read_text(encoding='utf-8').splitlines():
-        if not line.startswith('|') or line.startswith(('| promise ', '|---')):
+_HEADS = ('| promise ', '| campaign ', '| holds ', '|---')
+
+
+@pytest.mark.parametrize('page', ['safety', 'security'])
+def test_each_promise_of_safety_and_security_names_a_test(page: str):
+    text = (ROOT / f'docs/{page}.md').read_text(encoding='utf-8')
+    if page == 'security':
+        text = text.partition('## What holds')[2].partition('## ')[0]
+    for line in text.splitlines():
+        if not line.startswith('|') or line.startswith(_HEADS):
             continue
         named = re.findall(r'`([\w/]+\.py)::(\w+)`', line)
         assert named, line

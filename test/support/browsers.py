@@ -78,11 +78,11 @@ return [...document.querySelectorAll(kinds)]
 
 
 @contextmanager
-def open_browser(folder: Path) -> Iterator[webdriver.Chrome]:
-    """Open a browser with its files in a folder."""
+def open_browser(folder: Path, *more: str) -> Iterator[webdriver.Chrome]:
+    """Open a browser with its files in a folder; `more` are options of its command line."""
     options = Options()
     options.binary_location = str(BROWSER)
-    for option in (*_OPTIONS, f'--user-data-dir={folder}'):
+    for option in (*_OPTIONS, *more, f'--user-data-dir={folder}'):
         options.add_argument(option)
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
@@ -125,6 +125,9 @@ def shortcomings(driver: webdriver.Chrome) -> list[str]:
 
 
 def is_cut_off(driver: webdriver.Chrome) -> bool:
-    """Tell whether the page is wider than its window."""
-    inside = 'return document.documentElement.scrollWidth <= window.innerWidth'
+    """Tell whether the page is wider than its window, or a part of it than its frame."""
+    inside = (
+        'return document.documentElement.scrollWidth <= window.innerWidth && '
+        '[...document.querySelectorAll(".panel")].every(p => p.scrollWidth <= p.clientWidth + 1)'
+    )
     return not driver.execute_script(inside)

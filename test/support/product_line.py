@@ -37,6 +37,7 @@ products:
     parameters: {identifier: {estimator: hann}}
   nuts: {nominal: 0.2, lower_limit: 0.19}
   tins: {nominal: 0.1, tare: 0.004, tu1_quota: 0.025, filler: {max_correction: 0.003}}
+  tested: {nominal: 0.1, test: {mass: 0.1, limit: 0.0005, passes: 2, every_hours: 8, grace: 0}}
   bars: {nominal: 0.1, length: [0.05, 0.15], speed: [0.5, 1.5]}
   snails: {nominal: 0.1, speed: [0.01, 0.05]}
   half_trained:

@@ -1,0 +1,121 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Hosts on a bad network: network namespaces of this machine with a switch of ours in between."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import fcntl
+import json
+import os
+from pathlib import Path
+import shutil
+import struct
+import subprocess
+import sys
+import time
+
+_TUNSETIFF, _TAP, _NO_HEADER = 0x400454CA, 0x0002, 0x1000  # linux/if_tun.h
+_PATIENCE = 60.0  # s
+_SWITCH = Path(__file__).with_name('switch.py')
+
+
+class NoNetworkError(Exception):
+    """This machine cannot give hosts; the message says why."""
+
+
+class Network:
+    """Hosts 0, 1, ... in network namespaces, each with the address 10.75.0.(1 + number)."""
+
+    def __init__(self, count: int, seed: int = 1) -> None:
+        self._names = [f'checkweigher-{os.getpid()}-{number}' for number in range(count)]
+        self._seed = seed
+        self._switch: subprocess.Popen[str] | None = None
+
+    def command(self, host: int, **environment: str) -> list[str]:
+        """Return the words that run a command on a host.
+
+        A line is alone on its network: any address reaches it, unless `environment` says else.
+        """
+        given = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **environment}
+        words = [f'{name}={value}' for name, value in given.items()]
+        return ['ip', 'netns', 'exec', self._names[host], 'env', *words]
+
+    def order(self, **orders: object) -> dict[str, int]:
+        """Give the switch an order, see `switch.py`; return its counts."""
+        assert self._switch is not None
+        assert self._switch.stdin is not None
+        assert self._switch.stdout is not None
+        print(json.dumps(orders), file=self._switch.stdin, flush=True)
+        counts: dict[str, int] = json.loads(self._switch.stdout.readline())
+        return counts
+
+    def make(self) -> None:
+        """Make hosts and switch; `NoNetworkError` where that cannot be done."""
+        if shutil.which('ip') is None:
+            raise NoNetworkError('network namespaces need the command ip, of the package iproute2')
+        if os.geteuid() != 0:
+            raise NoNetworkError('network namespaces need root')
+        descriptors = []
+        try:
+            for number, name in enumerate(self._names):
+                _ip('netns', 'add', name)
+                descriptors.append(_plug(number, name))
+            self._start_switch(descriptors)
+            for name in self._names:
+                _wait_for_link(name)
+        except (OSError, subprocess.CalledProcessError) as error:
+            why = str(getattr(error, 'stderr', '') or error).strip()
+            raise NoNetworkError(f'no network namespaces with TAP devices here: {why}') from None
+        finally:
+            for each in descriptors:
+                os.close(each)
+
+    def _start_switch(self, descriptors: list[int]) -> None:
+        words = [sys.executable, str(_SWITCH), str(self._seed), *map(str, descriptors)]
+        pipe = subprocess.PIPE
+        self._switch = subprocess.Popen(
+            words, stdin=pipe, stdout=pipe, text=True, pass_fds=descriptors
+        )
+
+    def remove(self) -> None:
+        """Remove the hosts and their switch."""
+        if self._switch is not None:
+            self._switch.communicate(timeout=_PATIENCE)
+        for name in self._names:
+            subprocess.run(['ip', 'netns', 'del', name], capture_output=True)
+
+
+def _plug(number: int, host: str) -> int:
+    """Give a host its network device; return the descriptor of the other end."""
+    device = f'cw{os.getpid()}n{number}'
+    descriptor = os.open('/dev/net/tun', os.O_RDWR)
+    fcntl.ioctl(descriptor, _TUNSETIFF, struct.pack('16sH14x', device.encode(), _TAP | _NO_HEADER))
+    _ip('link', 'set', device, 'netns', host)
+    _ip('-n', host, 'link', 'set', device, 'name', 'cable')
+    _ip('-n', host, 'link', 'set', 'lo', 'up')
+    _ip('-n', host, 'addr', 'add', f'10.75.0.{number + 1}/24', 'dev', 'cable')
+    _ip('-n', host, 'link', 'set', 'cable', 'multicast', 'on', 'up')
+    return descriptor
+
+
+def _wait_for_link(host: str) -> None:
+    """Wait until the cable carries: DDS uses no interface that comes up after its node."""
+    end = time.monotonic() + _PATIENCE
+    while 'tentative' in (shown := _ip('-n', host, 'addr', 'show', 'cable')):
+        assert time.monotonic() < end, shown
+        time.sleep(0.05)
+
+
+def _ip(*words: str) -> str:
+    return subprocess.run(('ip', *words), capture_output=True, text=True, check=True).stdout
+
+
+@contextmanager
+def network(count: int, seed: int = 1) -> Iterator[Network]:
+    """Have some hosts for as long as the block lasts; `NoNetworkError` where that cannot be."""
+    hosts = Network(count, seed)
+    try:
+        hosts.make()
+        yield hosts
+    finally:
+        hosts.remove()

@@ -1,0 +1,153 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A line on a simulated scale with its page, and a person at the browser who works on it."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+import subprocess
+import sys
+
+from running import PATIENCE
+from selenium.common.exceptions import TimeoutException, WebDriverException
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.wait import WebDriverWait
+from served_page import served
+import yaml
+
+from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_web.access.users import Role, User, hash_password, write_users
+
+PASSWORD = 'correct horse'
+SCRIPT = '<img src=x onerror=alert(1)>'
+
+
+@dataclass
+class Line:
+    """A line on a simulated scale, with its page."""
+
+    port: int
+    folder: Path
+    scheme: str = 'http'
+
+    def noted(self, name: str) -> list[str]:
+        """Return what the audit log has of a person."""
+        entries = read_log(self.folder / 'audit.log').entries
+        return [str(each.new) for each in entries if (each.kind, each.subject) == ('person', name)]
+
+
+def add_users(path: Path) -> None:
+    """Write a file of users: an operator, a technician and a viewer."""
+    known = hash_password('x', PASSWORD)
+    roles = {'anna': Role.OPERATOR, 'ben': Role.TECHNICIAN, 'vera': Role.VIEWER}
+    write_users(path, {name: User(name, role, known) for name, role in roles.items()})
+
+
+@contextmanager
+def running_line(folder: Path, **driver: object) -> Iterator[Line]:
+    """Run a line with a simulated driver, and its page."""
+    add_users(folder / 'users')
+    recipes = {'crisps': {'nominal': 0.15}, SCRIPT: {'nominal': 0.2, 'reason': True}}
+    (folder / 'recipes.yaml').write_text(yaml.safe_dump({'products': recipes}))
+    values = {
+        'driver': {
+            'source': 'simulator', 'simulator.count': 0,
+            'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5, **driver,
+        },
+        'product': {
+            'recipes': str(folder / 'recipes.yaml'), 'audit_log': str(folder / 'audit.log')
+        },
+    }  # fmt: skip
+    sections = {f'/**/{node}': {'ros__parameters': each} for node, each in values.items()}
+    (folder / 'line.yaml').write_text(yaml.safe_dump(sections))
+    words = ['-m', 'checkweigher_bringup.cli', 'run', '--params', str(folder / 'line.yaml')]
+    running = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
+    try:
+        with served('--users', str(folder / 'users')) as (_, port):
+            yield Line(port, folder)
+    finally:
+        running.terminate()
+        running.wait()
+
+
+class Person:
+    """Somebody at the browser."""
+
+    def __init__(self, browser: Chrome, line: Line) -> None:
+        self.browser, self.line = browser, line
+
+    def until(self, condition: Callable[[], object]) -> object:
+        wait = WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1)
+        try:
+            return wait.until(lambda _: condition())
+        except TimeoutException:
+            raise AssertionError(f'{self.browser.current_url}: {self.text("body")}') from None
+
+    def log_in(self, name: str) -> None:
+        self.browser.set_window_size(800, 900)
+        self.browser.get(f'{self.line.scheme}://127.0.0.1:{self.line.port}/login')
+        self.browser.find_element(By.NAME, 'name').send_keys(name)
+        self.browser.find_element(By.NAME, 'password').send_keys(PASSWORD + Keys.ENTER)
+        self.until(lambda: name in self.text('.head'))
+
+    def text(self, selector: str) -> str:
+        script = 'return document.querySelector(arguments[0])?.innerText ?? ""'
+        return str(self.browser.execute_script(script, selector))
+
+    def buttons(self, where: str) -> dict[str, object]:
+        found = self.browser.find_elements(By.CSS_SELECTOR, f'{where} button')
+        return {each.text.strip(): each for each in found}
+
+    def press(self, name: str, where: str = '.dialog') -> None:
+        self.until(lambda: self.clicked(f'{where} button', name))
+
+    def open(self, name: str) -> None:
+        self.press(name, '.work')
+        self.until(lambda: self.text('.dialog h2') == name)
+
+    def fill(self, label: str, text: str) -> None:
+        path = f'.dialog input[aria-label="{label}"]'
+        self.until(lambda: self.browser.find_elements(By.CSS_SELECTOR, path))
+        field = self.browser.find_element(By.CSS_SELECTOR, path)
+        field.send_keys(Keys.CONTROL, 'a')
+        field.send_keys(text or Keys.BACKSPACE)
+
+    def choose(self, name: str) -> None:
+        self.until(lambda: self.clicked('.dialog .q-select'))
+        self.until(lambda: self.clicked('.q-menu .q-item', name))
+
+    def clicked(self, selector: str, text: str = '') -> bool:
+        # While a dialog before it fades out, it is in the way.
+        found = self.browser.find_elements(By.CSS_SELECTOR, selector)
+        for each in found:
+            if text in ('', each.text.strip()):
+                with suppress(WebDriverException):
+                    each.click()
+                    return True
+        return False
+
+    def attribute(self, selector: str, name: str) -> str:
+        script = 'return document.querySelector(arguments[0])?.getAttribute(arguments[1]) ?? ""'
+        return str(self.browser.execute_script(script, selector, name))
+
+    def result(self, sign: str) -> str:
+        self.until(lambda: self.text('.dialog .result').startswith(sign))
+        return self.text('.dialog .result')
+
+    def does(self, name: str, sign: str, verb: str = '') -> str:
+        self.open(name)
+        self.press(verb or name)
+        result = self.result(sign)
+        self.close()
+        return result
+
+    def close(self) -> None:
+        self.press('Close')
+        self.until(lambda: not self.text('.dialog'))
+
+    def log_out(self) -> None:
+        self.press('Log out', '.head')
+        self.until(lambda: self.browser.current_url.endswith('/login'))
