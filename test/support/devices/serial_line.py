@@ -65,6 +65,7 @@ class Reader:
         self.source = source
         self.events = []
         self.error = None
+        self.host_late = 0.0  # the most that a wait ended late, s: how busy the host is
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -79,8 +80,10 @@ class Reader:
         """Wait until a condition holds; return how long that took, s."""
         begin = time.monotonic()
         while not condition():
-            assert time.monotonic() - begin < patience, (self.source.figures(), self.source.trouble)
+            since = time.monotonic()
+            assert since - begin < patience, (self.source.figures(), self.source.trouble)
             time.sleep(0.005)
+            self.host_late = max(self.host_late, time.monotonic() - since - 0.005)
         return time.monotonic() - begin
 
     @property

@@ -41,6 +41,7 @@ class Journey:
     times: dict = field(default_factory=dict)
     end: dict = field(default_factory=dict)  # index at each station
     error: object = None
+    host_late: float = 0.0  # the most that a wait ended late, s
 
     def until(self, station):
         return [b for b in self.blocks if b.first_index < self.end[station]]
@@ -81,6 +82,7 @@ def travel(name, values, options, link):
         journey.after = port.read(1)
         port.close()
         journey.blocks, journey.error = reader.events, reader.error
+        journey.host_late = reader.host_late
     finally:
         device.end()
     return journey
@@ -213,10 +215,10 @@ def test_after_a_break_the_index_is_that_of_the_time(journeys, name):
     first, last = journey.blocks[0], journey.blocks[-1]
     sent = numbers(last)[-1] - numbers(first)[0]
     index = last.first_index + len(last.counts) - 1 - first.first_index
-    # A busy machine reads late.
-    assert abs(sent - index) < 0.1 * RATE
+    most = 0.1 + journey.host_late  # s: a busy host reads late
+    assert abs(sent - index) < most * RATE
     late = (last.stamp - first.stamp) / 1e9 - (last.first_index - first.first_index) / RATE
-    assert abs(late) < 0.1
+    assert abs(late) < most
 
 
 @pytest.mark.parametrize('name', LINES)
