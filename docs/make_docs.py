@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingParameters
+from checkweigher_bringup.commissioning.verifier import VerifierParameters
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import (
     EYES,
@@ -61,6 +62,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     'every node': ('', GraphParameters),
     'every node, lock': ('', LockParameters),
     'dynamic_setting, commissioning': ('', DynamicSettingParameters),
+    'verifier, commissioning': ('', VerifierParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
     'driver, simulator while it runs': ('simulator.now.', OperationParameters),
     **{

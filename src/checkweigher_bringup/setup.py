@@ -30,6 +30,7 @@ setup(
             'dynamic_setting = checkweigher_bringup.commissioning.dynamic_setting:main',
             'line = checkweigher_bringup.line:main',
             'checkweigher = checkweigher_bringup.cli:main',
+            'verifier = checkweigher_bringup.commissioning.verifier:main',
         ],
     },
 )

@@ -44,6 +44,19 @@ rest: {duration_s: 1, tolerance_g: 0.1}
 static: {loads: [small, large]}
 """
 
+# Products 3 s apart: between two of them the belt is empty for long enough to be read. The line
+# carries what the plan calls middle, so passes of small are far off. What may still move while the
+# belt is read is small against the limit of the zero, 0.025 g.
+GUIDED_LINE: dict[str, object] = {
+    'simulator.profile': 'quiet', 'simulator.masses': [0.1945], 'simulator.count': 0,
+    'simulator.spacing': 3.0, 'simulator.seed': 4, 'rate': 4.0,
+}  # fmt: skip
+SHORT_PLAN = (
+    PLAN[: PLAN.index('outside:')].replace('loads: [small, middle]', 'loads: [middle, small]')
+    .replace('passes: 3', 'passes: 2').replace('minutes: [0, 1]', 'minutes: [0, 0.02]')
+    + 'rest: {duration_s: 0.5, tolerance_g: 0.02}\n'
+)  # fmt: skip
+
 
 def attempt_of(
     name: str, *, masses: Sequence[float] = (), std_devs: Sequence[float] | None = None,
@@ -64,7 +77,11 @@ def attempt_of(
 
 
 def procedure_of(
-    *attempts: Attempt, zeros: Sequence[ZeroChange] = (), plan: str = PLAN
+    *attempts: Attempt, zeros: Sequence[ZeroChange] = (), plan: str = PLAN,
+    between: Sequence[ItemPass] = (),
 ) -> Procedure:  # fmt: skip
-    """Return the procedure of some attempts."""
-    return Procedure(read_plan(plan), plan, IDENTITY, CELL, tuple(attempts), tuple(zeros), 64 * '3')
+    """Return the procedure of some attempts, with the faults between them."""
+    return Procedure(
+        read_plan(plan), plan, IDENTITY, CELL, tuple(attempts), tuple(zeros), 64 * '3',
+        tuple(between),
+    )  # fmt: skip

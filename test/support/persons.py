@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A line on a simulated scale with its page, and a person at the browser who works on it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +68,29 @@ def running_line(folder: Path, **driver: object) -> Iterator[Line]:
     try:
         with served('--users', str(folder / 'users')) as (_, port):
             yield Line(port, folder)
+    finally:
+        running.terminate()
+        running.wait()
+
+
+@contextmanager
+def new_line(folder: Path, values: Mapping[str, Mapping[str, object]]) -> Iterator[Line]:
+    """Run a simulated line of a new machine as a user would, with its page.
+
+    `values` are parameters by node.
+    """
+    users, params = folder / 'users', folder / 'params.yaml'
+    add_users(users)
+    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
+    params.write_text(yaml.safe_dump(sections))
+    machine = folder / 'machine'
+    words = 'run', '--folder', str(machine), '--params', str(params)
+    running = subprocess.Popen(
+        [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
+    )
+    try:
+        with served('--users', str(users), '--keep', str(folder)) as (_, port):
+            yield Line(port, machine)
     finally:
         running.terminate()
         running.wait()

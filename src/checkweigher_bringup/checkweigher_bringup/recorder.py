@@ -77,8 +77,10 @@ class RecorderNode(PortNode):
     the references of the line.
     """
 
-    def __init__(self, recorded: tuple[Port, ...], passes: ReferencePasses | None) -> None:
-        super().__init__('record')
+    def __init__(
+        self, recorded: tuple[Port, ...], passes: ReferencePasses | None, name: str = 'record'
+    ) -> None:  # fmt: skip
+        super().__init__(name)
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self._passes = passes
         # With the profile of the stages, which takes no old verdicts: they would belong to items

@@ -33,8 +33,13 @@ from checkweigher_web.access.users import default_users
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
 LINE = {'line': 'checkweigher_bringup.line'}
-# Beside the line, which does not depend on it.
-SETTING = {'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting'}
+# Beside the line of a machine, which does not depend on them.
+BESIDE = {
+    'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
+    'verifier': 'checkweigher_bringup.commissioning.verifier',
+    'batch_reporter': 'checkweigher_bringup.batch_reporter',
+}
+_SILENT = ('batch_reporter',)  # without diagnostics: that it hangs cannot be told
 
 
 class SupervisedProcess:
@@ -102,12 +107,12 @@ def run_line(
     """Run the line until a signal asks for its end, and return the exit status.
 
     The parameters of the `driver` win over the file `params`; `page` is the port of the page, None
-    for none. With a `folder` the line keeps there what becomes of its machine, and the dynamic
-    setting runs beside it. A UserError says that there is a line already in this lane.
+    for none. With a `folder` the line keeps there what becomes of its machine, and the nodes of
+    `BESIDE` run beside it. A UserError says that there is a line already in this lane.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
-        modules = {**(LINE if one_process else ports.NODES), **(SETTING if folder else {})}
+        modules = {**(LINE if one_process else ports.NODES), **(BESIDE if folder else {})}
         processes = {
             name: SupervisedProcess(name, partial(_command, module, namespace, files))
             for name, module in modules.items()
@@ -185,14 +190,16 @@ def _supervise(
             while not node.alive.empty():
                 name = node.alive.get()
                 # In one process any node speaks for all: they share one executor.
-                speaks_for = (name,) if name in SETTING else (name, 'line')
+                speaks_for = (name,) if name in BESIDE else (name, 'line')
                 for process in [processes[n] for n in speaks_for if n in processes]:
                     process.heard(now)
+            for name in processes.keys() & _SILENT:
+                processes[name].heard(now)
             if folder is not None and folder.take_restart():
                 _restart(processes)
             # All of them: the first to fail must not keep the others from being looked after.
             going = {name: process.look(now) for name, process in processes.items()}
-            if not all(well for name, well in going.items() if name not in SETTING):
+            if not all(well for name, well in going.items() if name not in BESIDE):
                 return CANNOT_START
             with suppress(queue.Empty):
                 table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
@@ -202,8 +209,8 @@ def _supervise(
 
 
 def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the line and have it start again; the dynamic setting goes on."""
-    line = {name: process for name, process in processes.items() if name not in SETTING}
+    """End the line and have it start again; the nodes beside it go on."""
+    line = {name: process for name, process in processes.items() if name not in BESIDE}
     _say('the line starts again, as was asked')
     _end(line)
     for process in line.values():
@@ -212,8 +219,8 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
     """End all processes, the driver first, reject last of the line; no signal hurries it."""
-    names = [name for name in processes if name not in SETTING]
-    beside = [name for name in processes if name in SETTING]
+    names = [name for name in processes if name not in BESIDE]
+    beside = [name for name in processes if name in BESIDE]
     for group in (names[:1], names[1:-1], names[-1:], beside):
         for name in group:
             processes[name].terminate()

@@ -22,6 +22,7 @@ from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.supervision import CANNOT_START
 from checkweigher_dsp.ros.access.enclave import enclave_arguments
 from checkweigher_dsp.ros.ports import NODES
+from checkweigher_dsp.ros.services import OF_MACHINE
 
 RESPAWN_DELAY = 1.0  # s
 
@@ -42,7 +43,7 @@ ARGUMENTS = (
      'whether a process that has ended is started again; false ends the launch with it'),
     ('folder', '',
      'of this machine: calibration, trained parameters, recipes, audit log; made if there is none, '
-     'and with it the node dynamic_setting runs beside the line'),
+     'and with it the nodes dynamic_setting and verifier run beside the line'),
     ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
     ('batch_reports', 'false', 'whether each batch that ends gets a report beside its record'),
     ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
@@ -98,12 +99,15 @@ def make_line(context):
             )
             for name, module in NODES.items()
         ),
-        Node(
-            package='checkweigher_bringup', executable='dynamic_setting', output='screen',
-            namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
-            parameters=[*files, own['dynamic_setting']],
-            ros_arguments=[*log_level, *enclave_arguments(namespace, 'dynamic_setting')],
-            condition=IfCondition('true' if own['dynamic_setting'] else 'false'),
+        *(
+            Node(
+                package='checkweigher_bringup', executable=name, output='screen',
+                namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
+                parameters=[*files, own[name]],
+                ros_arguments=[*log_level, *enclave_arguments(namespace, name)],
+                condition=IfCondition('true' if own[name] else 'false'),
+            )
+            for name in OF_MACHINE
         ),
         Node(
             package='checkweigher_web', executable='page', output='screen', respawn=respawn,
@@ -121,7 +125,7 @@ def make_line(context):
 
 def files_and_parameters(context, params_file):
     """Return the parameter files, those of the folder too, and its parameters for each node."""
-    own = {name: {} for name in (*NODES, 'dynamic_setting')}
+    own = {name: {} for name in (*NODES, *OF_MACHINE)}
     path = LaunchConfiguration('folder').perform(context)
     if not path:
         return [str(params_file)], own

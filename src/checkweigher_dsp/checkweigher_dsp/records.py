@@ -61,6 +61,23 @@ class StepState(IntEnum):
     SKIPPED = 4
 
 
+class ProgressState(IntEnum):
+    """Whether a guided verification waits for an answer of the operator, and for which."""
+
+    IDLE = 0
+    ASKING = 1
+    MAKING = 2
+    DECIDING = 3
+
+
+class StepAnswer(IntEnum):
+    """What an operator answers: make the step, also again, skip it, or leave it as it failed."""
+
+    MAKE = 0
+    SKIP = 1
+    GO_ON = 2
+
+
 class PerformanceState(IntEnum):
     """Whether the performance test of a recipe is due, and how the last one ended."""
 
@@ -377,7 +394,9 @@ class Statistics:
     `length_faults` and `speed_faults` are items outside the ranges of the recipe; `tu1` and `tu2`
     are those of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean above `nominal`),
     `below_tu1`, which has those below TU2 as well, `below_tu2` and `share_below_tu1` (0..1) are of
-    the accepted items. `throughput` is in 1/min, between the first and the last item.
+    the accepted items. `throughput` is in 1/min, between the first and the last item. The recipe
+    allows a share of `tu1_quota` below TU1 in a batch, NaN without that rule, and with `mean_value`
+    no mean below nominal.
     """
 
     stamp: Stamp | None
@@ -403,6 +422,8 @@ class Statistics:
     below_tu2: int
     share_below_tu1: float
     throughput: float
+    tu1_quota: float = math.nan
+    mean_value: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -462,6 +483,27 @@ class VerificationStep:
     state: StepState
     begin: Stamp | None = None
     text: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationProgress:
+    """How far a guided verification is at `stamp`, ns, and what it asks the operator.
+
+    `question` is the number of what is asked. In `folder` are the plans of the machine and, by
+    their names, its verifications. `results` has a line for each of `steps`, empty before it is
+    made; `step` is the place of the one that is asked for or made, and `lines` what came in it.
+    """
+
+    stamp: Stamp
+    state: ProgressState
+    question: int = 0
+    folder: str = ''
+    name: str = ''
+    steps: tuple[str, ...] = ()
+    results: tuple[str, ...] = ()
+    step: int = 0
+    text: str = ''
+    lines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

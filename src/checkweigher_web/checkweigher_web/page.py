@@ -15,7 +15,7 @@ from checkweigher_web import charts
 from checkweigher_web.drawing import EMPTY, Drawing, row_key
 from checkweigher_web.elements import Figure, ItemList, Table, panel
 from checkweigher_web.lane import Item, Lane
-from checkweigher_web.words import about, clock, decided, grams, hint, production, said
+from checkweigher_web.words import about, batch_rules, clock, decided, grams, hint, production, said
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
 _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
@@ -83,6 +83,7 @@ class LanePage:
             self._diagnostics = Table(_REASON_HEADS if self._board is None else _STATUS_HEADS)
         with panel('Production', 'production'):
             self._production = Table(('what', 'value'))
+            self._rules = Table(('rule for the batch', 'how it stands'))
         with panel('Masses of the accepted items', 'masses'):
             self._masses = Figure('histogram of the masses')
         with panel('Control chart: means', 'means'):
@@ -165,6 +166,8 @@ class LanePage:
         self._analysed = self._lane.version
         statistics = self._lane.statistics
         self._production.show(production(statistics))
+        items = self._drawing.items()
+        self._rules.show(batch_rules(statistics, items[0].verdict if items else None))
         if self._board is None:
             self._show_reasons(statistics)
             self._show_belt()

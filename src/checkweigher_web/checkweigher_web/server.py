@@ -36,6 +36,7 @@ from checkweigher_web.shift import Shift
 from checkweigher_web.work.bar import keep_item, work_bar
 from checkweigher_web.work.dialogs import Desk
 from checkweigher_web.work.keeping import HELD, Keeper
+from checkweigher_web.work.reports import add_reports
 from checkweigher_web.work.services import Workshop
 
 _LOOK_PERIOD = 1.0  # s
@@ -156,6 +157,8 @@ def _serve(
     watch.viewers = lambda name: viewers[name]
     workshop = Workshop(spinner)
     drawings: dict[str, Drawing] = {}
+
+    add_reports(app, workshop, REPORT_POLICY)
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:

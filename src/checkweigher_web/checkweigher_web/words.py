@@ -5,8 +5,10 @@
 from datetime import UTC, datetime
 import math
 
+from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics, Verdict
+from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_web.lane import Item
 
 # Colour is never the only sign.
@@ -55,6 +57,59 @@ def production(statistics: Statistics | None) -> list[tuple[str, str]]:
         ('below TU1', str(known.below_tu1)), ('below TU2', str(known.below_tu2)),
         ('items/min', number(known.throughput, 1)),
     ]  # fmt: skip
+
+
+def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
+    """Return the packers' rules for the batch on the line, each with how it stands.
+
+    Parameters
+    ----------
+    statistics : Statistics or None
+        Of the product in the batch, with the rules of its recipe.
+    latest : Verdict or None
+        The latest one, which has the counts of the rules.
+    """
+    known = statistics
+    if known is None or not math.isfinite(known.nominal):
+        return []
+    tally = BatchTally() if latest is None else BatchTally.of(latest)
+    if tally.key != (known.product, known.batch):  # nothing has passed yet
+        tally = BatchTally(known.product, known.batch)
+    return [
+        ('mean at least nominal', _mean_rule(known, tally)),
+        (f'share below TU1, {grams(known.tu1)} g', _tu1_rule(known, tally)),
+        (f'none below TU2, {grams(known.tu2)} g', _kept(not known.below_tu2)
+         + f'{known.below_tu2} accepted'),
+    ]  # fmt: skip
+
+
+def _mean_rule(known: Statistics, tally: BatchTally) -> str:
+    if not known.mean_value:
+        return f'not asked by the recipe; the mean is {grams(known.mean)} g'
+    if not tally.accepted:
+        return 'nothing accepted yet'
+    mean = known.nominal + tally.surplus / tally.accepted
+    kept = _kept(mean >= known.nominal * (1 - ROUNDING))
+    return f'{kept}{grams(mean)} g of {grams(known.nominal)} g; an item may lack ' + grams(
+        max(tally.surplus, 0.0), ' g'
+    )
+
+
+def _tu1_rule(known: Statistics, tally: BatchTally) -> str:
+    quota = known.tu1_quota
+    if not math.isfinite(quota):
+        part = number(100 * known.share_below_tu1, 2, ' %')
+        return f'not asked by the recipe; {known.below_tu1} accepted, {part}'
+    share = tally.below_tu1 / tally.accepted if tally.accepted else 0.0
+    what = 'is accepted' if tally.has_room(quota) else 'is rejected, TU1Quota'
+    return (
+        f'{_kept(share <= quota * (1 + ROUNDING))}{tally.below_tu1} of {tally.accepted} accepted, '
+        f'{100 * share:.2f} % of at most {100 * quota:g} %; the next one {what}'
+    )
+
+
+def _kept(kept: bool) -> str:
+    return '✓ ' if kept else '✗ '
 
 
 def grams(mass: float, unit: str = '', digits: int = 3) -> str:

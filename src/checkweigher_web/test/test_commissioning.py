@@ -2,17 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a new line to a calibrated, tuned one that runs, by nothing but the page."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 from browsers import errors_of, needs_browser, open_browser
-from persons import Line, Person, add_users
+from persons import Person, new_line
 import pytest
-from served_page import served
 import yaml
 
 MASS, SPEED = 200.0, 60.0  # g, m/min; the speed is that of the machine after a new start, too
@@ -21,26 +17,6 @@ VALUES = {
     'driver': {'calibration.duration': 0.5, 'simulator.seed': 3},
     'dynamic_setting': {'estimator': 'tvlpf', 'budget': 4},
 }
-
-
-@contextmanager
-def new_line(folder: Path) -> Iterator[Line]:
-    """Run a simulated line of a new folder as a user would, and its page."""
-    users, params = folder / 'users', folder / 'quick.yaml'
-    add_users(users)
-    sections = {f'/**/{node}': {'ros__parameters': values} for node, values in VALUES.items()}
-    params.write_text(yaml.safe_dump(sections))
-    machine = folder / 'machine'
-    words = 'run', '--folder', str(machine), '--params', str(params)
-    running = subprocess.Popen(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
-    )
-    try:
-        with served('--users', str(users), '--keep', str(folder)) as (_, port):
-            yield Line(port, machine)
-    finally:
-        running.terminate()
-        running.wait()
 
 
 class Technician(Person):
@@ -81,7 +57,7 @@ class Technician(Person):
 
 @needs_browser
 def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Path):
-    with new_line(tmp_path) as line, open_browser(tmp_path / 'browser') as browser:
+    with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Technician(browser, line)
         ben.log_in('ben')
         ben.until(lambda: 'ACCEPT' in ben.text('.decision'))

@@ -25,9 +25,9 @@ from checkweigher_msgs.msg import DynamicSetting
 from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
+from checkweigher_bringup.commissioning.machine_folder import own_folder
 from checkweigher_bringup.spinning import memory_file
-from checkweigher_driver.calibration.file import check_not_installed, replace_version
-from checkweigher_driver.calibration.static_calibration import CalibrationError
+from checkweigher_driver.calibration.file import replace_version
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.parent_process import child_environment
@@ -72,7 +72,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
         try:
-            self._folder = _folder(self.parameters.folder)
+            self._folder = own_folder('dynamic_setting', self.parameters.folder)
         except ParameterError:
             self.destroy_node()
             raise
@@ -315,19 +315,6 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if hasattr(self, '_scratch'):
             self._scratch.close()
         super().destroy_node()
-
-
-def _folder(name: str) -> Path:
-    """Return the folder of a name, or raise ParameterError if nothing can be kept in it."""
-    folder = Path(name)
-    if not name or not folder.is_dir():
-        text = f'{name!r} is no folder; make it, and name it there'
-        raise ParameterError(f'dynamic_setting.folder: {text}')
-    try:
-        check_not_installed(folder)
-    except CalibrationError as error:
-        raise ParameterError(f'dynamic_setting.folder: {error}') from None
-    return folder
 
 
 def _number(path: Path) -> int:

@@ -9,6 +9,7 @@ import time
 from checkweigher_bringup.errors import UserError
 from checkweigher_driver.calibration.file import check_not_installed
 from checkweigher_driver.calibration.static_calibration import CalibrationError
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_recording.whole_file import OutputError, write_whole
 
 _RECIPES = """\
@@ -23,12 +24,30 @@ products:
 ParameterSets = dict[str, dict[str, object]]  # values by node
 
 
+def own_folder(node: str, name: str) -> Path:
+    """Return the folder that the parameter `folder` of a node names.
+
+    `ParameterError` if nothing can be kept in it.
+    """
+    folder = Path(name)
+    if not name or not folder.is_dir():
+        text = f'{name!r} is no folder; make it, and name it there'
+        raise ParameterError(f'{node}.folder: {text}')
+    try:
+        check_not_installed(folder)
+    except CalibrationError as error:
+        raise ParameterError(f'{node}.folder: {error}') from None
+    return folder
+
+
 @dataclass(frozen=True)
 class MachineFolder:
     """Where a line keeps what becomes of its machine; `made` makes it.
 
     `cell.yaml` is the calibration, `machine.yaml` what was trained, `recipes.yaml` the products,
-    `audit.log` who changed what, `passes_N` the recorded passes, `kept` the items that were kept.
+    `audit.log` who changed what, `passes_N` the recorded passes, `kept` the items that were kept,
+    `batches` records and reports of the batches, `plans` those of verifications, `verifications` a
+    folder for each.
     """
 
     path: Path
@@ -39,7 +58,8 @@ class MachineFolder:
         path = path.absolute()
         try:
             check_not_installed(path)
-            (path / 'kept').mkdir(parents=True, exist_ok=True)
+            for name in ('kept', 'plans'):
+                (path / name).mkdir(parents=True, exist_ok=True)
             cls(path).take_restart()  # of a run before
             if not (path / 'recipes.yaml').exists():
                 write_whole(path / 'recipes.yaml', _RECIPES)
@@ -82,6 +102,7 @@ class MachineFolder:
         `restarts` says that who starts the line looks at `take_restart`.
         """
         setting: dict[str, object] = {'folder': str(self.path)}
+        log = str(self.path / 'audit.log')
         if given is not None:
             setting['parameters'] = str(given.absolute())
         if restarts:
@@ -90,7 +111,9 @@ class MachineFolder:
             'driver': {'calibration.file': str(self.path / 'cell.yaml')},
             'product': {
                 'recipes': str(self.path / 'recipes.yaml'),
-                'audit_log': str(self.path / 'audit.log'),
+                'audit_log': log,
+                'batch_folder': str(self.path / 'batches'),
             },
             'dynamic_setting': setting,
+            'verifier': {'folder': str(self.path), 'audit_log': log},
         }

@@ -6,17 +6,13 @@ import math
 import time
 
 from checkweigher_msgs.srv import BeginTest
-from rcl_interfaces.srv import SetParametersAtomically
 
-from checkweigher_bringup.commissioning.service_call import call
+from checkweigher_bringup.commissioning.service_call import ask
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_dsp.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.access.key import own_key
-from checkweigher_dsp.ros.access.permissions import announcement
 from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.services import SETTER
 
 _PATIENCE = 5.0  # s, for the line to be found, and for an answer
 _POLL_PERIOD = 0.05  # s
@@ -55,14 +51,7 @@ def _wait_for_line(node: PortNode, states: list[PerformanceTest]) -> None:
 
 
 def _ask(node: PortNode, request: BeginTest.Request) -> str:
-    if (key := own_key()) is not None:
-        service = node.resolve_service_name(ports.BEGIN_TEST)
-        signed = announcement(key, service, request)
-        call(node, SetParametersAtomically, f'product/{SETTER}', _PATIENCE, signed)
-    answer = call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request)
-    if not answer.success:
-        raise UserError(answer.message)
-    return str(answer.message)
+    return ask(node, BeginTest, ports.BEGIN_TEST, 'product', _PATIENCE, request)
 
 
 def _follow(states: list[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:

@@ -3,7 +3,7 @@
 """The static calibration with a technician: known masses at rest, one after another."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 import sys
 
@@ -91,16 +91,20 @@ def _guided_points(
     points = []
     for mass in wanted:
         ask(f'Put {GRAMS * mass:g} g on the belt' if mass else 'Empty the belt')
-        reading = read_at_rest(feed, feed.wait_for_load_cell(), steadiness)
-        show('')
+        reading = read_at_rest(feed, feed.wait_for_load_cell(), steadiness, show)
         uncertainty = mass_uncertainty if mass else 0.0
         points.append(CalibrationPoint(mass, reading.mean, reading.std_error, uncertainty))
         print(f'{GRAMS * mass:g} g: reading {reading.mean:.1f} +- {reading.std_error:.1f}')
     return points
 
 
-def read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness) -> StaticReading:
-    """Return the reading of a load as soon as it has been at rest for long enough."""
+def read_at_rest(
+    feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
+) -> StaticReading:  # fmt: skip
+    """Return the reading of a load as soon as it has been at rest for long enough.
+
+    `show` is called with how it goes, and at the end with nothing.
+    """
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
     for block, whole in feed.blocks():
@@ -109,6 +113,7 @@ def read_at_rest(feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness) 
             shown = reading.latest
             show(_line(shown, load_cell, reading.duration))
         if found is not None:
+            show('')
             return found
     raise AssertionError('a feed has no end')
 

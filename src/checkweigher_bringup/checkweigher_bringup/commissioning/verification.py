@@ -3,17 +3,19 @@
 """A verification and its files: the plan, what is verified, the procedure, the report."""
 
 import argparse
+from collections.abc import Callable
 import hashlib
 from importlib.metadata import version
 import json
 from pathlib import Path
 import shutil
 
-from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
+from checkweigher_bringup.commissioning.verification_bags import Identity, procedure_of_bags
 from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
+from checkweigher_bringup.commissioning.verification_terminal import Terminal
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, line_parameters
-from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_bringup.spinning import spinning, write_parameter_file
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import AuditError, read_log
 from checkweigher_recording.archive.copying import local_bag
@@ -30,7 +32,6 @@ _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 def verify(arguments: argparse.Namespace) -> str:
     """Make a procedure and its report, or the report of a procedure again; return the verdict."""
     folder: Path = arguments.output
-    bag = folder / 'bag'
     if arguments.params is not None and not arguments.bags:
         raise UserError('--params: only with --bags; a running line has its own parameters')
     check_new(folder)
@@ -42,7 +43,23 @@ def verify(arguments: argparse.Namespace) -> str:
     plan, text = plan_of(arguments.plan)
     namespace = check_namespace(arguments.namespace)
     parameters = line_parameters(arguments.params, None)
-    audit_log = _audit_digests(arguments.audit)
+
+    def make(identity: Identity, bag: Path) -> None:
+        if arguments.bags:
+            procedure_of_bags(plan, text, arguments.bags, parameters, identity, bag)
+            return
+        with spinning(namespace) as spinner:
+            procedure_on_line(spinner, plan, text, identity, bag, Terminal())
+
+    return report_on(make, folder, arguments.audit)
+
+
+def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
+    """Make a procedure and its report in a folder that is made; return the verdict.
+
+    `make` gets what gives the identity, and the path of the bag; `audit` is the log of the line.
+    """
+    bag, audit_log = folder / 'bag', _audit_digests(audit)
 
     def identity(values: dict[str, dict[str, object]], how: str) -> str:
         """Write the parameters of the nodes, and return what is verified as JSON."""
@@ -61,10 +78,7 @@ def verify(arguments: argparse.Namespace) -> str:
     except OSError as error:
         raise output_error(folder, error) from None
     try:
-        if arguments.bags:
-            procedure_of_bags(plan, text, arguments.bags, parameters, identity, bag)
-        else:
-            procedure_on_line(plan, text, namespace, identity, bag)
+        make(identity, bag)
     finally:
         if not bag.exists():  # nothing was recorded
             shutil.rmtree(folder, ignore_errors=True)
@@ -100,11 +114,14 @@ def _audit_digests(path: Path | None) -> dict[str, str | None]:
     """Return name, digest and last hash of an audit log, which must be whole."""
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash'))
-    found = read_log(path)
+    while True:  # until no entry has come in between
+        before, found = path.read_bytes(), read_log(path)
+        if path.read_bytes() == before:
+            break
     if not found.whole:
         raise AuditError(f'{path}: the chain is broken at line {found.bad_line}: {found.reason}')
     return {
         'audit_log': str(path),
-        'audit_log_sha256': hashlib.sha256(path.read_bytes()).hexdigest(),
+        'audit_log_sha256': hashlib.sha256(before).hexdigest(),
         'audit_log_last_hash': found.entries[-1].hash if found.entries else None,
     }

@@ -1,28 +1,30 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure on a running line with an operator, who is asked for one step after another."""
+"""A procedure on a running line with an operator, who is asked for one step after another.
 
-from collections.abc import Iterator
+The operator is at the terminal (`verification_terminal`) or at the page (`verifier`).
+"""
+
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 import math
 from pathlib import Path
 import queue
-import sys
 import threading
 import time
+from typing import Protocol
 
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
-from checkweigher_bringup.commissioning.service_call import answer_of, call
-from checkweigher_bringup.commissioning.static_guide import ask, read_at_rest, show
+from checkweigher_bringup.commissioning.service_call import answer_of, ask
+from checkweigher_bringup.commissioning.static_guide import read_at_rest
 from checkweigher_bringup.commissioning.verification_bags import Identity
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
-from checkweigher_bringup.spinning import spinning
-from checkweigher_driver.calibration.static_calibration import Steadiness
+from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -36,6 +38,7 @@ from checkweigher_dsp.records import (
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.line_parameters import python_value
+from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.verification.evaluation import Result, evaluate
 from checkweigher_validation.verification.plan import MINUTE, Plan
@@ -53,43 +56,71 @@ _SILENCE = 10.0  # s without a product, after which that is said
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
 _FLUSH_PERIOD = 1.0  # s
-_UNFINISHED = 'the verification was done; what was recorded is in the bag'
 # Parameters that each ROS node has, which say nothing of the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
+class BrokenOffError(Exception):
+    """The operator has broken the procedure off."""
+
+
+class Operator(Protocol):
+    """Who makes the steps. Each method may raise `BrokenOffError`, which ends the procedure."""
+
+    def begin(self, steps: Sequence[Step]) -> None:
+        """Take the steps that will be asked for."""
+
+    def asked(self, number: int, step: Step) -> str:
+        """Ask for step `number`, from 0; return why it is skipped, empty once it can be made."""
+
+    def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
+        """Show what came of a step; return whether to go on, not to make it again."""
+
+    def tell(self, text: str) -> None:
+        """Show what has happened."""
+
+    def show(self, text: str) -> None:
+        """Show how it goes, in place of what was shown so before; called several times a second."""
+
+
 def procedure_on_line(
-    plan: Plan, text: str, namespace: str, identity: Identity, output: Path
-) -> None:
+    spinner: Spinner, plan: Plan, text: str, identity: Identity, output: Path, operator: Operator
+) -> None:  # fmt: skip
     """Guide through the steps, and record them into the bag of the procedure.
 
     `identity` gets the parameters of the nodes and in which way the procedure was made, and returns
-    what is verified as JSON. A UserError says that the line does not run, or that the input ended.
+    what is verified as JSON. A procedure that the operator breaks off has the steps up to there. A
+    UserError says that the line does not run, or that the input ended.
     """
-    with spinning(namespace) as spinner:
-        node = VerificationNode()
-        spinner.add(node)
+    node = VerificationNode()
+    spinner.add(node)
+    try:
         cell = node.feed.wait_for_load_cell()
         for _ in node.feed.blocks():
             if node.latest:
                 break
         what = identity(_parameters(node), 'on a running line')
+        namespace = node.get_namespace().strip('/')
         with BagWriter(output, ports.ALL, namespace, in_place=True) as bag, _writing(bag, node):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
-            _Guide(node, plan, cell).run()
+            with suppress(BrokenOffError):
+                _Guide(node, plan, cell, operator).run()
+    finally:
+        if spinner.alive:
+            spinner.remove(node)
 
 
 class VerificationNode(RecorderNode):
     """Record a lane, and hear and tell what a verification needs of it.
 
-    `verdicts` has those that came, `latest` is the end of the latest sample in ns. The queue may be
-    read from any thread.
+    `verdicts` has those that came, `latest` is the latest time in ns by samples and verdicts. The
+    queue may be read from any thread.
     """
 
     def __init__(self) -> None:
         recorded = tuple(port for port in ports.ALL if port is not ports.VERIFICATION)
-        super().__init__(recorded, None)
+        super().__init__(recorded, None, ports.VERIFICATION.maker)
         self.feed = SampleFeed(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
         self.verdicts: queue.Queue[Verdict] = queue.Queue()
         self.zeros: list[ZeroChange] = []
@@ -99,7 +130,7 @@ class VerificationNode(RecorderNode):
         )
         self.subscribe(ports.LOAD_CELL_INFO, self.feed.put, qos=ports.LOAD_CELL_INFO.qos)
         self.subscribe(ports.LOAD_CELL_SAMPLES, self._on_samples)
-        self.subscribe(ports.VERDICT, self.verdicts.put)
+        self.subscribe(ports.VERDICT, self._on_verdict)
         self.subscribe(ports.ZERO_SETTING, self.zeros.append)
 
     def tell(self, step: VerificationStep) -> None:
@@ -110,8 +141,13 @@ class VerificationNode(RecorderNode):
 
     def _on_samples(self, block: SampleBlock) -> None:
         if self.feed.load_cell is not None:
-            self.latest = end_of_block(block, self.feed.load_cell)
+            self.latest = max(self.latest, end_of_block(block, self.feed.load_cell))
         self.feed.put(block)
+
+    def _on_verdict(self, verdict: Verdict) -> None:
+        # On a busy computer samples come later than verdicts: a step begins after both.
+        self.latest = max(self.latest, verdict.t3 or 0)
+        self.verdicts.put(verdict)
 
 
 def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
@@ -151,10 +187,13 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 class _Guide:
     """The operator's way through the steps."""
 
-    def __init__(self, node: VerificationNode, plan: Plan, load_cell: LoadCell) -> None:
+    def __init__(
+        self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
+    ) -> None:  # fmt: skip
         self._node = node
         self._plan = plan
         self._cell = load_cell
+        self._operator = operator
         self._steadiness = Steadiness(plan.duration, plan.tolerance)
         self._attempts: list[Attempt] = []
         self._warm: int | None = None  # ns, begin of the warm-up
@@ -162,18 +201,19 @@ class _Guide:
     def run(self) -> None:
         """Go through all steps."""
         steps = steps_of(self._plan)
-        for number, step in enumerate(steps, start=1):
-            while not self._make(step, f'{number}/{len(steps)} {step.name}'):
+        self._operator.begin(steps)
+        for number, step in enumerate(steps):
+            while not self._make(number, step):
                 pass
         end = self._node.latest + round(_TRAIL * NANOSECONDS)
         patience = time.monotonic() + 4 * _TRAIL
         while self._node.latest < end and time.monotonic() < patience:
             time.sleep(_POLL_PERIOD)
 
-    def _make(self, step: Step, title: str) -> bool:
+    def _make(self, number: int, step: Step) -> bool:
         """Make a step; return whether to go on, not to make it again."""
         self._wait_for_warm_up(step)
-        reason = ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
+        reason = self._operator.asked(number, step)
         node = self._node
         if reason:
             now = node.latest
@@ -184,14 +224,15 @@ class _Guide:
         if step.minutes is not None and self._warm is None:
             self._warm = begin
         node.tell(VerificationStep(begin, step.name, StepState.BEGUN, begin))
-        attempt = self._read(step) if step.at_rest else self._count(step, begin)
+        try:
+            attempt = self._read(step) if step.at_rest else self._count(step, begin)
+        except (CalibrationError, UserError) as error:  # there is no result: it is asked for again
+            self._operator.tell(f'{step.name}: {error}')
+            return False
         node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
         self._attempts.append(attempt)
         found = self._judge()
-        print(_line(found), flush=True)
-        if found.passed:
-            return True
-        return ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
+        return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:
         """Wait until the time of a step of the warm-up has come."""
@@ -199,18 +240,17 @@ class _Guide:
             return
         due = self._warm + round(step.minutes * MINUTE * NANOSECONDS)
         while (left := due - self._node.latest) > 0:
-            show(f'{step.name}: in {left / NANOSECONDS:.0f} s')
+            self._operator.show(f'{step.name}: in {left / NANOSECONDS:.0f} s')
             time.sleep(_POLL_PERIOD)
-        show('')
 
     def _read(self, step: Step) -> Attempt:
         """Read what rests on the belt."""
         feed = self._node.feed
         if step.kind == Kind.ZEROING:
-            answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
-            print(f'zero: {answer.message}', flush=True)
-        found = read_at_rest(feed, self._cell, self._steadiness)
-        show('')
+            self._operator.show('it is zeroed')
+            said = ask(self._node, Trigger, ports.ZERO, 'segmenter', _ANSWER_PATIENCE)
+            self._operator.tell(f'zero: {said}')
+        found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
         assert feed.latest is not None
         end = end_of_block(feed.latest, self._cell)
         scale = 1 / self._cell.counts_per_kg
@@ -225,12 +265,17 @@ class _Guide:
         """Take the passes of a step; the last one ends it."""
         assert step.load is not None
         items: list[ItemPass] = []
+        heard = time.monotonic()
         while _enough(step, items) < step.count:
+            self._operator.show(f'{_enough(step, items)} of {step.count} passes')
             try:
-                verdict = self._node.verdicts.get(timeout=_SILENCE)
+                verdict = self._node.verdicts.get(timeout=_POLL_PERIOD)
             except queue.Empty:
-                print(f'no product within {_SILENCE:.0f} s', file=sys.stderr, flush=True)
+                if time.monotonic() - heard > _SILENCE:
+                    heard = time.monotonic()
+                    self._operator.tell(f'no product within {_SILENCE:.0f} s')
                 continue
+            heard = time.monotonic()
             # At the planned speed: what it was, the report reads of the estimate.
             item = item_pass(verdict, step.speed or math.nan)
             if item.stamp < begin:
@@ -238,7 +283,7 @@ class _Guide:
             items.append(item)
             found = f'{GRAMS * item.mass:.3f} g, {GRAMS * (item.mass - step.load.mass):+.3f} g'
             found = found if item.weighed else ', '.join(item.reasons)
-            print(f'pass {_enough(step, items)} of {step.count}: {found}', flush=True)
+            self._operator.tell(f'pass {_enough(step, items)} of {step.count}: {found}')
         return Attempt(step, begin, items[-1].stamp, tuple(items))
 
     def _judge(self) -> Result:
@@ -255,8 +300,8 @@ def _enough(step: Step, items: list[ItemPass]) -> int:
 
 
 def _line(result: Result) -> str:
-    """Return a line on the result of a step."""
-    parts = [result.attempt.step.name, 'passed' if result.passed else 'FAILED']
+    """Return the result of a step in a line."""
+    parts = ['passed' if result.passed else 'FAILED']
     if result.attempt.reading is None:
         parts.append(f'n {result.count}, faults {result.faults}')
     for name, value, limit in (

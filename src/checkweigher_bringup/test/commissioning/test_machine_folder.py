@@ -21,6 +21,16 @@ def test_a_new_folder_has_a_recipe_to_begin_with_and_keeps_what_is_changed(tmp_p
     assert list(read_recipes(recipes)) == ['tea']
 
 
+def test_what_the_nodes_keep_is_in_the_folder(tmp_path: Path):
+    folder = MachineFolder.made(tmp_path)
+    values = folder.parameters(None, restarts=False)
+    assert values['verifier'] == {
+        'folder': str(tmp_path), 'audit_log': values['product']['audit_log']
+    }  # fmt: skip
+    assert values['product']['batch_folder'] == str(tmp_path / 'batches')
+    assert (tmp_path / 'plans').is_dir()
+
+
 def test_what_was_trained_overrules_the_file_of_the_user(tmp_path: Path):
     folder, given = MachineFolder.made(tmp_path), tmp_path / 'line.yaml'
     assert folder.files(given) == [given]

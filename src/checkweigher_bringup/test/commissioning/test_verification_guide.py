@@ -6,37 +6,31 @@ import json
 from pathlib import Path
 
 from calibration_dialogue import Dialogue
-from made_procedure import PLAN
+from graph import wait_for
+from made_procedure import CELL, GUIDED_LINE, SHORT_PLAN, START
+import numpy as np
 import pytest
 from running import run_command
 import yaml
 
+from checkweigher_bringup.commissioning.verification_guide import VerificationNode
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.driver_node import DriverNode
-
-# Products 3 s apart: between two of them the belt is empty for long enough to be read. The line
-# carries what the plan calls middle, so passes of small are far off.
-LINE = {
-    'simulator.profile': 'quiet', 'simulator.masses': [0.1945], 'simulator.count': 0,
-    'simulator.spacing': 3.0, 'simulator.seed': 4, 'rate': 4.0,
-}  # fmt: skip
-SHORT = (
-    PLAN[: PLAN.index('outside:')].replace('loads: [small, middle]', 'loads: [middle, small]')
-    .replace('passes: 3', 'passes: 2').replace('minutes: [0, 1]', 'minutes: [0, 0.02]')
-    + 'rest: {duration_s: 0.5, tolerance_g: 0.1}\n'
-)  # fmt: skip
+from checkweigher_dsp.records import NANOSECONDS, Decision, SampleBlock, Verdict
+from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.port_node import PortNode
 
 
 def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path):
     plan, output = tmp_path / 'plan.yaml', tmp_path / 'out'
-    plan.write_text(SHORT)
+    plan.write_text(SHORT_PLAN)
     with spinning('verified') as spinner:
         nodes = [
             make({'deadlines': False} if name == 'reject' else None)
             for name, make in STAGE_NODES.items()
         ]
-        nodes.append(DriverNode(LINE))
+        nodes.append(DriverNode(GUIDED_LINE))
         for node in nodes:
             spinner.add(node)
         dialogue = Dialogue(plan, '--output', output, '--namespace', 'verified', command='verify')
@@ -79,3 +73,23 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     assert run_command('verify', '--from', output / 'bag', '--output', remade).returncode == 1
     for name in ('report.html', 'report.json'):
         assert (remade / name).read_bytes() == (output / name).read_bytes()
+
+
+def test_a_step_begins_after_the_verdicts_that_came_before_their_samples():
+    with spinning() as spinner:
+        node, line = VerificationNode(), PortNode('line')
+        cell, samples, verdicts = map(
+            line.output, (ports.LOAD_CELL_INFO, ports.LOAD_CELL_SAMPLES, ports.VERDICT)
+        )
+        spinner.add(line)
+        spinner.add(node)
+        cell.send(CELL)
+        wait_for(lambda: samples.publisher.get_subscription_count() >= 2)  # recorded and read
+        wait_for(lambda: verdicts.publisher.get_subscription_count() >= 2)
+        verdicts.send(Verdict(1, START + NANOSECONDS, Decision.ACCEPT, t1=START))
+        wait_for(lambda: not node.verdicts.empty())
+        assert node.latest == START + NANOSECONDS
+        node.feed.wait_for_load_cell()
+        samples.send(SampleBlock(START, 0, np.zeros(96, np.int32)))
+        next(node.feed.blocks())
+        assert node.latest == START + NANOSECONDS

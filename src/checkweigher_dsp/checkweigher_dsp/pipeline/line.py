@@ -25,7 +25,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
-_OTHER_NODES = ('product', 'driver', 'dynamic_setting')
+_OTHER_NODES = ('product', 'driver', 'dynamic_setting', 'verifier')
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,8 @@ class ProductionStatistics:
             if math.isnan(product.tu1) or not self._accepted
             else self._below_tu1 / self._accepted,
             throughput=self._throughput(),
+            tu1_quota=product.tu1_quota,
+            mean_value=product.mean_value,
         )
 
     def _throughput(self) -> float:

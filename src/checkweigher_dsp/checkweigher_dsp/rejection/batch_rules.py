@@ -60,6 +60,10 @@ class BatchTally:
         """Product and batch."""
         return self.product, self.batch
 
+    def has_room(self, quota: float) -> bool:
+        """Tell whether the next item may be below TU1, of which a share of `quota` may be."""
+        return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
+
 
 class BatchRules:
     """The counts of the batches, and the verdicts by the rules over them.
@@ -104,8 +108,7 @@ class BatchRules:
 def broken_rules(mass: float, tally: BatchTally, parameters: RejectParameters) -> tuple[str, ...]:
     """Return the rules that an item of a mass in kg would break if it was accepted."""
     broken = []
-    allowed = parameters.tu1_quota * (tally.accepted + 1) * (1 + ROUNDING)
-    if _below_tu1(mass, parameters) and tally.below_tu1 + 1 > allowed:
+    if _below_tu1(mass, parameters) and not tally.has_room(parameters.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)
     if parameters.mean_value:
         slack = ROUNDING * parameters.nominal

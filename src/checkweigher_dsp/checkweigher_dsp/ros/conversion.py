@@ -70,6 +70,7 @@ _FORMS: dict[type, _Form] = {
     records.Verdict: _item(
         unknown={'decision': records.Decision.FAULT}, newer=('station', 'station_at')
     ),
+    records.Statistics: _Form(newer=('tu1_quota', 'mean_value')),
     records.ZeroChange: _Form(frame='load_cell'),
     records.ExternalReject: _Form(frame=attrgetter('device')),
     records.MachineConditions: _Form(frame='machine'),

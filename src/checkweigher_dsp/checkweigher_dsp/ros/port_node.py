@@ -5,7 +5,7 @@
 from collections.abc import Callable, Generator
 import inspect
 import types
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -27,12 +27,18 @@ from checkweigher_dsp.ros.outputs import (
 )
 from checkweigher_dsp.ros.ports import Port
 
+if TYPE_CHECKING:
+    from checkweigher_dsp.ros.spinner import Spinner
+
 
 class PortNode(Node):
     """A node whose callbacks all have the lock of the process.
 
-    The node takes records once `checkweigher_dsp.ros.outputs.connect` has connected it.
+    The node takes records once `checkweigher_dsp.ros.outputs.connect` has connected it. `spinner`
+    serves it; it may serve others beside it.
     """
+
+    spinner: 'Spinner | None' = None
 
     def __init__(self, name: str, **options: Any) -> None:
         self.inputs: list[Input] = []

@@ -223,6 +223,11 @@ DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'Passes, what was recorded, the file, and why something failed')
+# Of the node verifier, which is no part of the line.
+VERIFICATION_PROGRESS = Port(
+    'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
+    records.VerificationProgress, STATE, 'verifier', ('users',), (),
+    'How far a verification is that is guided at the page, and what it asks')
 # The answer of the service of this name.
 LINE_HISTORY = Port(
     'line_history', 'checkweigher_msgs/srv/LineHistory_Response', records.LineHistory, STATE,
@@ -248,10 +253,12 @@ CANCEL_CALIBRATION = 'cancel_calibration'
 RESTART_LINE = 'restart_line'
 TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
+CANCEL_VERIFICATION = 'cancel_verification'
 # Services of types of their own names.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 RECORD_PASSES = 'record_passes'
+BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'
 RECORD_CHANGE = 'record_change'
 SELECT_PRODUCT, NEW_BATCH = 'select_product', 'new_batch'
 RESET_STATISTICS = 'reset_statistics'

@@ -13,6 +13,9 @@ from checkweigher_dsp.ros.ports import NODES
 _TRIGGER = 'std_srvs/srv/Trigger'
 # Nodes beside the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
+VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
+# Those of a machine, which tell how they are as the line does.
+OF_MACHINE = SETTING, VERIFIER
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
 # What rclpy gives each node, by names that follow the node's own.
@@ -42,7 +45,7 @@ class Service(NamedTuple):
 
 # fmt: off
 SERVICES = (
-    Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK,),
+    Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK, VERIFY),
             'takes the next empty belt at rest for the zero'),
     Service(ports.RESET_OUTPUTS, _TRIGGER, 'driver', (),
             'forgets products that the rejector can have missed; `reset_stop_request` does so as '
@@ -79,6 +82,13 @@ SERVICES = (
     Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
             'ends the nodes of the line in order and starts them again, with the parameter files '
             'as they are then', '`run --folder`'),
+    Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER,
+            (PAGE_WORK,), 'begins a [verification](verification.md#on-the-page) by a plan'),
+    Service(ports.ANSWER_VERIFICATION, 'checkweigher_msgs/srv/AnswerVerification', VERIFIER,
+            (PAGE_WORK,), 'make the step that is asked for, skip it, or go on after one that '
+            'failed'),
+    Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (PAGE_WORK,),
+            'breaks the verification off; its report has the steps that were made'),
     Service(ports.SELECT_PRODUCT, 'checkweigher_msgs/srv/SelectProduct', 'product', (PAGE_WORK,),
             'set the parameters of `denoise`, `identifier` and `reject` to those of a product, '
             'all or none'),
@@ -90,7 +100,7 @@ SERVICES = (
             'begins the [performance test](production.md#the-performance-test) of the product, or '
             'breaks it off'),
     Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
-            (*NODES, SETTING, REPORTER, PAGE_WORK),
+            (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK),
             'writes a change into the audit log before it is made; the other nodes of the lane '
             'call it', '`audit_log`', locked=False),
 )

@@ -49,6 +49,7 @@ class Spinner:
         with LOCK:
             for node in nodes:
                 if isinstance(node, PortNode):
+                    node.spinner = self
                     node.start()
 
     def remove(self, node: Node) -> None:

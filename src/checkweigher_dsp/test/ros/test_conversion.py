@@ -25,6 +25,7 @@ from checkweigher_dsp.records import (
     MassEstimate,
     PerformanceState,
     PerformanceTest,
+    ProgressState,
     Reference,
     SampleBlock,
     Statistics,
@@ -33,6 +34,7 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
     Verdict,
+    VerificationProgress,
     VerificationStep,
     WeighWindow,
     ZeroChange,
@@ -78,7 +80,7 @@ CELL = LoadCell(960.0, -1e6, 5000.5, -8_000_000, 8_000_001, 3.0, 0.35, 'PW15', '
 EDGE = EyeEdge(T1, Eye.OUTFEED, True)
 STATISTICS = Statistics(
     T1, 'crisps', 'b7', 10, 1, 2, 3, 4, ('BeltSpeed', 'NoLoad'), (5, 2), 6, 7, 0.15, 0.01, 0.151,
-    1e-3, 2e-3, 0.14, 0.13, 8, 9, 0.25, 120.5,
+    1e-3, 2e-3, 0.14, 0.13, 8, 9, 0.25, 120.5, 0.025, True,
 )  # fmt: skip
 # Of each record one without a value that it would also have by default.
 RECORDS = [
@@ -105,11 +107,27 @@ RECORDS = [
         VerificationStep(T1, 'zero_1', StepState.SKIPPED, T1 - 1, 'no weights'),
         VerificationStep(0, '', StepState.PLAN),
     ),
+    (
+        ports.VERIFICATION_PROGRESS,
+        VerificationProgress(
+            T1,
+            ProgressState.ASKING,
+            3,
+            '/machine',
+            'v1',
+            ('zero_1', 'zero_2'),
+            ('passed', ''),
+            1,
+            'Leave the belt empty',
+            ('zero: +0.1 g',),
+        ),
+        VerificationProgress(0, ProgressState.IDLE),
+    ),
     (ports.STOP_REQUEST, StopRequest(StopReason.TOO_MANY_REJECTS, 7, T1), None),
     (
         ports.STATISTICS,
         STATISTICS,
-        Statistics(None, *2 * [''], *5 * [0], *2 * [()], 0, 0, *7 * [0.0], 0, 0, 0.0, 0.0),
+        Statistics(None, *2 * [''], *5 * [0], *2 * [()], 0, 0, *7 * [0.0], 0, 0, 0.0, 0.0, 0.0),
     ),
     (
         ports.FILLER_FEEDBACK,
@@ -163,7 +181,8 @@ def through_the_wire(message: Any) -> Any:
 
 
 def test_every_record_is_tried():
-    known = {port.record for port in (*ports.ALL, ports.LINE_HISTORY)} - {None}
+    beside = ports.VERIFICATION_PROGRESS, ports.LINE_HISTORY
+    known = {port.record for port in (*ports.ALL, *beside)} - {None}
     assert {type(record) for _, record, _ in RECORDS} | {SampleBlock} == known
 
 

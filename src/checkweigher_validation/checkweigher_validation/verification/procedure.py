@@ -88,6 +88,7 @@ class Procedure:
     attempts: tuple[Attempt, ...]
     zeros: tuple[ZeroChange, ...]  # by the service zero
     digest: str  # SHA-256 of the bag
+    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that are passes of no attempt
 
 
 def read_procedure(path: Path) -> Procedure:
@@ -124,6 +125,7 @@ def read_procedure(path: Path) -> Procedure:
     return Procedure(
         plan, texts[StepState.PLAN], identity, recording.load_cell,
         tuple(attempts), tuple(found[ports.ZERO_SETTING.name]), digest_of_bag(path),
+        _faults_between(passes, attempts),
     )  # fmt: skip
 
 
@@ -157,6 +159,18 @@ def item_pass(verdict: Verdict, speed: float) -> ItemPass:
     reasons = tuple(verdict.reasons) or ('Unknown',) if fault else ()
     mass, std_dev = (math.nan, math.nan) if fault else (verdict.mass, verdict.std_dev)
     return ItemPass(verdict.t1 or verdict.t3 or 0, mass, std_dev, speed, reasons)
+
+
+def _faults_between(
+    passes: Sequence[ItemPass], attempts: Sequence[Attempt]
+) -> tuple[ItemPass, ...]:  # fmt: skip
+    """Return the items without a mass that are passes of no attempt."""
+    spans = [(each.begin, each.end) for each in attempts if not each.skipped and each.step.count]
+    return tuple(
+        item
+        for item in passes
+        if not item.weighed and not any(begin <= item.stamp <= end for begin, end in spans)
+    )
 
 
 def _attempt(

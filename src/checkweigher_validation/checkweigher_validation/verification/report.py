@@ -6,7 +6,7 @@ It follows from the bag of the procedure alone: times are those of its records, 
 is of the computer that makes it. So the same bag gives the same report, to the byte.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 import hashlib
@@ -99,6 +99,9 @@ def report_of(procedure: Procedure) -> Values:
             for each in plan.masses
         ],
         'steps': [_step(each, found) for each in found.results],
+        'faults_between': [
+            _fault_between(each, procedure.attempts) for each in procedure.faults_between
+        ],
         'departures': list(found.departures),
         'not_done': list(_NOT_DONE),
         'sources': list(_SOURCES),
@@ -189,6 +192,15 @@ def _pass(item: ItemPass, attempt: Attempt) -> Values:
         'error_g': _grams(item.mass - attempt.step.load.mass),
         'std_dev_g': _grams(item.std_dev),
         'speed_m_per_min': _number(MINUTE * item.speed, 3),
+        'reasons': list(item.reasons),
+    }
+
+
+def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
+    before = [each.step.name for each in attempts if not each.skipped and each.begin <= item.stamp]
+    return {
+        'time': _time(item.stamp) if item.stamp else None,
+        'after': before[-1] if before else None,
         'reasons': list(item.reasons),
     }
 

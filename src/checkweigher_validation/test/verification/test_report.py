@@ -4,14 +4,16 @@
 
 from importlib.resources import files
 import json
+import math
 import re
 from typing import Any
 
-from made_procedure import PLAN, attempt_of, procedure_of
+from made_procedure import PLAN, START, attempt_of, procedure_of
 import pytest
 
 from checkweigher_validation.report.verification_page import render_verification
 from checkweigher_validation.verification.evaluation import evaluate
+from checkweigher_validation.verification.procedure import ItemPass
 from checkweigher_validation.verification.report import as_json, report_of
 
 SCHEMA = json.loads(
@@ -60,6 +62,10 @@ def report() -> dict[str, Any]:
             attempt_of('passes_60_small', masses=[74.51, 74.53, 74.55]),
             attempt_of('eccentricity_left', masses=[]),
             attempt_of('static_up_small', skipped='no <weights>'),
+            between=(
+                ItemPass(0, math.nan, math.nan, math.nan, ('UnknownItem',)),
+                ItemPass(START + 5, math.nan, math.nan, math.nan, ('StartUp', 'MissingEdge')),
+            ),
         )
     )  # fmt: skip
 
@@ -107,6 +113,19 @@ def test_the_page_shows_every_reading_and_needs_nothing_else(report: dict[str, A
         assert reason.split('<')[0] in page
     assert not re.search(r'(src|href)="(?!#)', page.replace('xlink:href="#', ''))
     assert '@media print' in page
+
+
+def test_faults_between_the_steps_are_listed(report: dict[str, Any]):
+    assert report['faults_between'] == [
+        {'time': None, 'after': None, 'reasons': ['UnknownItem']},
+        {
+            'time': '2026-05-28T20:26:40.000Z', 'after': 'eccentricity_left',
+            'reasons': ['StartUp', 'MissingEdge'],
+        },
+    ]  # fmt: skip
+    page = render_verification(report)
+    assert 'not known' in page
+    assert 'StartUp MissingEdge' in page
 
 
 def test_a_page_of_nothing_can_be_made():

@@ -167,6 +167,14 @@ def _grams(limit: float) -> str:
     return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
 
 
+async def batch_folder(services: LaneServices) -> Path:
+    """Return the folder with the records and reports of batches; `RefusedError` without one."""
+    (path,) = await _parameters(services, 'product', 'batch_folder')
+    if not path:
+        raise RefusedError('the node product keeps no records: set its parameter batch_folder')
+    return Path(str(path))
+
+
 async def _set(services: LaneServices, node: str, values: Mapping[str, object]) -> None:
     given = [each.to_parameter_msg() for each in ros_parameters(values)]
     result = (await services.call(f'{node}/{SETTER}', parameters=given)).result

@@ -18,8 +18,10 @@ from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, numb
 from checkweigher_web.work.dynamic_setting import set_dynamically
 from checkweigher_web.work.keeping import Keeper
 from checkweigher_web.work.performance import performance_test
+from checkweigher_web.work.reports import batch_reports
 from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
 from checkweigher_web.work.simulated_machine import operate
+from checkweigher_web.work.verification import verify
 
 _PERIOD = 1.0  # s
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
@@ -174,7 +176,9 @@ _BUTTONS = (
     ('Stop', Role.OPERATOR, _stop),
     ('Reset stop', Role.OPERATOR, _reset),
     ('Performance test', Role.OPERATOR, performance_test),
+    ('Batch reports', Role.OPERATOR, batch_reports),
     ('Limits', Role.TECHNICIAN, _limits),
     ('Calibration', Role.TECHNICIAN, calibrate),
     ('Dynamic setting', Role.TECHNICIAN, set_dynamically),
+    ('Verification', Role.TECHNICIAN, verify),
 )

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
 import json
+from pathlib import Path
 import time
 from typing import Any
 
@@ -17,13 +18,19 @@ from rclpy.client import Client
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.audit_trail import PERSON
-from checkweigher_dsp.records import PerformanceTest
+from checkweigher_dsp.records import PerformanceTest, VerificationProgress
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.access.gate import needs_key
 from checkweigher_dsp.ros.access.key import own_key
 from checkweigher_dsp.ros.access.permissions import announcement
 from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.services import LIFE_CYCLE_NODES, PAGE_WORK, SERVICES, SETTER
+from checkweigher_dsp.ros.services import (
+    LIFE_CYCLE_NODES,
+    OF_MACHINE,
+    PAGE_WORK,
+    SERVICES,
+    SETTER,
+)
 from checkweigher_dsp.ros.spinner import Spinner
 
 _DISCOVERY = 3.0  # s, for a service to be found
@@ -48,7 +55,7 @@ _SERVICES: dict[str, tuple[Any, str]] = {
     },
     **{
         f'{node}/{SETTER}': (SetParametersAtomically, node)
-        for node in ('driver', 'segmenter', 'reject', 'product', 'dynamic_setting')
+        for node in ('driver', 'segmenter', 'reject', 'product', *OF_MACHINE)
     },
 }
 
@@ -90,14 +97,20 @@ class LaneServices(PortNode):
         self.readings: list[str] = []  # loads that were read for a calibration
         self.setting: DynamicSetting | None = None  # how far it is, once it was heard
         self.test: PerformanceTest | None = None
+        self.verification: VerificationProgress | None = None
+        self.batch_folder: Path | None = None  # once somebody has asked for it
         self.subscribe(ports.DYNAMIC_SETTING, self._hear, qos=ports.DYNAMIC_SETTING.qos)
         self.subscribe(ports.PERFORMANCE_TEST, self._hear_test, qos=ports.PERFORMANCE_TEST.qos)
+        self.subscribe(ports.VERIFICATION_PROGRESS, self._hear_verification)
 
     def _hear(self, said: DynamicSetting) -> None:
         self.setting = said
 
     def _hear_test(self, test: PerformanceTest) -> None:
         self.test = test
+
+    def _hear_verification(self, said: VerificationProgress) -> None:
+        self.verification = said
 
     @property
     def acting(self) -> tuple[Person, str] | None:
@@ -218,3 +231,7 @@ class Workshop:
             self._lanes[lane] = LaneServices(lane)
             await asyncio.to_thread(self._spinner.add, self._lanes[lane])
         return self._lanes[lane]
+
+    def known(self, lane: str) -> LaneServices | None:
+        """Return the services of a lane where somebody has worked, None of another one."""
+        return self._lanes.get(lane)

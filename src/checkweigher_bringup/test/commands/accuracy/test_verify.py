@@ -17,7 +17,10 @@ from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.accuracy import verify as verify_command
 from checkweigher_bringup.settings import line_parameters
 from checkweigher_dsp.production.audit_log import AuditLog
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge
 from checkweigher_recording.bags.reading import read_bag
+from checkweigher_recording.bags.writing import write_bag
+from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_validation.verification.plan import EXAMPLE
 
@@ -106,6 +109,22 @@ def test_a_machine_that_shows_too_much_fails_where_it_does(plan: Path, tmp_path:
     assert 'Step eccentricity_right was not made.' in report['departures']
     shown = (tmp_path / 'out' / 'report.html').read_text()
     assert '<p class="verdict failed">failed</p>' in shown
+
+
+def test_a_fault_that_is_a_pass_of_no_step_is_in_the_report(plan: Path, tmp_path: Path):
+    bags = record_steps(tmp_path / 'steps', FEW, ('zero_1', 'zero_2'))
+    empty, touched = read_bag(bags[1]), tmp_path / 'touched' / 'zero_2'
+    touched.parent.mkdir()
+    at = empty.blocks[0].stamp + 2 * NANOSECONDS
+    hand = (EyeEdge(at, Eye.INFEED, True), EyeEdge(at + NANOSECONDS // 10, Eye.INFEED, False))
+    write_bag(touched, empty.load_cell, Recording.from_events(empty.load_cell, (*empty, *hand)))
+    _, report = verify(plan, [bags[0], touched], tmp_path / 'out')
+    assert [step['verdict'] for step in report['steps']] == ['passed', 'passed']
+    (fault,) = report['faults_between']
+    assert fault['after'] == 'zero_2'
+    assert fault['time'] > report['steps'][1]['end']
+    (reason,) = fault['reasons']
+    assert reason in (tmp_path / 'out' / 'report.html').read_text()
 
 
 def test_bags_that_are_of_no_one_procedure_are_refused(plan: Path, tmp_path: Path):

@@ -12,17 +12,19 @@ from checkweigher_dsp.ros.services import (
     LIFE_CYCLE_NODES,
     LIFE_CYCLE_SERVICES,
     NODE_SERVICES,
+    OF_MACHINE,
     PAGE_WORK,
     PARAMETER_SERVICES,
     REPORTER,
     SERVICES,
     SETTER,
-    SETTING,
+    VERIFIER,
+    VERIFY,
 )
 
 LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
-_PORTS = (*ports.ALL, ports.DYNAMIC_SETTING)
+_PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
 # What those who look on take, by their nodes.
 _VIEWED: dict[str, tuple[Port, ...]] = {
@@ -35,7 +37,8 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
         ports.VERDICT, ports.STATISTICS, ports.STOP_REQUEST,
     ),
     'page_signals': (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW),
-    PAGE_WORK: (ports.DYNAMIC_SETTING, ports.PERFORMANCE_TEST),
+    PAGE_WORK: (ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS, ports.PERFORMANCE_TEST),
+    VERIFY: tuple(port for port in ports.ALL if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
 }  # fmt: skip
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
@@ -58,7 +61,7 @@ def rights(node: str, lane: str = '') -> Rights:
     publish = _EVERY_NODE | _names(space, (port for port in _PORTS if _makes(node, port)))
     reply = {f'{own}/{name}' for name in NODE_SERVICES}
     request = {f'{space}/{each.name}' for each in SERVICES if node in each.callers}
-    if node in (*NODES, SETTING):
+    if node in (*NODES, *OF_MACHINE):
         publish |= {f'{own}/_*'}  # by which a node finds its own participant, at its start
     if node in LIFE_CYCLE_NODES:
         publish |= {f'{own}/transition_event'}
@@ -66,13 +69,15 @@ def rights(node: str, lane: str = '') -> Rights:
     reply |= {f'{space}/{each.name}' for each in SERVICES if each.server == node}
     if node == 'product':  # it sets the parameters of a recipe, and reads those of all
         request |= {f'{space}/{n}/{name}' for n in NODES for name in PARAMETER_SERVICES}
+    if node == VERIFY:  # the report has their digest; the client of rclpy makes one for each
+        request |= {f'{space}/{n}/{name}' for n in NODES for name in PARAMETER_SERVICES}
     if node == PAGE_WORK:
         request |= _of_page_work(space)
     return Rights(publish, _subscribed(node, space), frozenset(reply), frozenset(request))
 
 
 def _makes(node: str, port: Port) -> bool:
-    every = port.maker == 'every node' and node in (*NODES, SETTING)
+    every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
     inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # what its inputs show
     return every or inputs or port.maker == node
 
@@ -85,7 +90,9 @@ def _subscribed(node: str, space: str) -> frozenset[str]:
 def _of_page_work(space: str) -> set[str]:
     states = {f'{n}/{name}' for n in LIFE_CYCLE_NODES for name in ('get_state', 'change_state')}
     parameters = {f'{node}/get_parameters' for node in NODES}
-    changed = {f'{node}/{SETTER}' for node in (*LIFE_CYCLE_NODES, 'segmenter', 'product', SETTING)}
+    changed = {
+        f'{node}/{SETTER}' for node in (*LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE)
+    }
     return {f'{space}/{name}' for name in states | parameters | changed}
 
 
@@ -103,8 +110,9 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     found: dict[str, list[tuple[str, str]]] = {}
     for lane in lanes:
         space = f'/{lane}' if lane else ''
-        for node in (*NODES, SETTING, REPORTER):
+        for node in (*NODES, *OF_MACHINE, REPORTER):
             found[f'{space}/{node}'] = [(lane, node)]
+        found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # which records in its process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
         found[f'{space}/observer'] = [(lane, node) for node in OBSERVERS]
     of_lanes = [(lane, node) for lane in lanes for node in (*PAGE_VIEWERS, PAGE_WORK)]

@@ -1,0 +1,78 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Reports on batches and verifications: links to them, and their files."""
+
+import asyncio
+from collections.abc import Iterable
+from pathlib import Path
+from urllib.parse import quote, urlencode
+
+from fastapi import FastAPI, HTTPException, Response
+from nicegui import ui
+
+from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.production.batch_record import SUFFIX
+from checkweigher_web.work import actions
+from checkweigher_web.work.dialogs import Desk, Dialog
+from checkweigher_web.work.services import LaneServices, Workshop
+
+BATCH, VERIFICATION = 'batch', 'verification'
+VERIFICATIONS = 'verifications'  # in the folder of a machine
+_MANY = 20  # in a list
+_LARGEST = 2**26  # bytes
+_KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
+
+
+def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
+    """Serve the reports of lanes where somebody has worked; `policy` is that of their content."""
+
+    @app.get('/reports/{kind}/{name}.{ending}')
+    async def answer(kind: str, name: str, ending: str, lane: str = '') -> Response:
+        services = workshop.known(lane)
+        file = _file(services, kind, name, ending) if services and ending in _KINDS else None
+        try:
+            text = None if file is None else await asyncio.to_thread(read_input, file, _LARGEST)
+        except OSError:
+            text = None
+        if text is None:
+            raise HTTPException(404, 'there is no such report')
+        headers = {'Content-Security-Policy': policy}
+        return Response(text, media_type=_KINDS[ending], headers=headers)
+
+
+def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:
+    """Return the file of a report by its address, None of none."""
+    if name.startswith('.') or '/' in name or '\0' in name:
+        return None
+    if kind == BATCH and services.batch_folder is not None:
+        beside = services.batch_folder / f'{name}{SUFFIX}'
+        return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
+    if kind == VERIFICATION and services.verification is not None:
+        return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
+    return None
+
+
+def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
+    """Show links to reports, each given by its name and what is known of it."""
+    for name, text in reports:
+        with ui.element('li'):
+            ui.label(f'{name}{text}: ')
+            for ending in _KINDS:
+                address = f'/reports/{kind}/{quote(name, safe="")}.{ending}'
+                ui.link(ending.upper(), f'{address}?{urlencode({"lane": lane})}', new_tab=True)
+
+
+async def batch_reports(desk: Desk, services: LaneServices) -> None:
+    """Show the reports on the batches of a lane, the latest first."""
+    services.batch_folder = folder = await actions.batch_folder(services)
+    records = [path for path in folder.glob(f'*{SUFFIX}') if path.with_suffix('.html').is_file()]
+    records.sort(key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    dialog = Dialog('Batch reports')
+    with dialog.body:
+        ui.label(
+            f'{len(records)} in {folder}. A batch has one when it has ended and the node '
+            'batch_reporter runs, as with run --folder.'
+        )
+        with ui.element('ol').classes('reports'):
+            list_reports(desk.lane.name, BATCH, ((path.stem, '') for path in records[:_MANY]))
+    dialog.closing.set_text('Close')

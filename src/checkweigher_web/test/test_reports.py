@@ -1,0 +1,61 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The rules of a batch on the page, and the report when the batch has ended, in a real browser."""
+
+from pathlib import Path
+
+from browsers import errors_of, needs_browser, open_browser
+from persons import Person, new_line
+from selenium.webdriver.common.by import By
+from served_page import get, get_text
+import yaml
+
+from checkweigher_dsp.production.audit_log import read_log
+
+RECIPE = {'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True}
+VALUES = {'driver': {'simulator.masses': [0.152]}}
+
+
+@needs_browser
+def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_path: Path):
+    machine = tmp_path / 'machine'
+    machine.mkdir()
+    (machine / 'recipes.yaml').write_text(yaml.safe_dump({'products': {'crisps': RECIPE}}))
+    with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
+        anna = Person(browser, line)
+        anna.log_in('anna')
+        anna.until(lambda: 'ACCEPT' in anna.text('.decision'))
+        anna.open('Product')
+        anna.choose('crisps')
+        anna.press('Select')
+        anna.result('✓')
+        anna.close()
+        anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
+        anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
+        for batch in ('L 1/2', 'L2'):
+            anna.open('New batch')
+            anna.fill('Batch', batch)
+            anna.press('Begin')
+            anna.result('✓')
+            anna.close()
+        report = machine / 'batches' / 'L 1%2F2.html'
+        anna.until(report.exists)
+
+        def listed() -> bool:
+            anna.open('Batch reports')
+            found = 'L 1%2F2' in anna.text('.dialog .reports')
+            if not found:
+                anna.close()
+            return found
+
+        anna.until(listed)
+        links = browser.find_elements(By.CSS_SELECTOR, '.dialog .reports a')
+        of_batch = [str(each.get_attribute('href')) for each in links]
+        (link,) = (each for each in of_batch if 'L%201%252F2.html' in each)
+        address = link.partition(str(line.port))[2]
+        assert get_text(line.port, address) == report.read_text()
+        assert get(line.port, address.replace('.html', '.json')).status == 200
+        assert get(line.port, address.replace('L%201%252F2', 'none')).status == 404
+        assert errors_of(browser) == []
+        log = machine / 'audit.log'
+        anna.until(lambda: any(each.kind == 'report' for each in read_log(log).entries))

@@ -1,0 +1,117 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A verification of a simulated line by the page alone, in a real browser."""
+
+import json
+from pathlib import Path
+
+from browsers import errors_of, needs_browser, open_browser, shortcomings
+from made_procedure import GUIDED_LINE, SHORT_PLAN
+from persons import Line, Person, new_line
+from running import run_command
+from selenium.webdriver.common.by import By
+from served_page import get, get_text
+
+VALUES = {'driver': GUIDED_LINE, 'reject': {'deadlines': False}}
+REASON = 'Reason (needed to skip a step)'
+
+
+class Inspector(Person):
+    """Somebody who verifies a machine."""
+
+    def sees(self, *words: str) -> None:
+        """Wait until the dialog says how it is."""
+        self.until(lambda: all(word in self.text('.dialog .state') for word in words))
+
+    def makes(self, step: str) -> None:
+        """Make the step, which is asked for."""
+        self.sees(f'{step}: do this')
+        self.press('Make')
+
+
+def take_plan(ben: Inspector, path: Path) -> None:
+    """Take a plan from a file of the browser's machine, one that is wrong first."""
+    ben.until(lambda: ben.browser.find_elements(By.CSS_SELECTOR, '.dialog input[type=file]'))
+    upload = ben.browser.find_element(By.CSS_SELECTOR, '.dialog input[type=file]')
+    wrong = path.with_name('wrong.yaml')
+    wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
+    upload.send_keys(str(wrong))
+    ben.sees('the plan: class')
+    ben.press('Begin')
+    assert 'the plan: class' in ben.result('✗')
+    path.write_text(SHORT_PLAN)
+    upload.send_keys(str(path))
+    ben.sees('9 steps')
+
+
+@needs_browser
+def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
+    with new_line(tmp_path, VALUES) as line, open_browser(tmp_path / 'browser') as browser:
+        ben = Inspector(browser, line)
+        ben.log_in('anna')
+        assert 'Verification' not in ben.buttons('.work')
+        ben.log_out()
+        ben.log_in('ben')
+        ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
+        ben.open('Verification')
+        take_plan(ben, tmp_path / 'plan.yaml')
+        ben.press('Begin')
+        for step in ('warm_up_zero_0', 'warm_up_0', 'warm_up_zero_0.02', 'warm_up_0.02', 'zero_1'):
+            ben.makes(step)
+        ben.sees('zero_2: do this')
+        ben.press('Skip')
+        assert 'say why' in ben.result('✗')
+        ben.close()
+        ben.open('Verification')  # it goes on without its dialog
+        ben.sees('6/9 zero_2: do this', 'Leave the belt empty')
+        ben.fill(REASON, 'no weights')
+        ben.press('Skip')
+        ben.makes('passes_60_middle')
+        for answer in ('Make', 'Go on'):
+            ben.makes('passes_60_small')
+            ben.sees('passes_60_small: failed', 'the mean error is beyond its limit')
+            assert 'pass 2 of 2: ' in ben.text('.dialog .read')
+            assert shortcomings(browser) == []
+            ben.press(answer)
+        ben.makes('zero_after')
+        ben.sees(': failed')
+        ben.until(lambda: 'failed' in ben.text('.dialog .reports'))
+        assert 'skipped: no weights' in ben.text('.dialog .accuracy')
+        (folder,) = (line.folder / 'verifications').iterdir()
+        link = browser.find_element(By.CSS_SELECTOR, '.dialog .reports a').get_attribute('href')
+        check_report(line, folder, str(link), tmp_path)
+        browser.get(str(link))
+        ben.until(lambda: 'Verification of an automatic checkweigher' in ben.text('h1'))
+        assert errors_of(browser) == []
+        noted = line.noted('ben')
+    assert noted[0] == 'begin verification: asked from 127.0.0.1'
+    assert f'skip step zero_2 of verification {folder.name}: done' in noted
+
+
+def check_report(line: Line, folder: Path, link: str, scratch: Path) -> None:
+    """Hold the report to what was done, and to the one that its bag gives again."""
+    report = json.loads((folder / 'report.json').read_text())
+    made = [(step['name'], step['verdict']) for step in report['steps']]
+    assert made[5:] == [
+        ('zero_2', 'skipped'), ('passes_60_middle', 'passed'), ('passes_60_small', 'failed'),
+        ('passes_60_small', 'failed'), ('zero_after', 'passed'),
+    ]  # fmt: skip
+    assert all(verdict == 'passed' for _, verdict in made[:5])
+    assert report['steps'][5]['why'] == ['no weights']
+    assert report['identity']['how'] == 'on a running line'
+    assert report['identity']['audit_log'] == str(line.folder / 'audit.log')
+    assert (folder / 'plan.yaml').read_text() == SHORT_PLAN
+
+    again = scratch / 'again'
+    assert run_command('verify', '--from', folder / 'bag', '--output', again).returncode == 1
+    for name in ('report.html', 'report.json'):
+        assert (again / name).read_bytes() == (folder / name).read_bytes()
+
+    address = link.partition(str(line.port))[2]
+    assert get_text(line.port, address) == (folder / 'report.html').read_text()
+    assert 'sandbox' in str(get(line.port, address).headers['Content-Security-Policy'])
+    for other in (
+        address.replace(folder.name, '..%2F..%2Faudit'), address.replace(folder.name, '.'),
+        address.replace('.html', '.mcap'), address.replace('lane=', 'lane=other'),
+    ):  # fmt: skip
+        assert get(line.port, other).status == 404

@@ -1,0 +1,68 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The rules for a batch in the words of the page."""
+
+from dataclasses import replace
+
+from checkweigher_dsp.production.recipes import Product
+from checkweigher_dsp.production.statistics import ProductionStatistics
+from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_dsp.rejection.batch_rules import BatchRules
+from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_web.words import batch_rules
+
+PLAIN = Product('crisps', 0.150, tu1=0.14325, tu2=0.1365)
+RULED = replace(PLAIN, tu1_quota=0.025, mean_value=True)
+REJECT = RejectParameters(
+    product='crisps', batch='L1', nominal=0.150, tu1=0.14325, tu1_quota=0.025, mean_value=True
+)
+
+
+def judged(*masses: float) -> list[Verdict]:
+    """Return the verdicts of items by the rules, as the reject stage gives them."""
+    rules = BatchRules()
+    items = (Verdict(n, None, Decision.ACCEPT, mass=mass) for n, mass in enumerate(masses, start=1))
+    return [rules.judge(item, REJECT) for item in items]
+
+
+def shown(product: Product, verdicts: list[Verdict]) -> list[str]:
+    statistics = ProductionStatistics(product)
+    for verdict in verdicts:
+        statistics.add(verdict)
+    found = batch_rules(statistics.summary('L1'), verdicts[-1] if verdicts else None)
+    return [text for _, text in found]
+
+
+def test_the_rules_are_shown_with_how_they_stand():
+    verdicts = judged(*[0.152] * 39, 0.140)
+    assert verdicts[-1].decision is Decision.ACCEPT
+    assert shown(RULED, verdicts) == [
+        '✓ 151.700 g of 150.000 g; an item may lack 68.000 g',
+        '✓ 1 of 40 accepted, 2.50 % of at most 2.5 %; the next one is rejected, TU1Quota',
+        '✓ 0 accepted',
+    ]
+
+
+def test_an_item_that_fits_the_quota_is_announced_and_is_accepted():
+    verdicts = judged(*[0.152] * 39)
+    assert shown(RULED, verdicts)[1] == (
+        '✓ 0 of 39 accepted, 0.00 % of at most 2.5 %; the next one is accepted'
+    )
+    assert judged(*[0.152] * 39, 0.140)[-1].decision is Decision.ACCEPT
+    assert judged(*[0.152] * 38, 0.140)[-1].reasons == ('TU1Quota',)
+
+
+def test_a_recipe_without_the_rules_shows_what_came():
+    accepted = [Verdict(n, None, Decision.ACCEPT, mass=0.11 + 0.02 * n) for n in (1, 2)]
+    assert shown(PLAIN, accepted) == [
+        'not asked by the recipe; the mean is 140.000 g',
+        'not asked by the recipe; 1 accepted, 50.00 %', '✗ 1 accepted',
+    ]  # fmt: skip
+
+
+def test_counts_of_another_batch_are_none_of_this_one():
+    statistics = ProductionStatistics(RULED).summary('L2')
+    found = batch_rules(statistics, judged(0.152)[-1])
+    assert found[0] == ('mean at least nominal', 'nothing accepted yet')
+    assert batch_rules(None, None) == []
+    assert batch_rules(ProductionStatistics().summary(), None) == []
