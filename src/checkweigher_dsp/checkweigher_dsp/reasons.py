@@ -98,7 +98,7 @@ _HINTS = {
     Reason.START_UP: 'the product was on the line before the first sample; run it again',
     Reason.CLOCK_JUMP: 'stamp and index of the samples disagree; check the clock of the source',
     Reason.ZERO_OUT_OF_RANGE: 'the empty belt is beyond its limits, or jumped; clean it, zero it',
-    Reason.EDGE_MISMATCH: 'the load rose at another time than the eyes say; see Eyes and samples',
+    Reason.EDGE_MISMATCH: 'load and eyes, or their clocks, differ in time; see Eyes and samples',
     Reason.MEAN_VALUE_REQUIREMENT: 'the mean of the batch would be below nominal; check the filler',
     Reason.TU1_QUOTA: 'below TU1, and the batch has as many as it may have; check the filler',
     Reason.NO_PRODUCT: 'no product is selected, so nothing says what to accept; check product',

@@ -294,12 +294,17 @@ class MassEstimate:
 _Weighed = TypeVar('_Weighed', WeighWindow, MassEstimate)
 
 
-def foreign(record: _Weighed) -> _Weighed:
-    """Return what may be a stranger's as the fault that it is: nothing in it can be trusted."""
-    reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *record.reasons)))
+def mistrusted(record: _Weighed, reason: Reason) -> _Weighed:
+    """Return as a fault what cannot be trusted for a reason."""
+    reasons = tuple(dict.fromkeys((reason.value, *record.reasons)))
     if isinstance(record, WeighWindow):
         return replace(record, reasons=reasons)
     return replace(record, reasons=reasons, mass=math.nan, std_dev=math.nan)
+
+
+def foreign(record: _Weighed) -> _Weighed:
+    """Return what may be a stranger's as the fault that it is: nothing in it can be trusted."""
+    return mistrusted(record, Reason.FOREIGN_PUBLISHER)
 
 
 @dataclass(frozen=True, slots=True)

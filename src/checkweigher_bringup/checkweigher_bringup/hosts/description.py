@@ -85,6 +85,21 @@ class LineDescription:
             if host in lane.nodes
         )
 
+    def compared_with(self, host: str) -> dict[str, str]:
+        """Return the hosts whose clocks are compared with that of a host, with their addresses.
+
+        These share a lane with it. One that runs no lane is there for nodes of somebody's own,
+        and compared with all.
+        """
+        of_lanes = [set(lane.nodes) for lane in self.lanes]
+        busy = set().union(*of_lanes)
+        shared = set().union(*(hosts for hosts in of_lanes if host in hosts))
+        return {
+            name: address
+            for name, address in sorted(self.hosts.items())
+            if name != host and (name in shared or not {name, host} <= busy)
+        }
+
     def environment(self) -> dict[str, str]:
         """Return the environment by which the nodes of all hosts find each other, and no others."""
         if self.discovery == SUBNET:

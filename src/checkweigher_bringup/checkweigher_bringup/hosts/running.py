@@ -10,12 +10,9 @@ from pathlib import Path
 import queue
 import sys
 import time
-from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-
-from checkweigher_bringup.hosts.clocks import HostClocks, answering
 from checkweigher_bringup.hosts.description import LineDescription, Share
+from checkweigher_bringup.hosts.supervisor import Supervisor, comparing_clocks
 from checkweigher_bringup.running_line import SupervisedProcess
 from checkweigher_bringup.spinning import (
     asked_to_end,
@@ -25,12 +22,8 @@ from checkweigher_bringup.spinning import (
     write_parameter_file,
 )
 from checkweigher_bringup.supervision import CANNOT_START
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.diagnostics import status_of
-from checkweigher_dsp.ros.port_node import PortNode
 
-_POLL_PERIOD, _CLOCK_PERIOD = 0.1, 1.0  # s
+_POLL_PERIOD = 0.1  # s
 _MODULE = 'checkweigher_bringup.line'
 
 
@@ -53,37 +46,6 @@ def _commands(shares: Sequence[Share]) -> Iterator[dict[str, list[str]]]:
         yield found
 
 
-class _Listener(PortNode):
-    """Listen to which nodes of all lanes are `alive`."""
-
-    def __init__(self, host: str) -> None:
-        super().__init__(f'supervisor_{host}')
-        self.alive: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self.subscribe(ports.DIAGNOSTICS, self._on_diagnostics)
-
-    def tell_clocks(self, clocks: HostClocks) -> None:
-        """Publish from now on how the clocks of the other hosts are, and log what has changed."""
-        output, levels = self.output(ports.DIAGNOSTICS), dict[str, Level]()
-
-        def tell() -> None:
-            statuses = []
-            for each in clocks.findings():
-                if levels.get(each.aspect) != each.level:
-                    say = self.get_logger().info if each.level == Level.OK else self.warn
-                    say(f'{each.aspect}: {each.message}')
-                levels[each.aspect] = each.level
-                statuses.append(status_of(f'{self.get_name()}: {each.aspect}', each))
-            message = DiagnosticArray(status=statuses)
-            message.header.stamp = self.get_clock().now().to_msg()
-            output.send(message)
-
-        self.create_timer(_CLOCK_PERIOD, tell)
-
-    def _on_diagnostics(self, message: Any) -> None:
-        for status in message.status:
-            self.alive.put(status.name.strip('/').partition(':')[0])
-
-
 def run_host(line: LineDescription, host: str) -> int:
     """Run what a host has of a line until a signal asks for its end; return the exit status."""
     shares = line.shares(host)
@@ -96,13 +58,12 @@ def run_host(line: LineDescription, host: str) -> int:
         # A process that hangs says nothing for any of its nodes.
         process_of = {f'{s.lane}/{node}': processes[s.name] for s in shares for node in s.nodes}
         print(f'{host}: {", ".join(processes) or "nothing to run"}', file=sys.stderr, flush=True)
-        node = _Listener(host)
-        with _clocks(line, host) as clocks:
-            if clocks is not None:
-                node.tell_clocks(clocks)
+        node, alive = Supervisor(host), queue.SimpleQueue[str]()
+        node.hear_nodes(alive.put)
+        with comparing_clocks(line, host, node):
             spinner.add(node)
             try:
-                return _supervise(processes, process_of, node, asked)
+                return _supervise(processes, process_of, alive, asked)
             finally:
                 for process in processes.values():
                     process.terminate()
@@ -110,34 +71,14 @@ def run_host(line: LineDescription, host: str) -> int:
                     process.wait()
 
 
-@contextmanager
-def _clocks(line: LineDescription, host: str) -> Iterator[HostClocks | None]:
-    """Compare the clocks of the hosts that share a lane with this one, if there are any."""
-    sharing = {other for lane in line.lanes if host in lane.nodes for other in lane.nodes} - {host}
-    if not sharing:
-        yield None
-        return
-    with ExitStack() as stack:
-        clocks = None
-        try:
-            stack.enter_context(answering(line.hosts[host]))
-            others = {other: line.hosts[other] for other in sorted(sharing)}
-            clocks = HostClocks(line.hosts[host], others)
-            stack.callback(clocks.close)
-        except OSError as error:  # the lanes run all the same
-            text = f'clocks are not compared: {line.hosts[host]}: {error.strerror or error}'
-            print(f'{host}: {text}', file=sys.stderr, flush=True)
-        yield clocks
-
-
 def _supervise(
     processes: Mapping[str, SupervisedProcess], process_of: Mapping[str, SupervisedProcess],
-    node: _Listener, asked: list[int],
+    alive: 'queue.SimpleQueue[str]', asked: list[int],
 ) -> int:  # fmt: skip
     while not asked:
         now = time.monotonic()
-        while not node.alive.empty():
-            if (process := process_of.get(node.alive.get())) is not None:
+        while not alive.empty():
+            if (process := process_of.get(alive.get())) is not None:
                 process.heard(now)
         if not all([process.look(now) for process in processes.values()]):
             return CANNOT_START

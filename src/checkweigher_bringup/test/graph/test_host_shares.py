@@ -4,13 +4,16 @@
 
 from functools import partial
 from pathlib import Path
+import queue
 import sys
 from typing import Any
 
 from graph import wait_for
 from running import ROOT
 
-from checkweigher_bringup.spinning import running_processes, spinning
+from checkweigher_bringup.hosts.description import read_line
+from checkweigher_bringup.hosts.supervisor import Supervisor, comparing_clocks
+from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.health.status_board import StatusBoard
 from checkweigher_dsp.ros import ports
@@ -69,3 +72,16 @@ def hear_clocks(clocks: dict[str, int], message: Any) -> None:
 def recipe(board: StatusBoard) -> str:
     rows = board.rows(0.0)
     return next((r.message for r in rows if (r.node, r.aspect) == ('whole/product', 'Recipe')), '')
+
+
+def test_a_supervisor_that_tells_of_clocks_hears_the_nodes_of_its_host(tmp_path: Path):
+    """It starts what it does not hear again."""
+    (tmp_path / 'line.yaml').write_text(LINE)
+    line, alive = read_line(tmp_path / 'line.yaml'), queue.SimpleQueue[str]()
+    segmenter = {'segmenter': node_command(ports.NODES['segmenter'], 'split')}
+    with running_processes(segmenter), spinning() as spinner:
+        node = Supervisor('hall')
+        node.hear_nodes(alive.put)
+        with comparing_clocks(line, 'hall', node):
+            spinner.add(node)
+            wait_for(lambda: not alive.empty() and alive.get() == 'split/segmenter')

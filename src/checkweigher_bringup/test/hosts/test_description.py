@@ -61,6 +61,16 @@ def test_hosts_find_each_other_and_no_others(tmp_path: Path):
     assert read(tmp_path, one).environment() == {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
+def test_clocks_are_compared_where_hosts_share_a_lane_or_run_none(tmp_path: Path):
+    described = content()
+    described['hosts'] |= {'attic': '10.75.0.3', 'eyes': '10.75.0.4'}
+    described['lanes']['lane3'] = {'host': 'attic'}
+    line = read(tmp_path, described)
+    assert line.compared_with('hall') == {'eyes': '10.75.0.4', 'server': '10.75.0.2'}
+    assert [*line.compared_with('attic')] == ['eyes']
+    assert [*line.compared_with('eyes')] == ['attic', 'hall', 'server']
+
+
 def test_a_host_that_is_not_there(tmp_path: Path):
     with pytest.raises(LayoutError, match=r'host attic: .* it has hall, server'):
         read(tmp_path, content()).shares('attic')

@@ -23,9 +23,10 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
     WeighWindow,
-    foreign,
+    mistrusted,
 )
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.graph.stamp_clocks import StampClocks
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -63,6 +64,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._zero_settings = self.output(ports.ZERO_SETTING)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self._doubted = False  # whether samples or edges may be those of a stranger
+        self._clocks = StampClocks(self)
+        self._apart = ''  # why stamps of samples and edges cannot be compared
         self._events = tuple(
             self.subscribe(port, self._on_event, doubted=self._doubt)
             for port in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES)
@@ -137,6 +140,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._doubted and not any(entry.doubted for entry in self._events):
             self._start(Reason.FOREIGN_PUBLISHER)  # also zero and noise may be made up
             self._doubted = False
+        apart = self._clocks.apart(frozenset().union(*(entry.hosts for entry in self._events)))
+        if self._apart and not apart:
+            self._start(Reason.EDGE_MISMATCH)  # also the empty belt was that of two clocks
+        self._apart = apart
         if self._segmenter is None:
             self._early.append(event)
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
@@ -229,7 +236,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._publish_status(StreamState.FINISHED)
 
     def _publish(self, windows: list[WeighWindow]) -> None:
-        for window in map(foreign, windows) if self._doubted else windows:
+        for window in map(self._judged, windows):
             self._windows.send(window)
             self.count('windows')
             if self._segmenter is not None:
@@ -238,11 +245,17 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 self.count(reason)
                 self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
 
+    def _judged(self, window: WeighWindow) -> WeighWindow:
+        """Return a window as it is, or as a fault where its data cannot be trusted."""
+        if self._doubted:
+            return mistrusted(window, Reason.FOREIGN_PUBLISHER)
+        return mistrusted(window, Reason.EDGE_MISMATCH) if self._apart else window
+
     def diagnose(self, now: float) -> list[Finding]:
         """Return how samples, clock, eyes, zero, belt and items are."""
         if self._segmenter is not None:
             self._watch.look(now, self._segmenter)
-        return self._watch.findings(now, time.time() - time.monotonic())
+        return self._watch.findings(now, time.time() - time.monotonic(), self._apart)
 
     def _publish_status(self, state: StreamState) -> None:
         if self._segmenter is None:

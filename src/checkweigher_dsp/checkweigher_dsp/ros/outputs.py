@@ -190,6 +190,11 @@ class Input:
         return () if self._publishers is None else self._publishers.strangers
 
     @property
+    def hosts(self) -> frozenset[bytes]:
+        """Hosts from which the records come over DDS, see `Makers`."""
+        return frozenset() if self._publishers is None else self._publishers.hosts
+
+    @property
     def doubted(self) -> bool:
         """Whether what comes now may be that of a stranger."""
         return self._publishers is not None and self._publishers.doubts(time.time_ns())

@@ -32,6 +32,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.ALL,
     PAGE: (ports.DIAGNOSTICS,),
+    'segmenter': (ports.DIAGNOSTICS,),  # of clocks, where its stamps come from two hosts
     'page_results': (
         ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
         ports.VERDICT, ports.STATISTICS, ports.STOP_REQUEST,

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 
 _NAMING_TIME = 0.02  # s, in which DDS finds the name of a node after its endpoints
+_FAST_DDS, _HOST = b'\x01\x0f', 4  # vendor of a gid (RTPS 2.5, 9.3.1.5); bytes with the host
 ANY = '*'  # allowed: every publisher
 
 _Listed = Mapping[bytes, Any]  # endpoints by their gid
@@ -51,6 +52,8 @@ class Makers:
     ----------
     strangers : tuple of str
         Full names of the strangers at the last look.
+    hosts : frozenset of bytes
+        Hosts of the others at the last look, see `host_of`.
     present : bool
         Whether the maker, or a node that is allowed, was there at the last look.
     passed : float
@@ -69,6 +72,7 @@ class Makers:
         self._mangled = mangled
         self._domain = int(node.context.get_domain_id())
         self.strangers: tuple[str, ...] = ()
+        self.hosts: frozenset[bytes] = frozenset()
         self.present = False
         self.passed = -float('inf')
         self._proved: set[bytes] = set()  # gids of the maker, also of one that has died since
@@ -121,8 +125,10 @@ class Makers:
         self._listed = set(listed)
         own = self._own(listed)
         allowed = self._allowed()
-        others = [full_name(each) for gid, each in listed.items() if gid not in own]
-        strange = [] if ANY in allowed else [name for name in others if name not in allowed]
+        others = {gid: full_name(each) for gid, each in listed.items() if gid not in own}
+        foreign = {} if ANY in allowed else {g: n for g, n in others.items() if n not in allowed}
+        strange = list(foreign.values())
+        self.hosts = frozenset(host_of(gid) for gid in listed if gid not in foreign)
         if strange or self.strangers:  # what one that has gone since said last may be yet to come
             self._doubted_until = time.time_ns()
         self.strangers = tuple(sorted(set(strange)))
@@ -159,6 +165,15 @@ class Makers:
         if more > 0 or status.current_count == len(self._listed):
             self._surplus += more
         return more > 0 and ANY not in self._allowed() and (self._stage or bool(self._proved))
+
+
+def host_of(gid: bytes) -> bytes:
+    """Return what all endpoints of a host have in common.
+
+    Fast DDS has a number of the host in each gid, made of its addresses, by which it also tells
+    whom shared memory reaches. Of other implementations of DDS each process is a host.
+    """
+    return gid[:_HOST] if gid.startswith(_FAST_DDS) else gid[:PARTICIPANT]
 
 
 def full_name(endpoint: Any) -> str:
