@@ -6,13 +6,11 @@ The stage counts the items itself, from the photo-eyes: one whose mass never com
 before it hung or died, is a FAULT in time for the rejector all the same.
 """
 
-from collections import OrderedDict, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import math
 
 from checkweigher_dsp.items.item import Item
-from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -25,40 +23,17 @@ from checkweigher_dsp.records import (
     foreign,
 )
 from checkweigher_dsp.rejection.batch_rules import BatchRules, BatchTally
+from checkweigher_dsp.rejection.eye_items import Arrival, EyeItems
 from checkweigher_dsp.rejection.inspections import Inspections, Passage
 from checkweigher_dsp.rejection.items import RejectItem, RejectItems, edges_of
 from checkweigher_dsp.rejection.limits import judge
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.stations import route
-from checkweigher_dsp.rejection.timing import RESTART, ArrivalClock
 
 # What has no reject time is waited for so long: when it would be too late is not known.
 _PATIENCE = NANOSECONDS // 10
 _PATIENCE_GIVEN_UP = NANOSECONDS
-_MAX_EARLY = 10_000
-_PLAYED_AGAIN = 4  # edges, as many as an item has
-_MAX_STAMPS = 4_000
-_MAX_LATEST = 400
 _MAX_AHEAD = 1_000  # far more than a driver has on their way, see FlowControl
-_Arrival = tuple[EyeEdge, int | None]  # an edge and when it came
-
-
-@dataclass(slots=True)
-class _Stream:
-    """State of one stream by its edges; stamps and times of arrival in ns."""
-
-    newest: int | None = None  # the youngest stamp
-    came: int | None = None  # when the youngest edge came
-    held: list[_Arrival] = field(default_factory=list)  # edges that came before, long ago
-    arrivals: ArrivalClock = field(default_factory=ArrivalClock)
-
-    def saw(self, edge: EyeEdge, now: int | None) -> int | None:
-        """Take an edge; return when it should have come."""
-        self.held.clear()
-        stamp = edge.stamp
-        if self.newest is None or stamp >= self.newest:
-            self.newest, self.came = stamp, now
-        return None if now is None else self.arrivals.came(stamp, now)
 
 
 class RejectStage:
@@ -84,8 +59,6 @@ class RejectStage:
     ----------
     inspections : Inspections
         What inspection devices have rejected.
-    weigh_length : float or None
-        m; `set_weigh_length` changes it.
     late_estimates : int
         Estimates that came after the verdict on their item, or twice; they change nothing.
     late_verdicts : int
@@ -104,17 +77,10 @@ class RejectStage:
         self.late_verdicts = 0
         self.unknown_estimates = 0
         self.doubted = False
-        self.weigh_length = weigh_length
+        self._eyes = EyeItems(parameters, weigh_length)
         self._items = RejectItems()
         self._batches = BatchRules()
-        self._tracker: ItemTracker | None = None
-        self._stream = _Stream()
-        self._early: deque[_Arrival] = deque(maxlen=_MAX_EARLY)
-        self._latest: deque[_Arrival] = deque(maxlen=_MAX_LATEST)
-        self._stamps: OrderedDict[int, None] = OrderedDict()  # of the latest edges, a set
         self._ahead: list[MassEstimate] = []  # whose edges have not come yet
-        if weigh_length is not None:
-            self._tracker = self._new_tracker(weigh_length, 0)
 
     @property
     def parameters(self) -> RejectParameters:
@@ -123,41 +89,36 @@ class RejectStage:
 
     @parameters.setter
     def parameters(self, parameters: RejectParameters) -> None:
-        self._parameters = self.inspections.parameters = parameters
+        self._parameters = self.inspections.parameters = self._eyes.parameters = parameters
         self._stations = parameters.all_stations()
 
     @property
     def due(self) -> int | None:
         """Time at which time alone brings something next, on the clock of the arguments."""
-        times = [item.due for item in self._items.pending if item.due is not None]
-        times += [due for due in (self.inspections.due,) if due is not None]
-        overdue = self._tracker.overdue_after if self._tracker is not None else None
-        newest, came = self._stream.newest, self._stream.came
-        if overdue is not None and newest is not None and came is not None:
-            times.append(came + overdue + self._lateness - newest + 1)
-        return min(times, default=None)
+        times = [item.due for item in self._items.pending]
+        times += [self.inspections.due, self._eyes.next_missing]
+        return min((time for time in times if time is not None), default=None)
+
+    @property
+    def weigh_length(self) -> float | None:
+        """Distance between the eyes, m; `set_weigh_length` changes it."""
+        return self._eyes.weigh_length
 
     def set_weigh_length(self, weigh_length: float, now: int | None = None) -> None:
         """Take the distance between the eyes, m; with a change of it a new stream begins."""
         if weigh_length == self.weigh_length:
             return
-        self.weigh_length = weigh_length
         self.restart(now)
-        count = self._tracker.count if self._tracker is not None else 0
-        self._tracker = self._new_tracker(weigh_length, count)
-        while self._early:
-            self._follow(*self._early.popleft())
+        for edge, came in self._eyes.set_weigh_length(weigh_length):
+            self._follow(edge, came)
 
     def restart(self, now: int | None = None) -> None:
         """Begin a new stream: what is on the belt will not reach the outfeed eye in it."""
-        if self._tracker is not None:
-            doubted = Reason.FOREIGN_PUBLISHER
-            for item in self._tracker.give_up(doubted if self.doubted else Reason.SOURCE_RESTARTED):
-                self._see(item, now)
-            self._tracker.forget()
+        reason = Reason.FOREIGN_PUBLISHER if self.doubted else Reason.SOURCE_RESTARTED
+        for item in self._eyes.begin_stream(reason):
+            self._see(item, now)
         self._items.restart()
         self.inspections.restart()
-        self._stream = _Stream()
 
     def take(self, record: EyeEdge | MassEstimate, now: int | None = None) -> list[Verdict]:
         """Take an edge or an estimate and return the verdicts that it brings."""
@@ -167,38 +128,30 @@ class RejectStage:
 
     def add_edge(self, edge: EyeEdge, now: int | None = None) -> list[Verdict]:
         """Take an edge of the eyes of the weigh belt and return the verdicts that are due."""
-        if self._tracker is None:
-            self._early.append((edge, now))
+        if self._eyes.keep_early(edge, now):
             return []
-        newest = self._stream.newest
-        if newest is not None and edge.stamp < newest - RESTART:
-            if self._tracker.knows(edge):
-                return self._hold(edge, now)
+        if self._eyes.goes_back(edge):
+            if self._eyes.hold_known(edge, now):
+                return self._play_again(now)
             self.restart(now)
         self._follow(edge, now)
         ahead, self._ahead = self._ahead, []
         caught_up = [verdict for each in ahead for verdict in self.add_estimate(each, now)]
         return [*caught_up, *self.advance(now)]
 
-    def _follow(self, edge: EyeEdge, now: int | None = None) -> None:
+    def _follow(self, edge: EyeEdge, now: int | None) -> None:
         """Take an edge of this stream."""
-        assert self._tracker is not None
-        came = self._stream.saw(edge, now)
-        self._latest.append((edge, now))
-        self._stamps[edge.stamp] = None
-        if len(self._stamps) > _MAX_STAMPS:
-            self._stamps.popitem(last=False)
-        for item in self._tracker.add(edge):
+        came, items = self._eyes.follow(edge, now)
+        for item in items:
             self._see(item, came)
 
-    def _hold(self, edge: EyeEdge, now: int | None) -> list[Verdict]:
-        """Pass over an old edge that comes again, unless so many do that all are played again."""
-        held = self._stream.held
-        held.append((edge, now))
-        if len(held) < _PLAYED_AGAIN:
+    def _play_again(self, now: int | None) -> list[Verdict]:
+        """Pass over old edges that come again, unless so many do that all are played again."""
+        again = self._eyes.played_again()
+        if not again:
             return self.advance(now)
         self.restart(now)
-        return [verdict for again in held for verdict in self.add_edge(*again)]
+        return [verdict for edge, came in again for verdict in self.add_edge(edge, came)]
 
     def add_estimate(self, estimate: MassEstimate, now: int | None = None) -> list[Verdict]:
         """Take an estimate and return the verdict on its item, if there was none yet.
@@ -206,7 +159,7 @@ class RejectStage:
         One of what the eyes have not shown waits for its edges; if they never come, no product was
         there, and there is no verdict.
         """
-        self._learn_transit(estimate)
+        self._eyes.learn_transit(estimate)
         item = self._items.find_pending(estimate)
         if item is not None and item.held is not None:
             self.late_estimates += 1
@@ -216,7 +169,7 @@ class RejectStage:
                 self.late_estimates += 1
                 return []
             stamps = edges_of(estimate).values()
-            if not any(stamp in self._stamps for stamp in stamps):
+            if not self._eyes.knows_any(stamps):
                 self._wait_for_edges(estimate, max(stamps, default=None))
                 return []
             item = RejectItem(estimate.t1, estimate.t2, estimate.t3)
@@ -239,11 +192,11 @@ class RejectStage:
         It waits no longer than the rejector lets it.
         """
         over = self.inspections.over_at(_passage(item, verdict), self.weigh_length)
-        ready = None if over is None else self._stream.arrivals.at(over)
+        ready = None if over is None else self._eyes.arrivals.at(over)
         if now is None or ready is None or ready <= now:
             return False
         if item.late_from is None:  # its mass was faster than its edges
-            came = None if verdict.t3 is None else self._stream.arrivals.at(verdict.t3)
+            came = None if verdict.t3 is None else self._eyes.arrivals.at(verdict.t3)
             self._set_deadline(item, came, verdict.t3, verdict.reject_at)
         item.ready = ready
         item.due = ready if item.due is None else min(item.due, ready)
@@ -268,18 +221,12 @@ class RejectStage:
             return 0
         return known.earliest_lead(known.rejector_distance / travel if travel > 0 else math.nan)
 
-    def _learn_transit(self, estimate: MassEstimate) -> None:
-        """Take from the segmenter, which sees the load, how edges are to be paired."""
-        if self._tracker is None or estimate.t1 is None or estimate.t3 is None:
-            return
-        if estimate.weighed and {estimate.t1, estimate.t3} <= self._stamps.keys():
-            self._tracker.be_told(estimate.t3 - estimate.t1)
-
     def advance(self, now: int | None) -> list[Verdict]:
         """Return the verdicts that can wait no longer."""
         overdue = []
         if now is not None:
-            self._see_missing(now)
+            for missing in self._eyes.expire(now):
+                self._see(missing, now)
             pending = self._items.pending
             overdue = [item for item in pending if item.due is not None and item.due <= now]
         overdue += [item for item in self._items.too_many() if item not in overdue]
@@ -290,29 +237,28 @@ class RejectStage:
 
     def stop(self, now: int | None = None) -> list[Verdict]:
         """Give each item that the eyes have shown its verdict: no mass is waited for any more."""
-        if self._tracker is not None:
-            for item in self._tracker.give_up(Reason.NO_ESTIMATE):
-                self._see(item, now)
+        for item in self._eyes.give_up(Reason.NO_ESTIMATE):
+            self._see(item, now)
         self.restart(now)
-        self._latest.clear()
+        self._eyes.forget_latest()
         return self._give_up(list(self._items.pending), now)
 
     def number_after(self, last_number: int) -> None:
         """Give no number up to that one, which a stage before this one has given."""
         self._items.recall((), last_number)
 
-    def end_stream(self, edges: Iterable[_Arrival], now: int | None = None) -> list[Verdict]:
+    def end_stream(self, edges: Iterable[Arrival], now: int | None = None) -> list[Verdict]:
         """Judge what the edges of a stream that is over show: no mass of it is waited for."""
         verdicts = [verdict for edge, came in edges for verdict in self.add_edge(edge, came)]
         self.restart(now)
         verdicts += self._give_up(list(self._items.pending), now)
         self._items.restart()  # after the last of these is judged
-        self._latest.clear()
+        self._eyes.forget_latest()
         return verdicts
 
     def recall(
-        self, history: LineHistory, live: Iterable[_Arrival] = (), now: int | None = None,
-        *, over: Iterable[_Arrival] = (),
+        self, history: LineHistory, live: Iterable[Arrival] = (), now: int | None = None,
+        *, over: Iterable[Arrival] = (),
     ) -> list[Verdict]:  # fmt: skip
         """Take the driver's history, with the verdicts of stages that judged before this one.
 
@@ -325,27 +271,20 @@ class RejectStage:
         for verdict in history.verdicts:
             self._batches.remember(BatchTally.of(verdict))
         verdicts = self.end_stream(over, now) if over else []
-        live = [*self._latest, *live]
-        known = {edge for edge, _ in live}
-        begin = next((n for n, e in enumerate(history.edges) if e in known), len(history.edges))
-        missed = history.edges[:begin]
-        if missed and self.weigh_length is not None:
+        missed, live = self._eyes.missed(history, live)
+        if missed:
             self._items.pending.clear()  # they are found again, with all their edges
-            self._tracker = self._new_tracker(self.weigh_length, 0)
-            self._stream = _Stream(held=self._stream.held, arrivals=self._stream.arrivals)
+            self._eyes.count_again()
             for edge in missed:
-                self._follow(edge)
-            if now is not None:
-                self._stream.came = now - (history.stamp - max(edge.stamp for edge in missed))
-            self._latest.clear()
+                self._follow(edge, None)
+            ago = history.stamp - max(edge.stamp for edge in missed)
+            self._eyes.caught_up(None if now is None else now - ago)
             if history.first_edge:
                 self._forget_cut(missed[0].stamp)
             for item in self._items.pending:
                 if now is not None and item.reject_at is not None:
                     item.late_from = now + item.reject_at - history.stamp
             verdicts += self._give_up(list(self._items.pending), now)
-        else:
-            live = live[len(self._latest) :]
         for edge, came in live:
             verdicts += self.add_edge(edge, came)
         return verdicts
@@ -373,24 +312,6 @@ class RejectStage:
                 verdicts.append(self._give(item, self._without_estimate(item), now))
         return verdicts
 
-    def _see_missing(self, now: int) -> None:
-        """Give up what should have reached the outfeed eye, as if an edge had come that late."""
-        newest, came = self._stream.newest, self._stream.came
-        if self._tracker is not None and newest is not None and came is not None:
-            for item in self._tracker.expire(newest + now - came - self._lateness):
-                self._see(item, now)
-
-    @property
-    def _lateness(self) -> int:
-        return round(NANOSECONDS * self.parameters.edge_lateness)
-
-    def _new_tracker(self, weigh_length: float, count: int) -> ItemTracker:
-        return ItemTracker(
-            round(NANOSECONDS * self.parameters.debounce_time),
-            self.parameters.max_transit(weigh_length),
-            count,
-        )
-
     def _see(self, seen: Item, now: int | None) -> None:
         """Take an item that the eyes are done with; its verdict may have been faster."""
         if self._items.has_seen(seen):
@@ -402,19 +323,10 @@ class RejectStage:
             held.count, held.reasons = seen.item_id, reasons
             return
         item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
-        item.reject_at = self.parameters.reject_time(seen.t3, self._speed(seen))
+        item.reject_at = self.parameters.reject_time(seen.t3, self._eyes.speed(seen))
         if now is not None and not self._set_deadline(item, now, seen.t3, item.reject_at):
             item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
         self._items.pending.append(item)
-
-    def _speed(self, item: Item) -> float:
-        """Return the belt speed from the eyes, or else that of the last whole item, m/s."""
-        transit = item.usual_transit
-        if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
-            transit = item.t3 - item.t1
-        if self.weigh_length is None or not transit:
-            return math.nan
-        return self.weigh_length * NANOSECONDS / transit
 
     def _speed_of(self, verdict: Verdict) -> float:
         """Return the belt speed of an item by its verdict, m/s; NaN if it is not known."""
@@ -425,8 +337,7 @@ class RejectStage:
 
     def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
         """Keep an estimate that is ahead of its edges, unless they should have come by now."""
-        newest = self._stream.newest
-        if last is not None and (newest is None or newest - self._lateness < last):
+        if last is not None and self._eyes.may_come(last):
             self._ahead.append(estimate)
         else:
             self.unknown_estimates += 1
@@ -454,7 +365,7 @@ class RejectStage:
         late_from = item.late_from
         if late_from is None and verdict.reject_at is not None:
             # Its mass was faster than its edges.
-            late_from = self._stream.arrivals.at(verdict.reject_at)
+            late_from = self._eyes.arrivals.at(verdict.reject_at)
         number = self._items.judge(item, estimate, verdict.estimate_id)
         t1, t3, reject_at = verdict.t1, verdict.t3, verdict.reject_at
         # A segmenter that was started again has not seen all edges of its first item. Which edges
