@@ -143,6 +143,11 @@ class RemoteOperator:
 
     # Other threads
 
+    @property
+    def ended(self) -> bool:
+        """Whether the procedure has ended."""
+        return self._said.state is ProgressState.IDLE
+
     def answer(self, question: int, answer: StepAnswer, reason: str) -> str:
         """Take an answer; return why it cannot be one, empty if it is."""
         with self._lock:
@@ -194,7 +199,7 @@ class VerifierNode(StageNode[VerifierParameters]):
     # Services
 
     def _on_begin(self, request: Any, response: Any) -> Any:
-        if self._thread is not None and self._thread.is_alive():
+        if self._operator is not None and not self._operator.ended:
             response.message = f'busy: a verification goes on; call {ports.CANCEL_VERIFICATION}'
             return response
         try:
@@ -216,7 +221,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         return response
 
     def _on_answer(self, request: Any, response: Any) -> Any:
-        if self._operator is None:
+        if self._operator is None or self._operator.ended:
             response.message = f'no verification goes on; call {ports.BEGIN_VERIFICATION}'
         elif request.answer not in tuple(StepAnswer):
             response.message = f'{request.answer}: is no answer'
@@ -230,7 +235,7 @@ class VerifierNode(StageNode[VerifierParameters]):
     def _on_cancel(self, request: Any, response: Any) -> Any:
         """Break the procedure off."""
         response.success, response.message = True, 'nothing is under way'
-        if self._operator is not None and self._thread is not None and self._thread.is_alive():
+        if self._operator is not None and not self._operator.ended:
             self._operator.break_off()
             response.message = 'it ends; its report has the steps that were made'
         return response
