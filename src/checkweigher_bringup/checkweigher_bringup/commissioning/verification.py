@@ -21,7 +21,6 @@ from checkweigher_dsp.production.audit_log import AuditError, read_log
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.whole_file import check_new, output_error, write_whole
 from checkweigher_validation.archive.program import program_digest
-from checkweigher_validation.report.verification_page import render_verification
 from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
@@ -87,6 +86,9 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
 
 def write_report(bag: Path, folder: Path) -> str:
     """Write the report of a procedure into a folder, which is made; return the verdict."""
+    # Its libraries take as much memory as the node verifier without them.
+    from checkweigher_validation.report.verification_page import render_verification
+
     report = report_of(read_procedure(bag))
     try:
         folder.mkdir(exist_ok=True)

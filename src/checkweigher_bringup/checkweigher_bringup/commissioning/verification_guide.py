@@ -302,8 +302,10 @@ def _enough(step: Step, items: list[ItemPass]) -> int:
 def _line(result: Result) -> str:
     """Return the result of a step in a line."""
     parts = ['passed' if result.passed else 'FAILED']
-    if result.attempt.reading is None:
+    if (reading := result.attempt.reading) is None:
         parts.append(f'n {result.count}, faults {result.faults}')
+    else:
+        parts.append(f'reading {GRAMS * reading.mass:+.4f} g')
     for name, value, limit in (
         ('error', result.error, result.max_error), ('std. dev.', result.std_dev, result.max_std_dev)
     ):  # fmt: skip

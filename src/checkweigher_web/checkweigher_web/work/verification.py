@@ -62,9 +62,10 @@ class Guide:
                 self._plan = ui.textarea('Text of the plan', on_change=self._show_plan)
                 self._plan.props('outlined dense debounce=300').classes('plan')
             self._state = ui.label('').classes('state').props('role=status')
-            self._lines = ui.element('ol').classes('read').props('aria-label="what came"')
-            with ui.element('div').classes('accuracy'):
-                self._table = Table(('step', 'result'))
+            self._lines = ui.element('ul').classes('read lines')
+            self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
+            with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
+                self._table = Table(('step', 'what to do, or the result'))
             self._reports = ui.element('ol').classes('reports').props('aria-label="reports"')
             self._reason = ui.input('Reason (needed to skip a step)')
             self._reason.props('outlined dense maxlength=200')
@@ -96,7 +97,7 @@ class Guide:
         self._state.set_text(f'{"" if idle else at}{_STATES.get(said.state, "")}{said.text}')
         if before is None or before.lines != said.lines:
             self._lines.clear()
-            for line in said.lines:
+            for line in reversed(said.lines):
                 with self._lines, ui.element('li'):
                     ui.label(line)
         if said.steps:
