@@ -36,7 +36,7 @@ def make_share(context):
     path, host = (LaunchConfiguration(name).perform(context) for name, _ in ARGUMENTS)
     line = read_line(Path(path))
     variables = [SetEnvironmentVariable(*each) for each in line.environment().items()]
-    return [*variables, *map(make_process, line.shares(host)), *make_supervisor(line, path, host)]
+    return [*variables, *map(make_process, line.shares(host)), make_supervisor(path, host)]
 
 
 def make_process(share):
@@ -49,17 +49,13 @@ def make_process(share):
     )  # fmt: skip
 
 
-def make_supervisor(line, path, host):
-    """Return what compares the clock of this host with those of others, where there are such."""
-    if not line.compared_with(host):
-        return []
-    return [
-        Node(
-            package='checkweigher_bringup', executable='supervisor',
-            arguments=[str(Path(path).absolute()), host],
-            output='screen', respawn=True, respawn_delay=RESPAWN_DELAY,
-        )
-    ]  # fmt: skip
+def make_supervisor(path, host):
+    """Return what compares the clock of this host with those that share a lane with it."""
+    return Node(
+        package='checkweigher_bringup', executable='supervisor',
+        arguments=[str(Path(path).absolute()), host],
+        output='screen', respawn=True, respawn_delay=RESPAWN_DELAY, on_exit=on_exit,
+    )  # fmt: skip
 
 
 def own_file(share):

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The elements that the page is made of: panels, figures, tables."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from nicegui import ui
 from nicegui.element import Element
+from nicegui.elements.mixins.text_element import TextElement
 
 from checkweigher_dsp.health.findings import Level
 
@@ -65,12 +66,14 @@ class ItemList(_FromText, component='items.js'):
 class Table:
     """A table whose texts change in place: most stay as they are, and elements are dear.
 
-    Without rows nothing of it is seen.
+    Without rows nothing of it is seen. The texts of the column `linked` are links. Each cell knows
+    its head, which a narrow page shows beside it.
     """
 
-    def __init__(self, heads: tuple[str, ...]) -> None:
-        self._columns = len(heads)
-        self._rows: list[tuple[Element, list[ui.label]]] = []
+    def __init__(self, heads: tuple[str, ...], linked: int | None = None) -> None:
+        self._heads = heads
+        self._linked = linked
+        self._rows: list[tuple[Element, list[TextElement]]] = []
         with ui.element('table').classes('plain') as self._table:
             with ui.element('thead'), ui.element('tr'):
                 for head in heads:
@@ -78,22 +81,26 @@ class Table:
                         ui.label(head)
             self._body = ui.element('tbody')
 
-    def show(self, rows: Iterable[tuple[str, ...]]) -> None:
-        """Show rows, each with a text for each column."""
+    def show(self, rows: Iterable[tuple[str, ...]], targets: Sequence[str] = ()) -> None:
+        """Show rows, each with a text for each column; `targets` are those of their links."""
         given = list(rows)
         self._table.set_visibility(bool(given))
         while len(self._rows) > len(given):
             self._rows.pop()[0].delete()
         while len(self._rows) < len(given):
             with self._body, ui.element('tr') as row:
-                self._rows.append((row, [_cell() for _ in range(self._columns)]))
+                self._rows.append((row, [self._cell(place) for place in range(len(self._heads))]))
         for (_, cells), texts in zip(self._rows, given, strict=True):
             for cell, text in zip(cells, texts, strict=True):
                 cell.set_text(text)
             first = texts[0]
             cells[0].classes(replace=f'level-{first}' if first in Level.__members__ else '')
+        if self._linked is not None:
+            for (_, cells), target in zip(self._rows, targets, strict=True):
+                link = cells[self._linked]
+                if link.props.get('href') != target:
+                    link.props['href'] = target
 
-
-def _cell() -> ui.label:
-    with ui.element('td'):
-        return ui.label('')
+    def _cell(self, place: int) -> TextElement:
+        with ui.element('td').props(f'data-head="{self._heads[place]}"'):
+            return ui.link('', '') if place == self._linked else ui.label('')

@@ -2,22 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """The head of each page: the lane, who has logged in, and the way in and out."""
 
+from collections.abc import Callable
+
 from nicegui import ui
 
 from checkweigher_web.access.guard import LOGIN, Access
 from checkweigher_web.access.login import logout_form
 
+_PERIOD = 1.0  # s
 _HOW_TO_ACT = (
     'This page only shows, for it has no users. To work on the machine by it, run in a terminal: '
     './checkweigher user add NAME --role technician'
 )
 
 
-def header(access: Access, lane: str) -> None:
-    """Show the head of a page of a lane."""
+def header(access: Access, lane: str, others: Callable[[], bool] | None = None) -> None:
+    """Show the head of a page of a lane, with the way to the `others` while there are any."""
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
         ui.label(f'lane {lane}' if lane else 'Checkweigher').classes('title')
+        if others is not None:
+            link = ui.link('All lanes', '/')
+            link.set_visibility(others())
+            ui.timer(_PERIOD, lambda: link.set_visibility(others()))
         if session is not None:
             ui.label(f'{session.user.name}, {session.user.role.name.lower()}')
             ui.html(logout_form(session.token), sanitize=False)

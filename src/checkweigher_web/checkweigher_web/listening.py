@@ -8,6 +8,7 @@ import time
 
 from checkweigher_dsp.health.status_board import StatusBoard
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.graph.hosts import hosts_of_lanes
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_web.lane import SHOWN, Lane
@@ -41,6 +42,8 @@ class Watch:
         By namespace; '' is the one without. A lane that has ended stays.
     board : StatusBoard
         Diagnostics of all lanes.
+    only : str or None
+        Namespace of the one lane that is watched; None for all.
     """
 
     def __init__(self, spinner: Spinner, namespace: str | None = None, held: float = SHOWN) -> None:
@@ -48,7 +51,7 @@ class Watch:
         self.board = StatusBoard(namespace or '')
         self.viewers: Callable[[str], int] = lambda lane: 0
         self._spinner = spinner
-        self._only = namespace
+        self.only = namespace
         self._held = held
         self._signals: dict[str, PortNode] = {}
         self._finder = PortNode('page')
@@ -64,6 +67,10 @@ class Watch:
         """End the search for lanes."""
         self._ended.set()
         self._thread.join()
+
+    def hosts(self) -> dict[str, set[str]]:
+        """Return the hosts on which each lane runs, by their names in the line description."""
+        return hosts_of_lanes(self._finder)
 
     def _look(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD):
@@ -81,8 +88,8 @@ class Watch:
                     lane.forget_signals()
 
     def _names(self) -> set[str]:
-        if self._only is not None:
-            return {self._only}
+        if self.only is not None:
+            return {self.only}
         kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
         return {
             topic.removesuffix(ending).strip('/')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a lane: views that follow what the lane shows."""
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 import time
 
@@ -14,7 +14,7 @@ from checkweigher_dsp.records import Statistics
 from checkweigher_web import charts
 from checkweigher_web.drawing import EMPTY, Drawing, row_key
 from checkweigher_web.elements import Figure, ItemList, Table, panel
-from checkweigher_web.lane import Item, Lane
+from checkweigher_web.lane import Item
 from checkweigher_web.words import about, batch_rules, clock, decided, grams, hint, production, said
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
@@ -22,7 +22,7 @@ _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
 _HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict'
 _REASON_HEADS = 'items', 'reason', 'what to check'
 _STATUS_HEADS = 'level', 'node', 'what is, and what to check'
-_STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
+STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
 
 
 class LanePage:
@@ -49,7 +49,7 @@ class LanePage:
         self._chosen = ''  # key of the item that the viewer has chosen; '' for the latest
         self._signalled: Item | None = None  # the one whose signal is shown
         self._marked: tuple[str, ...] = ()
-        ui.add_css(_STYLE)
+        ui.add_css(STYLE)
         ui.colors(primary=charts.DENOISED)
         with ui.element('main').classes('board'):
             self._show_panels()
@@ -207,13 +207,3 @@ class LanePage:
             self._lines.show(
                 (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in belt.lines
             )
-
-
-def list_lanes(lanes: Mapping[str, Lane]) -> None:
-    """Show links to the lanes, and again when one more is found."""
-    known = len(lanes)
-    if not known:
-        ui.label('no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?')
-    for name in sorted(lanes):
-        ui.link(name or '(no namespace)', f'/lane/{name}')
-    ui.timer(_SLOW_PERIOD, lambda: ui.navigate.reload() if len(lanes) != known else None)

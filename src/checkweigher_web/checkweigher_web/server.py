@@ -30,7 +30,8 @@ from checkweigher_web.drawing import Drawing
 from checkweigher_web.header import header, hint_to_users
 from checkweigher_web.lane import SHOWN
 from checkweigher_web.listening import Watch
-from checkweigher_web.page import LanePage, list_lanes
+from checkweigher_web.overview import Overview, show_overview
+from checkweigher_web.page import LanePage
 from checkweigher_web.playback_page import PlaybackPage
 from checkweigher_web.shift import Shift
 from checkweigher_web.work.bar import keep_item, work_bar
@@ -157,16 +158,17 @@ def _serve(
     watch.viewers = lambda name: viewers[name]
     workshop = Workshop(spinner)
     drawings: dict[str, Drawing] = {}
+    lanes = Overview(watch)
 
     add_reports(app, workshop, REPORT_POLICY)
 
     @ui.page('/', title='Checkweigher')
     async def overview() -> None:
-        if len(watch.lanes) == 1:
-            show(next(iter(watch.lanes)))
+        if (only := lanes.only()) is not None:
+            show(only)
             return
         header(access, '')
-        list_lanes(watch.lanes)
+        show_overview(lanes)
 
     @ui.page('/lane/{name:path}', title='Checkweigher')
     async def lane(name: str) -> None:
@@ -179,7 +181,7 @@ def _serve(
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))
         client.on_disconnect(lambda: viewers.subtract([name]))
-        header(access, name)
+        header(access, name, lambda: lanes.only() is None)
         keeping = None
         desk = Desk(access, watch.lanes[name], partial(workshop.of, name))
         hint_to_users(access)

@@ -27,10 +27,11 @@ _CLOCK_PERIOD, _POLL_PERIOD = 1.0, 0.1  # s
 
 
 class Supervisor(PortNode):
-    """Supervisor of a host of a line."""
+    """Supervisor of a host of a line; by its name and place the graph shows who is on that host."""
 
     def __init__(self, host: str) -> None:
         super().__init__(f'{SUPERVISOR}{host}')
+        self._output = self.output(ports.DIAGNOSTICS)
 
     def hear_nodes(self, heard: Callable[[str], None]) -> None:
         """Have a callback called with the full name of each node that reports, of any lane."""
@@ -39,13 +40,13 @@ class Supervisor(PortNode):
             for status in message.status:
                 heard(status.name.strip('/').partition(':')[0])
 
-        # An input would be connected with the output for the clocks, and to nobody else.
+        # An input would be connected with the output of this node, and to nobody else.
         port = ports.DIAGNOSTICS
         self.create_subscription(port.type, port.name, hear, port.stage_qos)
 
     def tell_clocks(self, clocks: HostClocks) -> None:
         """Publish from now on how the clocks of the other hosts are, and log what has changed."""
-        output, levels = self.output(ports.DIAGNOSTICS), dict[str, Level]()
+        levels: dict[str, Level] = {}
 
         def tell() -> None:
             statuses = []
@@ -57,7 +58,7 @@ class Supervisor(PortNode):
                 statuses.append(status_of(f'{self.get_name()}: {each.aspect}', each))
             message = DiagnosticArray(status=statuses)
             message.header.stamp = self.get_clock().now().to_msg()
-            output.send(message)
+            self._output.send(message)
 
         self.create_timer(_CLOCK_PERIOD, tell)
 

@@ -91,6 +91,13 @@ class LaneRow:
     verdicts: tuple[tuple[str, str], ...]  # how many of each decision
     worst: str  # node, aspect and message; empty where all is well
 
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Items accepted, rejected for their mass, and faults."""
+        counts = {name: int(float(count)) for name, count in self.verdicts}
+        accepted, faults = (counts.pop(each.name, 0) for each in (Decision.ACCEPT, Decision.FAULT))
+        return accepted, sum(counts.values()), faults
+
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
     """Return a row for each lane, the worst first; `rows` are those of a board, in its order."""

@@ -23,6 +23,7 @@ def test_each_lane_has_a_row_and_the_worst_is_first():
     first, *others = by_lane(board.rows(0.0))
     assert (first.lane, first.level) == ('lane2', Level.ERROR)
     assert first.verdicts == (('ACCEPT', '7'), ('FAULT', '2'))
+    assert first.counts == (7, 0, 2)
     assert first.worst == 'reject Line: no masses can come; start it'
     assert {each.lane for each in others} == {'lane1', '/'}
     assert all(each.level == Level.OK and not each.worst for each in others)

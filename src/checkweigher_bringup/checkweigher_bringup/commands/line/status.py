@@ -93,10 +93,7 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
     columns = f'{{:5}}  {{:{wide}}}  {{:>7}}  {{:>7}}  {{:>7}}  {{}}'
     yield columns.format('level', 'lane', 'accept', 'reject', 'fault', 'the worst of it')
     for each in lanes:
-        counts = {name: int(float(count)) for name, count in each.verdicts}
-        accepted, faults = counts.pop('ACCEPT', 0), counts.pop('FAULT', 0)
-        rejected = sum(counts.values())
-        line = columns.format(each.level.name, each.lane, accepted, rejected, faults, each.worst)
+        line = columns.format(each.level.name, each.lane, *each.counts, each.worst)
         yield line[: max(width, wide + _NARROWEST)]
 
 

@@ -12,10 +12,10 @@ from typing import Any
 
 from rclpy.node import Node
 
+from checkweigher_dsp.ros.graph.hosts import host_of
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
 
 _NAMING_TIME = 0.02  # s, in which DDS finds the name of a node after its endpoints
-_FAST_DDS, _HOST = b'\x01\x0f', 4  # vendor of a gid (RTPS 2.5, 9.3.1.5); bytes with the host
 ANY = '*'  # allowed: every publisher
 
 _Listed = Mapping[bytes, Any]  # endpoints by their gid
@@ -165,15 +165,6 @@ class Makers:
         if more > 0 or status.current_count == len(self._listed):
             self._surplus += more
         return more > 0 and ANY not in self._allowed() and (self._stage or bool(self._proved))
-
-
-def host_of(gid: bytes) -> bytes:
-    """Return what all endpoints of a host have in common.
-
-    Fast DDS has a number of the host in each gid, made of its addresses, by which it also tells
-    whom shared memory reaches. Of other implementations of DDS each process is a host.
-    """
-    return gid[:_HOST] if gid.startswith(_FAST_DDS) else gid[:PARTICIPANT]
 
 
 def full_name(endpoint: Any) -> str:

@@ -8,9 +8,9 @@ import time
 from typing import Any
 
 from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.host_clocks import LARGEST_OFFSET, SUPERVISOR, ClockBoard
+from checkweigher_dsp.health.host_clocks import LARGEST_OFFSET, ClockBoard
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.graph.makers import host_of
+from checkweigher_dsp.ros.graph.hosts import supervised_hosts
 from checkweigher_dsp.ros.port_node import PortNode, locked
 
 
@@ -30,7 +30,7 @@ class StampClocks:
         if len(hosts) < 2:
             return ''
         self._listen()
-        names = self._supervisors()
+        names = supervised_hosts(self._node)
         if any(host not in names for host in hosts):
             return 'samples and edges come from two hosts, of which one has no supervisor'
         now = time.monotonic()
@@ -54,13 +54,3 @@ class StampClocks:
         for status in message.status:
             level = Level(min(status.level[0], Level.STALE))
             self._board.add(time.monotonic(), status.name, level)
-
-    def _supervisors(self) -> dict[bytes, str]:
-        """Return the supervised hosts with their names; two of one name have none."""
-        listed = self._node.get_publishers_info_by_topic(ports.DIAGNOSTICS.name)
-        hosts: dict[str, set[bytes]] = {}
-        for each in listed:
-            if each.node_name.startswith(SUPERVISOR):
-                name = each.node_name.removeprefix(SUPERVISOR)
-                hosts.setdefault(name, set()).add(host_of(bytes(each.endpoint_gid)))
-        return {host: name for name, found in hosts.items() if len(found) == 1 for host in found}

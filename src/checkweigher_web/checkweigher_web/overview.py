@@ -1,0 +1,98 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""All lanes at a glance: a row for each, the worst first, with the way to its page."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+import time
+
+from nicegui import ui
+
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.health.status_board import LaneRow, by_lane
+from checkweigher_web.elements import Table, panel
+from checkweigher_web.lane import Lane
+from checkweigher_web.listening import Watch
+from checkweigher_web.page import STYLE
+from checkweigher_web.words import number
+
+_PERIOD = 1.0  # s
+_HEADS = (
+    'state', 'lane', 'host', 'product', 'items/min', 'accepted', 'rejected', 'faults',
+    'the worst, and what to check',
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class LaneView:
+    """A lane in the overview: its namespace, and the texts of its row by `_HEADS`."""
+
+    name: str
+    texts: tuple[str, ...]
+
+
+class Overview:
+    """The rows of all lanes of a watch, made once a second for all who look."""
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._made = -math.inf
+        self._views: tuple[LaneView, ...] = ()
+
+    def views(self) -> tuple[LaneView, ...]:
+        """Return a row for each lane that was found or has told of itself, the worst first."""
+        now = time.monotonic()
+        if now - self._made >= _PERIOD:
+            self._made, self._views = now, tuple(self._rows(now))
+        return self._views
+
+    def only(self) -> str | None:
+        """Return the one lane that there is to see; None if there are others, or none."""
+        names = [view.name for view in self.views()]
+        return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
+
+    def _rows(self, now: float) -> list[LaneView]:
+        lanes, hosts, board = dict(self._watch.lanes), self._watch.hosts(), self._watch.board
+        told = by_lane(board.rows(now)) if board.heard else []
+        silent = lanes.keys() - {row.lane.strip('/') for row in told}
+        text = 'no diagnostics have come; see whether its nodes run'
+        rows = [LaneRow(name, Level.STALE, (), text) for name in sorted(silent)] + told
+        views = [_view(row, lanes.get(row.lane.strip('/')), hosts) for row in rows]
+        return [view for view in views if self._watch.only in (None, view.name)]
+
+
+def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]]) -> LaneView:
+    name = row.lane.strip('/')
+    known = None if lane is None else lane.statistics
+    texts = (
+        row.level.name, name or '(no namespace)', ', '.join(sorted(hosts.get(name, ()))),
+        '' if known is None else known.product,
+        number(math.nan if known is None else known.throughput, 1),
+        *map(str, row.counts), row.worst.replace('; ', ' \u2192 ', 1) or 'all is well',
+    )  # fmt: skip
+    return LaneView(name, tuple(text or '\u2013' for text in texts))
+
+
+def show_overview(lanes: Overview) -> None:
+    """Show a row for each lane, and keep it up to date."""
+    ui.add_css(STYLE)
+    with ui.element('main').classes('lanes'), panel('Lanes'):
+        headline = ui.label('').classes('about')
+        table = Table(_HEADS, linked=_HEADS.index('lane'))
+
+    def update() -> None:
+        if lanes.only() is not None:
+            ui.navigate.reload()  # one lane is shown by itself
+        shown = lanes.views()
+        headline.set_text(_headline(shown))
+        table.show((view.texts for view in shown), [f'/lane/{view.name}' for view in shown])
+
+    ui.timer(_PERIOD, update)  # from at once
+
+
+def _headline(shown: Sequence[LaneView]) -> str:
+    if not shown:
+        return 'no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?'
+    well = sum(view.texts[0] == Level.OK.name for view in shown)
+    return f'{len(shown)} lanes, {well} of them well'

@@ -1,0 +1,122 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The overview of all lanes in a real browser, on two lanes of one host that run."""
+
+from collections.abc import Iterator
+import subprocess
+import sys
+
+from browsers import (
+    WIDTHS,
+    errors_of,
+    is_cut_off,
+    needs_browser,
+    open_browser,
+    shortcomings,
+    text_of,
+    until,
+)
+import pytest
+from running import ROOT
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
+from served_page import served
+import yaml
+
+pytestmark = needs_browser
+RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
+LINE = f"""
+hosts: {{hall: 127.0.0.1}}
+lanes:
+  good: {{host: hall, params: good.yaml, recipes: {RECIPES}, product: crisps_150g}}
+  ill: {{host: hall, params: ill.yaml}}
+"""
+VALUES: dict[str, dict[str, object]] = {
+    'good': {'driver': {'simulator': {'count': 0, 'masses': [0.15]}}},
+    # Each item is too heavy, and the first one stops the line.
+    'ill': {
+        'driver': {'simulator': {'count': 0}},
+        'reject': {'upper_limit': 0.01, 'max_rejects_in_a_row': 1},
+    },
+}
+STATE, LANE, HOST, PRODUCT, RATE, ACCEPTED = range(6)
+COUNTS = slice(ACCEPTED, ACCEPTED + 3)
+
+
+@pytest.fixture(scope='module')
+def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """Run both lanes and the page, and give the port."""
+    folder = tmp_path_factory.mktemp('line')
+    for lane, nodes in VALUES.items():
+        sections = {f'/**/{node}': {'ros__parameters': values} for node, values in nodes.items()}
+        (folder / f'{lane}.yaml').write_text(yaml.safe_dump(sections))
+    (folder / 'line.yaml').write_text(LINE)
+    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--host', 'hall']
+    line = subprocess.Popen([*words, '--line', str(folder / 'line.yaml')])
+    try:
+        with served() as (_, found):
+            yield found
+    finally:
+        line.terminate()
+        line.wait()
+
+
+@pytest.fixture(scope='module')
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with open_browser(tmp_path_factory.mktemp('browser')) as driver:
+        yield driver
+
+
+def lanes_of(browser: Chrome) -> list[list[str]]:
+    """Return the texts of the rows, the lane of each as the second."""
+    return browser.execute_script(
+        'return [...document.querySelectorAll(".lanes tbody tr")]'
+        '.map(r => [...r.children].map(c => c.innerText))'
+    )
+
+
+def open_overview(browser: Chrome, port: int) -> list[list[str]]:
+    """Open the page until one lane judges items and the other has stopped; return the rows."""
+    browser.get(f'http://127.0.0.1:{port}/')
+
+    def weighs() -> list[list[str]]:
+        rows = lanes_of(browser)
+        if len(rows) < 2:
+            browser.get(f'http://127.0.0.1:{port}/')  # only one was found until then
+            return []
+        (good,) = (row for row in rows if row[LANE] == 'good')
+        # On a busy machine an item may have no mass in time.
+        judged, named = sum(map(int, good[COUNTS])), good[PRODUCT] == 'crisps_150g'
+        ill = rows[0][:2] == ['ERROR', 'ill']
+        return rows if ill and judged > 2 and named and good[RATE] != '–' else []
+
+    until(browser, weighs)
+    return lanes_of(browser)
+
+
+def test_each_lane_has_its_row_the_worst_first(browser: Chrome, port: int):
+    ill, good = open_overview(browser, port)
+    assert (ill[STATE], ill[LANE]) == ('ERROR', 'ill')
+    assert ' → ' in ill[-1]  # what to check
+    assert (good[LANE], good[HOST], good[PRODUCT]) == ('good', 'hall', 'crisps_150g')
+    assert float(good[RATE]) > 0
+    assert errors_of(browser) == []
+
+
+def test_a_row_leads_to_its_lane_and_back(browser: Chrome, port: int):
+    open_overview(browser, port)
+    browser.find_element(By.LINK_TEXT, 'good').click()
+    until(browser, lambda: text_of(browser, '.head .title') == 'lane good')
+    until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
+    until(browser, lambda: browser.find_element(By.LINK_TEXT, 'All lanes').is_displayed())
+    browser.find_element(By.LINK_TEXT, 'All lanes').click()
+    until(browser, lambda: len(lanes_of(browser)) == 2)
+
+
+def test_everything_can_be_seen_at_any_width(browser: Chrome, port: int):
+    open_overview(browser, port)
+    for width in WIDTHS:
+        browser.set_window_size(width, 900)
+        until(browser, lambda: not is_cut_off(browser))
+        assert shortcomings(browser) == []
+        assert all(all(row) for row in lanes_of(browser))
