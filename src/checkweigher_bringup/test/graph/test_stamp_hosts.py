@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A lane whose samples and edges are stamped on two hosts, by nodes of somebody's own."""
+"""A lane whose samples or edges are stamped on two hosts, by nodes of somebody's own."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -137,3 +137,19 @@ def test_items_are_weighed_only_while_the_clocks_of_both_hosts_are_known_to_agre
         stack.callback(start.terminate)
         wait_for(lambda: 'come from a and b, whose clocks are not known to agree' in said(hosts))
         assert 'EdgeMismatch' in told.wait_for(Decision.FAULT)['reasons']
+
+
+def test_edges_of_another_host_beside_those_of_the_driver_are_a_strangers(tmp_path: Path):
+    driver = {'simulator.count': 0, 'simulator.spacing': 1.0, 'lossless': False}
+    file = parameter_file(tmp_path / 'line.yaml', {'driver': driver, 'reject': REJECT})
+    with two_hosts() as hosts, witness(hosts['a'], tmp_path / 'told') as told:
+        commands = {
+            name: [*hosts['a'], *share_command(Share('belt', nodes, (file,), {}))]
+            for name, nodes in (('stages', STAGES), ('driver', ('driver',)))
+        }
+        half = [sys.executable, '-c', HALF, 'eyes', str(time.time())]
+        with running_processes(commands):
+            assert told.wait_for(Decision.ACCEPT)['mass'] > 0
+            with running_processes({'eyes': [*hosts['b'], *half]}):
+                while 'ForeignPublisher' not in told.wait_for(Decision.FAULT)['reasons']:
+                    pass  # on a busy machine a mass comes late
