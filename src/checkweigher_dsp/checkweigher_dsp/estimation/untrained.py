@@ -20,13 +20,15 @@ from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
 _PARTS = 64  # of a window, at least: up to some 80 Hz on a slow belt
-_EDGE_NOISE = 0.1  # at the middle of the window, as a share of the variance of what moves there
-_EDGE_EXPONENT = 1.5  # how it grows towards both ends, as a power of the inverse Hann window
+# Additional noise, as shares of the variance of what moves in a window. Ring-down and a load that
+# is late reach far into it from t2 on; at t3 an eye off its place is the most there is.
+_ENTRY_NOISE = 0.05
+_EXIT_NOISE = 0.001
+_EDGE_EXPONENT = 1.5  # how both grow there, as a power of the inverse of half a Hann window
 _WHITE = 1e-3  # share of that variance, keeps the weights of a single line bounded
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # s after the item before, as the segmenter waits for its zero
 _RISE_PARTS = 3  # each longer than a period of most platforms, whose ringing averages out
-_USUAL_MISFIT = 0.01  # of the mass: a platform lags and rings, which a load on it does not
 # Share of the level's standard deviation by its spectrum that is stated: ringing that fades counts
 # there as if it went on. Measured on 21 machines without a model.
 _STATED = 0.6
@@ -37,14 +39,16 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
 
     Each counts by the inverse of its variance. That of `load` grows with what it leaves of the
     signal between t1 and t2 beyond what moves the empty belt, and with how far the rise lags: eyes
-    off their place, bounces, a platform or an amplifier that is not the assumed one. A rise may as
-    well fit and mislead, which one pass cannot show; so the stated variance is by the level alone.
+    off their place, bounces, a platform or an amplifier that is not the assumed one. Both leave an
+    area, which smoothing spreads over the pass. A rise may as well fit and mislead, which one pass
+    cannot show; so the stated variance is by the level alone.
     """
     if not is_in_window(load, window):
         return load  # something came or went while it entered, which is for the identifier to judge
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
-    by_rise = load.variance + rise_misfit(window, load.mass) ** 2 + misplaced**2
+    misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
+    by_rise = load.variance + misfit**2 + misplaced**2
     by_level = deviation**2
     total = by_rise + by_level
     if not total > 0:  # NaN is not
@@ -60,14 +64,15 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
     The weights are those of Gauss and Markov for the autocovariance of what moves in the window
     around its level, and of the empty belt before it. They lie between those of a mean, where the
     disturbance is broad, and of a window without side lobes where it is lines: an additional noise
-    grows towards t2 and t3, where ring-down and a load that is not quite on would enter.
+    grows towards t2, where ring-down and a load that is not quite on would enter, and close to t3.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
     parts, empty = _means(samples, size), _means(_empty_belt(window), size)
     count = len(parts)
-    taper = np.sin(np.pi * np.arange(1, count + 1) / (count + 1)) ** 2
-    edges = (taper.max() / taper) ** _EDGE_EXPONENT
+    after_entry = np.sin(np.pi / 2 * np.arange(1, count + 1) / (count + 1)) ** 2
+    before_exit = 1 - after_entry
+    edges = _ENTRY_NOISE / after_entry**_EDGE_EXPONENT + _EXIT_NOISE / before_exit**_EDGE_EXPONENT
     lags = abs(np.subtract.outer(np.arange(count), np.arange(count)))
     level, deviation = float(hann_mean(samples)), 0.0
     belt = _autocovariance(empty, count)
@@ -77,9 +82,7 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
         if not scale > 0:
             break
         noise = covariance[lags]
-        weights = np.linalg.solve(
-            noise + np.diag(scale * (_EDGE_NOISE * edges + _WHITE)), np.ones(count)
-        )
+        weights = np.linalg.solve(noise + np.diag(scale * (edges + _WHITE)), np.ones(count))
         weights /= weights.sum()
         level = float(np.add.reduce(weights * parts))
         deviation = float(np.sqrt(max(weights @ noise @ weights, 0.0)))
@@ -89,20 +92,19 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 def rise_misfit(window: WeighWindow, mass: float) -> float:
     """Return what a load of `mass` that comes on evenly leaves between t1 and t2, rms in kg.
 
-    It is that of the thirds of the rise, so that the ringing of a platform averages out, beyond
-    what is seen of the empty belt in as long a time, less a usual share of the mass.
+    It comes on as late as on the assumed platform. What is left is that of the thirds of the rise,
+    so that ringing averages out, beyond what is seen of the empty belt in as long a time.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
-    left = window.force - mass * load_share(time, rise_time(window))
+    left = window.force - mass * load_share(time - PLATFORM_LAG, rise_time(window))
     size = (window.window_begin - entry) // _RISE_PARTS
     if size < 1:
         return 0.0
     rise = _means(left[entry : window.window_begin], size)
     empty = _means(_empty_belt(window), size)
     noise = float(np.mean(empty * empty)) if len(empty) else 0.0
-    beyond = float(np.sqrt(max(float(np.mean(rise * rise)) - noise, 0.0)))
-    return max(beyond - _USUAL_MISFIT * abs(mass), 0.0)
+    return math.sqrt(max(float(np.mean(rise * rise)) - noise, 0.0))
 
 
 def lag_doubt(window: WeighWindow) -> float:

@@ -62,13 +62,21 @@ def test_its_standard_deviation_holds(make_pass):
     assert 0.5 < np.std(errors) / np.mean(deviations) < 1.5
 
 
-def test_a_load_that_comes_on_as_assumed_leaves_no_misfit_and_little_doubt(make_pass):
+def test_a_load_that_comes_on_as_assumed_leaves_little_misfit_and_lags_little(make_pass):
     window = make_pass(0.2)
-    assert rise_misfit(window, 0.2) == 0.0
+    assert rise_misfit(window, 0.2) < 0.005 * 0.2  # of its ringing
     assert lag_doubt(window) < 2e-4  # s, most of it what a product that rides on may always do
-    level, _ = window_level(window)
-    load = LoadEstimate(level + 1e-4, variance=1e-14, a1=0.1, a2=0.2, b1=0.2001 * 1.3)
-    assert doubt(window, load).mass == pytest.approx(load.mass, abs=2e-5)
+
+
+def test_the_more_a_window_swings_the_more_counts_the_rise(make_pass):
+    def drawn(amplitude):
+        """Return by which share of their distance the level draws an estimate by the rise."""
+        window = make_pass(0.2, disturbance=line(26.0, amplitude))
+        level, _ = window_level(window)
+        load = LoadEstimate(level + 1e-3, variance=1e-14)
+        return (load.mass - doubt(window, load).mass) / 1e-3
+
+    assert 1 > drawn(1e-3) > drawn(1e-2) > drawn(5e-2) > 0
 
 
 def test_the_further_the_rise_lags_the_more_counts_the_level(make_pass):
@@ -97,7 +105,6 @@ def test_a_rise_that_fits_makes_no_estimate_surer_than_the_level(make_pass):
     window = make_pass(0.2, disturbance=line(13.0, amplitude=1e-3))
     _, deviation = window_level(window)
     found = doubt(window, LoadEstimate(0.2001, variance=1e-14))
-    assert found.mass == pytest.approx(0.2001, abs=2e-5)
     assert 0.5 * deviation < np.sqrt(found.variance) < deviation
 
 

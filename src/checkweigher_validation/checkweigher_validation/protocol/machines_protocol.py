@@ -53,11 +53,16 @@ class MachinesProtocol:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MachineRun:
-    """Passes of a machine at one speed in m/s, and what is attainable on those that test."""
+    """Passes of a machine at one speed in m/s, and what is attainable on those that test.
+
+    Those to train and to test are cut by the eyes. `untrained` are those to test once more, as a
+    line cuts them that knows nothing of the machine: by the eyes and the rise of the load.
+    """
 
     speed: float
     train: tuple[KnownPass, ...]
     test: tuple[KnownPass, ...]
+    untrained: tuple[KnownPass, ...]
     attainable: tuple[ConditionResult, ...]
 
 
@@ -86,12 +91,16 @@ def run_machine(
     protocol: MachinesProtocol, machine: int, speed: float, segmenter: SegmenterParameters
 ) -> MachineRun:
     """Simulate one machine at one speed, and learn what is attainable there."""
+    eyes = unchecked(segmenter)
     parts = (
-        (protocol.training_masses, protocol.training), (MASSES, PASSES), (MASSES, protocol.further)
-    )  # fmt: skip
-    train, test, further = (
-        passes_of(machine, speed, masses, count, seed, segmenter, protocol.without)
-        for seed, (masses, count) in enumerate(parts)
+        (protocol.training_masses, protocol.training, 0, eyes),
+        (MASSES, PASSES, 1, eyes),
+        (MASSES, PASSES, 1, segmenter),
+        (MASSES, protocol.further, 2, eyes),
+    )
+    train, test, untrained, further = (
+        passes_of(machine, speed, masses, count, seed, cut, protocol.without)
+        for masses, count, seed, cut in parts
     )
     whole = [each for each in test if each.whole]
     errors = attainable_errors([each for each in further if each.whole], whole)
@@ -102,7 +111,7 @@ def run_machine(
         )
         for mass in MASSES
     )
-    return MachineRun(speed, train, test, attainable)
+    return MachineRun(speed, train, test, untrained, attainable)
 
 
 def evaluate_machines(
@@ -117,9 +126,8 @@ def evaluate_machines(
 
     The arguments are those of `checkweigher_validation.tuning.tuner.tune`.
     """
-    segmenter = unchecked(base.segmenter)  # trained and untrained estimates of the same windows
     calls = [
-        delayed(run_machine)(protocol, machine, speed, segmenter)
+        delayed(run_machine)(protocol, machine, speed, base.segmenter)
         for machine in protocol.machines
         for speed in protocol.speeds
     ]
@@ -141,6 +149,7 @@ def _weigh(
 ) -> MachineResult:  # fmt: skip
     """Return the results of the tuned estimators on both parts, of untrained ones on the test."""
     tests = [Batch(run.speed, 'test', run.test, {}) for run in runs]
+    strangers = [Batch(run.speed, 'test', run.untrained, {}) for run in runs]
     trains = [Batch(run.speed, 'train', run.train, {}) for run in runs]
     lines = [each.parameters for each in tuned.values()]
     untrained = [base.with_estimator(name) for name in tuned]
@@ -152,7 +161,7 @@ def _weigh(
     return MachineResult(
         machine,
         Evaluation(title, (*attainable, *found, *best), ()),
-        Evaluation(title, (*attainable, *evaluate_batches(tests, untrained, n_jobs)), ()),
+        Evaluation(title, (*attainable, *evaluate_batches(strangers, untrained, n_jobs)), ()),
         chosen,
     )
 

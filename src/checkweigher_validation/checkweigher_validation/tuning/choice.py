@@ -17,6 +17,8 @@ SIMPLEST_FIRST = (
     'mean', 'hann', 'iswd_eksi_paper', 'tvlpf', 'aid', 'aeksi', 'iswd_eksi', 'fir_model',
     'gauss_markov', 'learned',
 )  # fmt: skip
+# What a simpler estimator may lose: less than A itself scatters from one 100 passes to the next.
+_NEGLIGIBLE = math.log(1.05)
 _BLOCKS = 20  # of passes, left out in turn
 _LEAST = 1e-12  # kg, of an index without errors
 
@@ -33,9 +35,11 @@ def choose(tuned: Mapping[str, Tuned]) -> Choice:
     """Choose the estimator of the smallest A on held-out passes, or a simpler one as good.
 
     A is compared as a ratio, in the geometric mean over the belt speeds. A simpler estimator is as
-    good where the difference from the best is within its standard error, which is that of a
-    jackknife over blocks of passes: the same passes for both, so that what disturbs both alike does
-    not count. [own derivation]
+    good where the passes show that it loses next to nothing: the difference from the best and its
+    standard error together are negligible (a test of non-inferiority). Few passes show that of
+    none, and then the best of them is the best guess. The standard error is that of a jackknife
+    over blocks of passes: the same passes for both, so that what disturbs both alike does not
+    count. [own derivation]
 
     Raises
     ------
@@ -52,8 +56,8 @@ def choose(tuned: Mapping[str, Tuned]) -> Choice:
     second = min(others, key=lambda name: logs[name])
     for name in others[: names.index(best)]:
         more, error = logs[name] - logs[best], _standard_error(without[name] - without[best])
-        if more <= error:
-            why = f'simpler than {best}, whose A is smaller by no more than its standard error'
+        if more + error <= _NEGLIGIBLE:
+            why = f'simpler than {best}, whose A is smaller by next to nothing'
             return Choice(name, f'{name}: {why}, {_percent(more)} +- {_percent(error)}')
     more, error = logs[second] - logs[best], _standard_error(without[second] - without[best])
     why = f'smallest A on held-out passes; that of {second} is larger by'

@@ -43,17 +43,24 @@ def test_the_smallest_index_on_held_out_passes_is_chosen(noise):
     )
 
 
-def test_a_simpler_one_is_chosen_where_the_difference_is_within_its_error(noise):
+def test_a_simpler_one_is_chosen_where_it_loses_next_to_nothing(noise):
+    choice = choose(dict([tuned('learned', noise[0]), tuned('hann', 1.03 * noise[0])]))
+    assert choice.estimator == 'hann'
+    assert choice.reason == (
+        'hann: simpler than learned, whose A is smaller by next to nothing, 3 % +- 0 %'
+    )
+
+
+def test_passes_that_cannot_tell_two_apart_do_not_make_the_simpler_one_as_good(noise):
     one, other = noise[0], noise[1]
     one = one * np.std(other) / np.std(one)
-    choice = choose(dict([tuned('learned', one), tuned('hann', 1.01 * other)]))
-    assert choice.estimator == 'hann'
-    assert 'simpler than learned' in choice.reason
+    choice = choose(dict([tuned('learned', one), tuned('hann', 1.02 * other)]))
+    assert choice.estimator == 'learned'
 
 
 def test_what_disturbs_both_alike_does_not_hide_a_difference(noise):
-    # 5 % more of the same: as clear as it is small.
-    choice = choose(dict([tuned('learned', noise[0]), tuned('hann', 1.05 * noise[0])]))
+    # 8 % more of the same: as clear as it is small.
+    choice = choose(dict([tuned('learned', noise[0]), tuned('hann', 1.08 * noise[0])]))
     assert choice.estimator == 'learned'
 
 
@@ -75,18 +82,19 @@ def test_a_factor_counts_the_same_at_a_slow_and_at_a_fast_belt(noise):
     assert choice.estimator == 'learned'
 
 
-def test_the_standard_error_is_that_of_the_errors_of_many_machines(noise):
-    # Two independent estimators, as good as each other: that the one is better by more than the
-    # standard error of the difference is to happen in about one of three cases.
+def test_the_standard_error_is_that_of_the_errors_of_many_machines():
+    # Standard deviations of 100 passes scatter by 1 / sqrt(200), the ratio of two by 10 %.
     random = np.random.default_rng(9)
-    chosen = [
+    reasons = [
         choose(
             dict(tuned(name, 1e-6 * random.standard_normal(PASSES)) for name in ('hann', 'learned'))
-        ).estimator
-        for _ in range(200)
+        ).reason
+        for _ in range(100)
     ]
-    # Half of the time the simple one is the best anyway.
-    assert 0.1 < chosen.count('learned') / 200 < 0.25
+    stated = [float(reason.split()[-2]) for reason in reasons]
+    assert 9 < np.mean(stated) < 11
+    # By the mean error, a part of A, it is a little more.
+    assert 0.5 < np.mean([float(reason.split()[-5]) for reason in reasons]) / np.mean(stated) < 1.2
 
 
 def test_one_alone_is_chosen(noise):

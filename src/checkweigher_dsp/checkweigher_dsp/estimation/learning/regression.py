@@ -172,15 +172,21 @@ class _Items:
     def _learn(
         self, shares: tuple[float, float, float]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return weights and held-out errors; without an item R'R is less by one outer product."""
+        """Return weights and held-out errors for a point of the grid.
+
+        An item deviates by r from its cluster with it, and by o r without it. So without it R'R is
+        less by o r r', by the formula of Sherman and Morrison C^-1 s more by t (r' C^-1 s) C^-1 r
+        with t = o / (1 - o r' C^-1 r), and the error is o r' w of the weights w that follow.
+        """
         sides = np.column_stack([self.curve, self.within.T])
         solved = np.linalg.solve(self._prior(shares) + self._scatter, sides)
-        gain = self.curve @ solved[:, 0]
-        along = self.within @ solved[:, 0]
-        leverage = np.einsum('ij,ji->i', self.within, solved[:, 1:])
+        for_curve, for_items = solved[:, 0], solved[:, 1:]  # C^-1 s and C^-1 r
+        gain = self.curve @ for_curve  # s' C^-1 s
+        along = self.within @ for_curve  # r' C^-1 s
+        leverage = np.einsum('ij,ji->i', self.within, for_items)  # r' C^-1 r
         times = self._others / np.maximum(1 - self._others * leverage, 1e-9)
         errors = self._others * along * (1 + times * leverage) / (gain + times * along * along)
-        return solved[:, 0] / gain, errors
+        return for_curve / gain, errors
 
     def _prior(self, shares: tuple[float, float, float]) -> NDArray[np.float64]:
         belt, white, ringing = shares
