@@ -61,6 +61,18 @@ def test_training_passes_may_be_of_one_mass():
     assert {each.mass for each in run.test} == set(MASSES)
 
 
+def test_untrained_passes_are_the_tested_ones_cut_by_the_rise_as_well():
+    # Platform and amplifier of this machine are slow: the load comes 12 ms late.
+    run = run_machine(MachinesProtocol((8001,), training=5, further=40), 8001, 1.0, SEGMENTER)
+    assert [each.window.t1 for each in run.untrained] == [each.window.t1 for each in run.test]
+    begins = [
+        np.array([one.window.first_index + one.window.window_begin for one in passes if one.whole])
+        for passes in (run.test, run.untrained)
+    ]
+    later = begins[1] - begins[0]
+    assert 0.005 < np.median(later) / run.test[0].window.sample_rate < 0.015
+
+
 @pytest.fixture(scope='module')
 def short():
     return evaluate_machines(SHORT, ('mean', 'fir_model'), LineParameters(), budget=20, n_jobs=1)
