@@ -17,7 +17,7 @@ from checkweigher_dsp.estimation.estimators.base import (
     LoadEstimate,
     raw_samples,
 )
-from checkweigher_dsp.estimation.untrained import doubt
+from checkweigher_dsp.estimation.estimators.untrained import doubt
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify

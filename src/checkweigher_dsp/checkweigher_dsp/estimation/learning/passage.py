@@ -17,7 +17,7 @@ from checkweigher_dsp.estimation.estimators.learned import (
     rise_parts,
     seconds_alone,
 )
-from checkweigher_dsp.estimation.untrained import SETTLE_TIME
+from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
 from checkweigher_dsp.records import WeighWindow
 
 MOST_LEAD = 48  # before t1

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
-from checkweigher_dsp.estimation.untrained import doubt, lag_doubt, rise_misfit, window_level
+from checkweigher_dsp.estimation.estimators.untrained import (
+    doubt,
+    lag_doubt,
+    rise_misfit,
+    window_level,
+)
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Platform
 
