@@ -40,8 +40,8 @@ class Log(Protocol):
     def info(self, message: str, /) -> object:
         """Take what went as it should."""
 
-    def warning(self, message: str, /) -> object:
-        """Take what somebody should look into."""
+    def warning(self, message: str, /, **throttle: float) -> object:
+        """Take what somebody should look into; `throttle_duration_sec` apart, s."""
 
 
 def logout_form(token: str) -> str:
@@ -116,7 +116,10 @@ class _Desk:
         throttle, keys = self._access.throttle, (f'account {name}', f'address {address}')
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            self._log.warning(f'{who}: refused, {wait:.0f} s too soon after failures')
+            # They cost nothing: a thousand of them a second must not fill the log.
+            self._log.warning(
+                f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
+            )
             said = f'Too many failed attempts: try again in {wait + 1:.0f} s.'
             answer = self._form(said, 429)
             answer.headers['Retry-After'] = f'{wait + 1:.0f}'
