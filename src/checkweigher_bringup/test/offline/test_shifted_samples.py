@@ -184,7 +184,8 @@ def test_what_a_shift_costs_where_products_ride_on_unevenly(shift: float):
     print(
         f'\n{shift:g} ms: {len(off)} items tried, {beyond} beyond {LIMIT:g}, largest {largest:.1f}'
     )
-    assert beyond <= 0.005 * len(off) * bool(shift)
+    # Untrained, a slow swing of an unknown machine is as long as the window of a fast belt.
+    assert beyond <= (0.005 if shift else 0.001) * len(off)
     assert largest < 6.0
 
 
