@@ -39,16 +39,19 @@ BESIDE = {
     'verifier': 'checkweigher_bringup.commissioning.verifier',
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
-_SILENT = ('batch_reporter',)  # without diagnostics: that it hangs cannot be told
+_SILENT = ('batch_reporter',)  # without diagnostics
 
 
 class SupervisedProcess:
-    """One process of the line under supervision."""
+    """One process of the line under supervision; without `reports` it sends no diagnostics."""
 
-    def __init__(self, name: str, command: Callable[[], Sequence[str]]) -> None:
+    def __init__(
+        self, name: str, command: Callable[[], Sequence[str]], *, reports: bool = True
+    ) -> None:
         self._name = name
         self._command = command
-        self._supervision = Supervision()
+        self._reports = reports
+        self._supervision = Supervision(reports=reports)
         self._child: Process | None = None
 
     def heard(self, now: float) -> None:
@@ -82,7 +85,7 @@ class SupervisedProcess:
 
     def renew(self) -> None:
         """Have a process that was ended on purpose start again at once."""
-        self._child, self._supervision = None, Supervision()
+        self._child, self._supervision = None, Supervision(reports=self._reports)
 
 
 class _Listener(EchoNode):
@@ -114,7 +117,9 @@ def run_line(
         files = _parameter_files(first, params, last, driver, folder)
         modules = {**(LINE if one_process else ports.NODES), **(BESIDE if folder else {})}
         processes = {
-            name: SupervisedProcess(name, partial(_command, module, namespace, files))
+            name: SupervisedProcess(
+                name, partial(_command, module, namespace, files), reports=name not in _SILENT
+            )
             for name, module in modules.items()
         }
         with spinning(namespace) as spinner:
@@ -193,8 +198,6 @@ def _supervise(
                 speaks_for = (name,) if name in BESIDE else (name, 'line')
                 for process in [processes[n] for n in speaks_for if n in processes]:
                     process.heard(now)
-            for name in processes.keys() & _SILENT:
-                processes[name].heard(now)
             if folder is not None and folder.take_restart():
                 _restart(processes)
             # All of them: the first to fail must not keep the others from being looked after.

@@ -25,16 +25,18 @@ class Action(Enum):
 class Supervision:
     """State of one process, and what to do about it; times are s on a clock that never steps back.
 
-    `reason` says why the process ended last.
+    `reason` says why the process ended last. One that does not `report` sends no diagnostics: that
+    it hangs cannot be told, and nobody knows whether it has worked.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, reports: bool = True) -> None:
         self.reason = ''
+        self._reports = reports
         self._delay = DELAY
         self._started: float | None = None
         self._ended: float | None = None
         self._heard: float | None = None
-        self._was_up = False
+        self._was_up = not reports
         self._cannot_start = False
         self._hung = False
 
@@ -69,7 +71,7 @@ class Supervision:
             waited = self._ended is None or now - self._ended >= self._delay
             return Action.START if waited else Action.NOTHING
         since, longest = (self._started, START) if self._heard is None else (self._heard, SILENCE)
-        if now - since > longest and not self._hung:
+        if self._reports and now - since > longest and not self._hung:
             self._hung = True
             return Action.KILL
         return Action.NOTHING

@@ -11,7 +11,6 @@ from browsers import (
     errors_of,
     is_cut_off,
     needs_browser,
-    open_browser,
     shortcomings,
     text_of,
     until,
@@ -59,12 +58,6 @@ def port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     finally:
         line.terminate()
         line.wait()
-
-
-@pytest.fixture(scope='module')
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    with open_browser(tmp_path_factory.mktemp('browser')) as driver:
-        yield driver
 
 
 def lanes_of(browser: Chrome) -> list[list[str]]:

@@ -13,7 +13,6 @@ from browsers import (
     errors_of,
     is_cut_off,
     needs_browser,
-    open_browser,
     rows_of,
     shortcomings,
     text_of,
@@ -67,13 +66,6 @@ def port(folder: Path) -> Iterator[int]:
     finally:
         line.terminate()
         line.wait()
-
-
-@pytest.fixture(scope='module')
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    """Open a browser, once for all tests."""
-    with open_browser(tmp_path_factory.mktemp('browser')) as driver:
-        yield driver
 
 
 def test_an_item_is_shown_with_mass_verdict_and_signal(browser: Chrome, port: int):

@@ -11,7 +11,6 @@ from browsers import (
     errors_of,
     is_cut_off,
     needs_browser,
-    open_browser,
     rows_of,
     shortcomings,
     text_of,
@@ -56,12 +55,11 @@ def port(bag: Path, report: Path) -> Iterator[int]:
 
 
 @pytest.fixture(scope='module')
-def opened(port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
-    """Open a browser on the page, once for all tests."""
-    with open_browser(tmp_path_factory.mktemp('browser')) as driver:
-        driver.get(f'http://127.0.0.1:{port}/')
-        until(driver, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(driver, '.row'))
-        yield driver
+def opened(port: int, browser: Chrome) -> Chrome:
+    """Open the page once for all tests."""
+    browser.get(f'http://127.0.0.1:{port}/')
+    until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.row'))
+    return browser
 
 
 @pytest.fixture

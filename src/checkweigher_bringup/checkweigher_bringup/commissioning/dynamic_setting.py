@@ -62,7 +62,7 @@ class DynamicSettingParameters(Parameters):
         '', 'parameter file of everything that is not trained; empty for the defaults'
     )
     restart_file: str = parameter(
-        '', 'file by which the line is asked to start again; empty where nobody looks for it'
+        '', 'file by which the line is asked to start again; empty without `run --folder`'
     )
 
 

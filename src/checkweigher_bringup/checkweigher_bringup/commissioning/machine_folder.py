@@ -11,6 +11,7 @@ from checkweigher_driver.calibration.file import check_not_installed
 from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_recording.whole_file import OutputError, write_whole
+from checkweigher_validation.verification.plan import PLANS
 
 _RECIPES = """\
 # The products of this machine. Masses in kg; docs/interfaces.md says what each key means.
@@ -58,7 +59,7 @@ class MachineFolder:
         path = path.absolute()
         try:
             check_not_installed(path)
-            for name in ('kept', 'plans'):
+            for name in ('kept', PLANS):
                 (path / name).mkdir(parents=True, exist_ok=True)
             cls(path).take_restart()  # of a run before
             if not (path / 'recipes.yaml').exists():

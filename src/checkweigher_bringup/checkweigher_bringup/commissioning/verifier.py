@@ -33,7 +33,12 @@ from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
 from checkweigher_recording.whole_file import write_whole
-from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
+from checkweigher_validation.verification.plan import (
+    VERIFICATIONS,
+    Plan,
+    PlanError,
+    read_plan,
+)
 from checkweigher_validation.verification.steps import Step
 
 _POLL_PERIOD = 0.1  # s
@@ -243,7 +248,7 @@ class VerifierNode(StageNode[VerifierParameters]):
     # The procedure
 
     def _make(self, plan: Plan, text: str, name: str, operator: RemoteOperator) -> None:
-        folder = self._folder / 'verifications' / name
+        folder = self._folder / VERIFICATIONS / name
         audit = Path(self.parameters.audit_log) if self.parameters.audit_log else None
         assert self.spinner is not None
         spinner = self.spinner

@@ -23,6 +23,7 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
     WeighWindow,
+    foreign,
     mistrusted,
 )
 from checkweigher_dsp.ros import ports
@@ -248,7 +249,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _judged(self, window: WeighWindow) -> WeighWindow:
         """Return a window as it is, or as a fault where its data cannot be trusted."""
         if self._doubted:
-            return mistrusted(window, Reason.FOREIGN_PUBLISHER)
+            return foreign(window)
         return mistrusted(window, Reason.EDGE_MISMATCH) if self._apart else window
 
     def diagnose(self, now: float) -> list[Finding]:

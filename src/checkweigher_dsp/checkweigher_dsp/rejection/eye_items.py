@@ -161,11 +161,14 @@ class EyeItems:
         newest = self._stream.newest
         return newest is None or newest - self._lateness < stamp
 
-    def speed(self, item: Item) -> float:
-        """Return the belt speed from the eyes, or else that of the last whole item, m/s."""
-        transit = item.usual_transit
-        if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
-            transit = item.t3 - item.t1
+    def speed(self, t1: int | None, t3: int | None, usual_transit: int | None = None) -> float:
+        """Return the belt speed by the edges of an item, or else by a usual transit, ns; in m/s.
+
+        NaN if neither is known.
+        """
+        transit = usual_transit
+        if t1 is not None and t3 is not None and t3 > t1:
+            transit = t3 - t1
         if self.weigh_length is None or not transit:
             return math.nan
         return self.weigh_length * NANOSECONDS / transit
@@ -174,9 +177,9 @@ class EyeItems:
         """Forget the latest edges: a history that comes now is of later ones."""
         self._latest.clear()
 
-    def missed(self, history: LineHistory, live: Iterable[Arrival]) -> tuple[
-        list[EyeEdge], list[Arrival]
-    ]:  # fmt: skip
+    def missed(
+        self, history: LineHistory, live: Iterable[Arrival]
+    ) -> tuple[list[EyeEdge], list[Arrival]]:
         """Return which edges of a driver's history have not come, and those to take after them.
 
         `live` are edges that have come and were not taken yet. Where some were missed, those

@@ -323,17 +323,12 @@ class RejectStage:
             held.count, held.reasons = seen.item_id, reasons
             return
         item = RejectItem(seen.t1, seen.t2, seen.t3, count=seen.item_id, reasons=reasons)
-        item.reject_at = self.parameters.reject_time(seen.t3, self._eyes.speed(seen))
+        item.reject_at = self.parameters.reject_time(
+            seen.t3, self._eyes.speed(seen.t1, seen.t3, seen.usual_transit)
+        )
         if now is not None and not self._set_deadline(item, now, seen.t3, item.reject_at):
             item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
         self._items.pending.append(item)
-
-    def _speed_of(self, verdict: Verdict) -> float:
-        """Return the belt speed of an item by its verdict, m/s; NaN if it is not known."""
-        t1, t3 = verdict.t1, verdict.t3
-        if self.weigh_length is None or t1 is None or t3 is None or t3 <= t1:
-            return math.nan
-        return self.weigh_length * NANOSECONDS / (t3 - t1)
 
     def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
         """Keep an estimate that is ahead of its edges, unless they should have come by now."""
@@ -379,7 +374,7 @@ class RejectStage:
         over = None if now is None else item.ready is None or item.ready <= now
         verdict = self.inspections.heed(verdict, passage, self.weigh_length, over=over)
         verdict = self._batches.judge(verdict, self.parameters, item_id=number)
-        routed = route(verdict, self._stations, self._speed_of(verdict))
+        routed = route(verdict, self._stations, self._eyes.speed(verdict.t1, verdict.t3))
         if late_from is not None and routed.station_at is not None and reject_at is not None:
             late_from += routed.station_at - reject_at
         late = now is not None and late_from is not None and now > late_from

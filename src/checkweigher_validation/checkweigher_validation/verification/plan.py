@@ -25,6 +25,7 @@ from checkweigher_validation.accuracy.classes import (
 EXAMPLE = (files(__package__) / 'example_plan.yaml').read_text(encoding='utf-8')
 LONGEST = 10_000  # characters; the text of a message
 MINUTE = 60.0  # s
+PLANS, VERIFICATIONS = 'plans', 'verifications'  # where these are, in the folder of a machine
 
 _MOST_PASSES, _MOST_MINUTES, _MOST_READINGS, _MOST_SECONDS = 10_000, 24 * 60, 100, 60
 _LARGEST_G, _FASTEST = 1e7, 600.0  # g, m/min

@@ -12,12 +12,12 @@ from nicegui import ui
 
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.batch_record import SUFFIX
+from checkweigher_validation.verification.plan import VERIFICATIONS
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog
 from checkweigher_web.work.services import LaneServices, Workshop
 
 BATCH, VERIFICATION = 'batch', 'verification'
-VERIFICATIONS = 'verifications'  # in the folder of a machine
 _MANY = 20  # in a list
 _LARGEST = 2**26  # bytes
 _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}

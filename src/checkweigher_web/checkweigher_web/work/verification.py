@@ -11,12 +11,19 @@ from nicegui import ui
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_dsp.ros import ports
-from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PlanError, read_plan
+from checkweigher_validation.verification.plan import (
+    EXAMPLE,
+    LONGEST,
+    PLANS,
+    VERIFICATIONS,
+    PlanError,
+    read_plan,
+)
 from checkweigher_validation.verification.steps import Step, steps_of
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import Table
 from checkweigher_web.work.dialogs import Action, Desk, Dialog
-from checkweigher_web.work.reports import VERIFICATION, VERIFICATIONS, list_reports
+from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import LaneServices, Outcome
 
 _ROLE = Role.TECHNICIAN
@@ -108,7 +115,7 @@ class Guide:
     def _show_choices(self, folder: Path) -> None:
         """Show the plans that there are on this machine, and the reports."""
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
-        known = [*sorted((folder / 'plans').glob('*.yaml')), *made]
+        known = [*sorted((folder / PLANS).glob('*.yaml')), *made]
         self._paths = {str(path.relative_to(folder)): path for path in known}
         self._plans.set_options([*self._paths, _EXAMPLE])
         self._reports.clear()
