@@ -23,6 +23,11 @@ from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 PASSWORD = 'correct horse'
 SCRIPT = '<img src=x onerror=alert(1)>'
+# A layout that moves between the press and the release of the button takes the click elsewhere.
+_WATCH_CLICK = (
+    'window.missed = true;'
+    'arguments[0].addEventListener("click", () => { window.missed = false }, {once: true});'
+)
 
 
 @dataclass
@@ -148,8 +153,9 @@ class Person:
         for each in found:
             if text in ('', each.text.strip()):
                 with suppress(WebDriverException):
+                    self.browser.execute_script(_WATCH_CLICK, each)
                     each.click()
-                    return True
+                    return bool(self.browser.execute_script('return window.missed !== true'))
         return False
 
     def attribute(self, selector: str, name: str) -> str:

@@ -23,6 +23,10 @@ class Inspector(Person):
         """Wait until the dialog says how it is."""
         self.until(lambda: all(word in self.text('.dialog .state') for word in words))
 
+    def reads(self, words: str) -> None:
+        """Wait until the dialog says what the plan is."""
+        self.until(lambda: words in self.text('.dialog .found'))
+
     def makes(self, step: str) -> None:
         """Make the step, which is asked for."""
         self.sees(f'{step}: do this')
@@ -36,12 +40,12 @@ def take_plan(ben: Inspector, path: Path) -> None:
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
-    ben.sees('the plan: class')
+    ben.reads('the plan: class')
     ben.press('Begin')
     assert 'the plan: class' in ben.result('✗')
     path.write_text(SHORT_PLAN)
     upload.send_keys(str(path))
-    ben.sees('9 steps')
+    ben.reads('9 steps')
 
 
 @needs_browser

@@ -68,6 +68,8 @@ class Guide:
                 upload.on('change', lambda event: self._take(str(event.args)), js_handler=_READ)
                 self._plan = ui.textarea('Text of the plan', on_change=self._show_plan)
                 self._plan.props('outlined dense debounce=300').classes('plan')
+                # Apart from the state of the verifier, which may be heard after a plan is chosen.
+                self._found = ui.label('').classes('found').props('role=status')
             self._state = ui.label('').classes('state').props('role=status')
             self._lines = ui.element('ul').classes('read lines')
             self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
@@ -107,7 +109,7 @@ class Guide:
             for line in reversed(said.lines):
                 with self._lines, ui.element('li'):
                     ui.label(line)
-        if said.steps:
+        if said.steps and not (idle and before is None):  # then a plan may be shown
             self._table.show(zip(said.steps, said.results, strict=True))
         if idle and (before is None or before.state is not ProgressState.IDLE):
             self._show_choices(Path(said.folder))
@@ -140,10 +142,10 @@ class Guide:
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))
         except PlanError as error:
-            self._state.set_text(f'the plan: {error}')
+            self._found.set_text(f'the plan: {error}')
             self._table.show([])
             return
-        self._state.set_text(f'{len(steps)} steps')
+        self._found.set_text(f'{len(steps)} steps')
         self._table.show((step.name, _asked(step)) for step in steps)
 
     # What is done
