@@ -23,10 +23,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test/support'))
 
 from network import Network, NoNetworkError, network
 
-from checkweigher_bringup.hosts.description import SERVER_PORT, LineDescription
 from checkweigher_bringup.spinning import node_command, write_parameter_file
 
 HOSTS = 4
+SERVER = 'server'  # on host0
 STEADY = 15.0  # s
 # A node that says after what time it has found the verdicts of so many lanes, and stays.
 LOOKER = """
@@ -42,12 +42,6 @@ print(time.monotonic() - began, flush=True)
 sys.stdin.read()
 """
 Process = subprocess.Popen[str]
-
-
-def environment(mode: str) -> dict[str, str]:
-    """Return the environment of a kind of discovery, that of a line description."""
-    hosts = {f'host{number}': f'10.75.0.{number + 1}' for number in range(HOSTS)}
-    return LineDescription(hosts, (), 'host0' if mode == 'server' else mode).environment()
 
 
 def start(words: list[str]) -> Process:
@@ -76,7 +70,7 @@ def ended_after() -> Iterator[list[Process]]:
 def discovery_bytes(hosts: Network, mode: str) -> int:
     """Return how many bytes of discovery have passed the switch."""
     counts = hosts.order()
-    other = counts.get('bytes of other', 0) if mode == 'server' else 0
+    other = counts.get('bytes of other', 0) if mode == SERVER else 0
     return counts.get('bytes of discovery', 0) + other
 
 
@@ -88,12 +82,12 @@ def resident(processes: list[Process]) -> float:
 
 def measure(mode: str, lanes: int, patience: float, file: Path) -> str:
     """Return a row of the table."""
-    variables = environment(mode)
-    with network(HOSTS) as hosts, ended_after() as started:
-        if mode == 'server':
-            server = Path(sys.executable).with_name('fast-discovery-server')
-            words = [str(server), '-i', '0', '-l', '10.75.0.1', '-p', str(SERVER_PORT)]
-            started.append(start([*hosts.command(0), *words]))
+    kind = 'host0' if mode == SERVER else mode
+    with (
+        network(HOSTS) as hosts,
+        hosts.discovery(kind) as variables,
+        ended_after() as started,
+    ):
         looker = [sys.executable, '-c', LOOKER, str(lanes)]
         watching = {**variables, 'ROS_SUPER_CLIENT': 'true'}
         first = start([*hosts.command(0, **watching), *looker, 'first'])

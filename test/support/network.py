@@ -14,6 +14,8 @@ import subprocess
 import sys
 import time
 
+from checkweigher_bringup.hosts.description import SERVER_PORT, LineDescription
+
 _TUNSETIFF, _TAP, _NO_HEADER = 0x400454CA, 0x0002, 0x1000  # linux/if_tun.h
 _PATIENCE = 60.0  # s
 _SWITCH = Path(__file__).with_name('switch.py')
@@ -39,6 +41,28 @@ class Network:
         given = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', **environment}
         words = [f'{name}={value}' for name, value in given.items()]
         return ['ip', 'netns', 'exec', self._names[host], 'env', *words]
+
+    @contextmanager
+    def discovery(self, kind: str) -> Iterator[dict[str, str]]:
+        """Have the environment by which the nodes of all hosts find each other.
+
+        `kind` is that of a line description: `hosts`, `subnet`, or the host of a server, which runs
+        as long as the block: `host0`, `host1`, ...
+        """
+        hosts = {f'host{number}': f'10.75.0.{number + 1}' for number in range(len(self._names))}
+        environment = LineDescription(hosts, (), kind).environment()
+        if kind not in hosts:
+            yield environment
+            return
+        program = Path(sys.executable).with_name('fast-discovery-server')
+        words = [str(program), '-i', '0', '-l', hosts[kind], '-p', str(SERVER_PORT)]
+        host, silent = list(hosts).index(kind), subprocess.DEVNULL
+        server = subprocess.Popen([*self.command(host), *words], stdout=silent, stderr=silent)
+        try:
+            yield environment
+        finally:
+            server.terminate()
+            server.wait(timeout=_PATIENCE)
 
     def order(self, **orders: object) -> dict[str, int]:
         """Give the switch an order, see `switch.py`; return its counts."""
