@@ -53,14 +53,15 @@ class TunedSpeed:
     `lists` has the values of the lists of parameters for this speed, by their name with that of the
     node. `held_out_index` is A when each half of the passes (of fewer than 60 each fifth, of fewer
     than 20 each single one) is weighed by what the others taught; much more than `index` means
-    overfitting.
+    overfitting. `uncertainty` is that of passes held out of the calibration, of fewer than 60 that
+    of `held_out_errors`.
     """
 
     speed: float  # m/s
     passes: int
     lists: Mapping[str, tuple[float, ...]]
     calibration: Calibration
-    uncertainty: Uncertainty  # of passes that were held out of the calibration
+    uncertainty: Uncertainty
     zero_std_dev: float  # kg, typical of these passes
     index: float  # A on the training passes, kg
     held_out_index: float = math.nan  # kg
@@ -179,8 +180,8 @@ def _with_held_out(learned: TunedSpeed, checks: Sequence[NDArray[np.float64]]) -
         learned, held_out_index=index(errors, masses), held_out_errors=tuple(errors.tolist()),
         masses=tuple(masses.tolist()),
     )  # fmt: skip
-    if len(masses) < _FEWEST_FOR_FIFTHS:
-        # A search fits a handful of passes far better than those to come.
+    if len(masses) < _FEWEST_FOR_HALVES:
+        # A search fits few passes far better than those to come.
         learned = replace(learned, uncertainty=uncertainty(errors, masses))
     return learned
 

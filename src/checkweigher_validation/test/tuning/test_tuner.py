@@ -121,6 +121,12 @@ class TestWhatIsLearned:
         assert speed.uncertainty.std_dev == pytest.approx(expected.std_dev, rel=1e-6)
         assert speed.uncertainty.relative == pytest.approx(expected.relative, rel=1e-6)
 
+    @pytest.mark.parametrize(('count', 'held_out'), [(20, True), (59, True), (60, False)])
+    def test_few_passes_state_how_those_scatter_that_taught_nothing(self, count, held_out):
+        (speed,) = tune([simulated(count=count)], ['fir_model'], BASE, n_jobs=1)['fir_model'].speeds
+        expected = uncertainty(np.array(speed.held_out_errors), np.array(speed.masses))
+        assert (speed.uncertainty == expected) == held_out
+
     @pytest.mark.parametrize('name', ['tvlpf', 'iswd_eksi', 'aid'])
     def test_a_larger_budget_is_no_worse_and_a_fair_one_is_better(self, name):
         soft = simulated(count=15, profile='soft')
