@@ -26,7 +26,7 @@ from checkweigher_dsp.estimation.estimators.iswd_eksi_paper import IswdEksiPaper
 from checkweigher_dsp.estimation.estimators.learned import LearnedParameters
 from checkweigher_dsp.estimation.estimators.tvlpf import TvlpfParameters
 from checkweigher_dsp.estimation.learning.learner import (
-    Learned,
+    LearnedKinds,
     LearningParameters,
     learn,
     learned_load,
@@ -89,7 +89,7 @@ class Identifier:
 
     Attributes
     ----------
-    learned : Learned
+    learned : LearnedKinds
         What is known by now. It depends on the windows and their order alone.
 
     Examples
@@ -99,12 +99,12 @@ class Identifier:
     0.2
     """
 
-    def __init__(self, parameters: IdentifierParameters, known: Learned | None = None) -> None:
+    def __init__(self, parameters: IdentifierParameters, known: LearnedKinds | None = None) -> None:
         self._parameters = parameters
         self._known = parameters.chosen
         self._estimator = ESTIMATORS[parameters.estimator](self._known)
         basis = parameters.basis
-        self.learned = known if known is not None and known.basis == basis else Learned(basis)
+        self.learned = known if known is not None and known.basis == basis else LearnedKinds(basis)
         self._lesson: tuple[WeighWindow, LoadEstimate] | None = None
 
     @property
@@ -134,7 +134,7 @@ class Identifier:
 
     def forget(self) -> None:
         """Forget all that was learned."""
-        self.learned, self._lesson = Learned(self.learned.basis), None
+        self.learned, self._lesson = LearnedKinds(self.learned.basis), None
 
     def _weigh(self, window: WeighWindow, load: LoadEstimate) -> MassEstimate:
         """Return the mass of a window, by what was learned from those before it if it may be."""

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
-from checkweigher_dsp.estimation.learning.learner import Kind, Learned, LearningParameters
+from checkweigher_dsp.estimation.learning.learner import Kind, LearnedKinds, LearningParameters
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.records import GRAMS
 
@@ -17,7 +17,7 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 
 
 def learning_finding(
-    known: Learned, parameters: LearningParameters, *, on: bool, trouble: str = ''
+    known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
     """Return the aspect Learning; `trouble` is why the record cannot be kept."""
     if not on:

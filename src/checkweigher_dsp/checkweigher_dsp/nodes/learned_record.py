@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 import tempfile
 
-from checkweigher_dsp.estimation.learning.learner import Learned
+from checkweigher_dsp.estimation.learning.learner import LearnedKinds
 from checkweigher_dsp.estimation.learning.storage import from_text, to_text
 from checkweigher_dsp.state_files import state_file
 
@@ -30,7 +30,7 @@ class LearnedRecord:
         except RuntimeError as error:  # this user has no home folder
             self._fail(error)
 
-    def read(self) -> Learned | None:
+    def read(self) -> LearnedKinds | None:
         """Return what was learned before, None if nothing is known of it."""
         try:
             if self._path is None or not self._path.exists():
@@ -42,7 +42,7 @@ class LearnedRecord:
             self._fail(error)
             return None
 
-    def write(self, known: Learned) -> None:
+    def write(self, known: LearnedKinds) -> None:
         """Keep what is known, in place of what was."""
         if self._path is None:
             return

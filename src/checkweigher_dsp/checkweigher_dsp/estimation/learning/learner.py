@@ -95,7 +95,7 @@ class Kind:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Learned:
+class LearnedKinds:
     """What was learned of each kind of items, the one seen last at the end.
 
     It rests on the loads of one estimator with its parameters, the `basis`.
@@ -105,7 +105,7 @@ class Learned:
     kinds: tuple[Kind, ...] = ()
 
 
-def learned_load(known: Learned, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
+def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     """Return the load of a window by what was learned, or else `load`, that of the estimator."""
     kind = _kind_of(known, window)
     if kind is None or kind.fit is None or not kind.weighs:
@@ -118,8 +118,8 @@ def learned_load(known: Learned, window: WeighWindow, load: LoadEstimate) -> Loa
 
 
 def learn(
-    known: Learned, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
-) -> Learned:
+    known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
+) -> LearnedKinds:
     """Return what is known after an item, whose load the estimator found to be `load`."""
     kind = _kind_of(known, window)
     if kind is None:
@@ -132,7 +132,7 @@ def learn(
     return replace(known, kinds=(*others, taught)[-parameters.kinds :])
 
 
-def _kind_of(known: Learned, window: WeighWindow) -> Kind | None:
+def _kind_of(known: LearnedKinds, window: WeighWindow) -> Kind | None:
     return next((each for each in reversed(known.kinds) if each.has(window)), None)
 
 

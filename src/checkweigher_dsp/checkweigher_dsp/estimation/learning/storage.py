@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.change import Change
-from checkweigher_dsp.estimation.learning.learner import Kind, Learned
+from checkweigher_dsp.estimation.learning.learner import Kind, LearnedKinds
 from checkweigher_dsp.estimation.learning.passage import Passage
 from checkweigher_dsp.estimation.learning.regression import Fit
 
@@ -19,19 +19,19 @@ _VERSION = 1
 _ARRAYS = ('curve', 'weights', 'noise')
 
 
-def to_text(known: Learned) -> str:
+def to_text(known: LearnedKinds) -> str:
     """Return all that is known, numbers to the last bit."""
     content = {'version': _VERSION, **asdict(known)}
     return json.dumps(content, default=lambda array: array.tolist())
 
 
-def from_text(text: str) -> Learned:
+def from_text(text: str) -> LearnedKinds:
     """Return what `to_text` wrote; ValueError if that is not it."""
     try:
         content = json.loads(text)
         if content['version'] != _VERSION:
             raise ValueError(f'version {content["version"]!r}, not {_VERSION}')
-        return Learned(str(content['basis']), tuple(_kind(each) for each in content['kinds']))
+        return LearnedKinds(str(content['basis']), tuple(_kind(each) for each in content['kinds']))
     except (KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f'not what was learned: {error!r}') from None
 
