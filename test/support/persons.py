@@ -112,7 +112,9 @@ class Person:
         try:
             return wait.until(lambda _: condition())
         except TimeoutException:
-            raise AssertionError(f'{self.browser.current_url}: {self.text("body")}') from None
+            log = [each['message'] for each in self.browser.get_log('browser')]
+            seen = f'{self.browser.current_url}, log {log}: {self.text("body")}'
+            raise AssertionError(seen) from None
 
     def log_in(self, name: str) -> None:
         self.browser.set_window_size(800, 900)
