@@ -23,7 +23,13 @@ from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 PASSWORD = 'correct horse'
 SCRIPT = '<img src=x onerror=alert(1)>'
-# A layout that moves between the press and the release of the button takes the click elsewhere.
+# A click while the layout moves falls elsewhere, on the button beside it for one: a dialog that is
+# just opening or growing has to come to rest. What moves later than that is watched for.
+_COME_TO_REST = (
+    'const [element, done] = arguments;'
+    'const place = () => JSON.stringify(element.getBoundingClientRect()), before = place();'
+    'setTimeout(() => done(place() === before), 100);'
+)
 _WATCH_CLICK = (
     'window.missed = true;'
     'arguments[0].addEventListener("click", () => { window.missed = false }, {once: true});'
@@ -155,6 +161,8 @@ class Person:
         for each in found:
             if text in ('', each.text.strip()):
                 with suppress(WebDriverException):
+                    if not self.browser.execute_async_script(_COME_TO_REST, each):
+                        return False
                     self.browser.execute_script(_WATCH_CLICK, each)
                     each.click()
                     return bool(self.browser.execute_script('return window.missed !== true'))
