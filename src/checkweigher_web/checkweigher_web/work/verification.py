@@ -109,7 +109,9 @@ class Guide:
             for line in reversed(said.lines):
                 with self._lines, ui.element('li'):
                     ui.label(line)
-        if said.steps and not (idle and before is None):  # then a plan may be shown
+        # The table has the steps of a plan that was chosen before the verifier was heard.
+        chosen = before is None and idle and self._plan.value
+        if said.steps and not chosen:
             self._table.show(zip(said.steps, said.results, strict=True))
         if idle and (before is None or before.state is not ProgressState.IDLE):
             self._show_choices(Path(said.folder))
