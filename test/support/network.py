@@ -15,6 +15,7 @@ import sys
 import time
 
 from checkweigher_bringup.hosts.description import SERVER_PORT, LineDescription
+from checkweigher_bringup.spinning import end_process
 
 _TUNSETIFF, _TAP, _NO_HEADER = 0x400454CA, 0x0002, 0x1000  # linux/if_tun.h
 _PATIENCE = 60.0  # s
@@ -49,7 +50,7 @@ class Network:
         `kind` is that of a line description: `hosts`, `subnet`, or the host of a server, which runs
         as long as the block: `host0`, `host1`, ...
         """
-        hosts = {f'host{number}': f'10.75.0.{number + 1}' for number in range(len(self._names))}
+        hosts = {f'host{number}': _address(number) for number in range(len(self._names))}
         environment = LineDescription(hosts, (), kind).environment()
         if kind not in hosts:
             yield environment
@@ -62,7 +63,7 @@ class Network:
             yield environment
         finally:
             server.terminate()
-            server.wait(timeout=_PATIENCE)
+            end_process(server)
 
     def order(self, **orders: object) -> dict[str, int]:
         """Give the switch an order, see `switch.py`; return its counts."""
@@ -109,6 +110,10 @@ class Network:
             subprocess.run(['ip', 'netns', 'del', name], capture_output=True)
 
 
+def _address(number: int) -> str:
+    return f'10.75.0.{number + 1}'
+
+
 def _plug(number: int, host: str) -> int:
     """Give a host its network device; return the descriptor of the other end."""
     device = f'cw{os.getpid()}n{number}'
@@ -117,7 +122,7 @@ def _plug(number: int, host: str) -> int:
     _ip('link', 'set', device, 'netns', host)
     _ip('-n', host, 'link', 'set', device, 'name', 'cable')
     _ip('-n', host, 'link', 'set', 'lo', 'up')
-    _ip('-n', host, 'addr', 'add', f'10.75.0.{number + 1}/24', 'dev', 'cable')
+    _ip('-n', host, 'addr', 'add', f'{_address(number)}/24', 'dev', 'cable')
     _ip('-n', host, 'link', 'set', 'cable', 'multicast', 'on', 'up')
     return descriptor
 

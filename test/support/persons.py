@@ -9,12 +9,12 @@ from pathlib import Path
 import subprocess
 import sys
 
-from running import PATIENCE
-from selenium.common.exceptions import TimeoutException, WebDriverException
+from browsers import text_of, until
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.wait import WebDriverWait
+from selenium.webdriver.remote.webelement import WebElement
 from served_page import served
 import yaml
 
@@ -114,13 +114,7 @@ class Person:
         self.browser, self.line = browser, line
 
     def until(self, condition: Callable[[], object]) -> object:
-        wait = WebDriverWait(self.browser, PATIENCE, poll_frequency=0.1)
-        try:
-            return wait.until(lambda _: condition())
-        except TimeoutException:
-            log = [each['message'] for each in self.browser.get_log('browser')]
-            seen = f'{self.browser.current_url}, log {log}: {self.text("body")}'
-            raise AssertionError(seen) from None
+        return until(self.browser, condition)
 
     def log_in(self, name: str) -> None:
         self.browser.set_window_size(800, 900)
@@ -130,8 +124,7 @@ class Person:
         self.until(lambda: name in self.text('.head'))
 
     def text(self, selector: str) -> str:
-        script = 'return document.querySelector(arguments[0])?.innerText ?? ""'
-        return str(self.browser.execute_script(script, selector))
+        return text_of(self.browser, selector)
 
     def buttons(self, where: str) -> dict[str, object]:
         found = self.browser.find_elements(By.CSS_SELECTOR, f'{where} button')
@@ -161,12 +154,15 @@ class Person:
         for each in found:
             if text in ('', each.text.strip()):
                 with suppress(WebDriverException):
-                    if not self.browser.execute_async_script(_COME_TO_REST, each):
-                        return False
-                    self.browser.execute_script(_WATCH_CLICK, each)
-                    each.click()
-                    return bool(self.browser.execute_script('return window.missed !== true'))
+                    return self._has_clicked(each)
         return False
+
+    def _has_clicked(self, element: WebElement) -> bool:
+        if not self.browser.execute_async_script(_COME_TO_REST, element):
+            return False
+        self.browser.execute_script(_WATCH_CLICK, element)
+        element.click()
+        return bool(self.browser.execute_script('return window.missed !== true'))
 
     def attribute(self, selector: str, name: str) -> str:
         script = 'return document.querySelector(arguments[0])?.getAttribute(arguments[1]) ?? ""'
