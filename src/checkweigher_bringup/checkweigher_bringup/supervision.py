@@ -25,8 +25,8 @@ class Action(Enum):
 class Supervision:
     """State of one process, and what to do about it; times are s on a clock that never steps back.
 
-    `reason` says why the process ended last. One that does not `report` sends no diagnostics: that
-    it hangs cannot be told, and nobody knows whether it has worked.
+    `reason` says why the process ended last. A process without `reports` sends no diagnostics: the
+    supervisor cannot tell whether it hangs, and takes it to have worked once it was started.
     """
 
     def __init__(self, *, reports: bool = True) -> None:

@@ -53,8 +53,8 @@ class TunedSpeed:
     `lists` has the values of the lists of parameters for this speed, by their name with that of the
     node. `held_out_index` is A when each half of the passes (of fewer than 60 each fifth, of fewer
     than 20 each single one) is weighed by what the others taught; much more than `index` means
-    overfitting. `uncertainty` is that of passes held out of the calibration, of fewer than 60 that
-    of `held_out_errors`.
+    overfitting. `uncertainty` is that of passes held out of the calibration; with fewer than 60
+    passes it is that of `held_out_errors`.
     """
 
     speed: float  # m/s

@@ -41,7 +41,7 @@ class Log(Protocol):
         """Take what went as it should."""
 
     def warning(self, message: str, /, **throttle: float) -> object:
-        """Take what somebody should look into; `throttle_duration_sec` apart, s."""
+        """Take what somebody should look into, at most once in `throttle_duration_sec` seconds."""
 
 
 def logout_form(token: str) -> str:
