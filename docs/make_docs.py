@@ -36,7 +36,7 @@ from checkweigher_dsp.estimation.learning.learner import LearningParameters
 from checkweigher_dsp.nodes.product import ProductParameters
 from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.access.gate import LockParameters
 from checkweigher_dsp.ros.services import SERVICES, Service
@@ -159,9 +159,9 @@ def purpose(definition: Path) -> str:
     return re.split(r'(?<=\.) ', text)[0].rstrip('.')
 
 
-def reasons() -> str:
-    """Return the table of the reasons of a fault."""
-    return table(('reason', 'what to look at'), ((f'`{each}`', each.hint) for each in Reason))
+def reasons(kind: Iterable[Reason | StopReason]) -> str:
+    """Return the table of the reasons of a fault, or of a stop request."""
+    return table(('reason', 'what to look at'), ((f'`{each}`', each.hint) for each in kind))
 
 
 def parameter_table(prefix: str, parameters: type[Parameters]) -> str:
@@ -207,7 +207,8 @@ TABLES: dict[str, Callable[[], str]] = {
     'topics in short': topics_in_short,
     'services': services,
     'messages': messages,
-    'reasons': reasons,
+    'reasons': lambda: reasons(Reason),
+    'stop reasons': lambda: reasons(StopReason),
     **{
         f'parameters of {title}': lambda each=each: parameter_table(*each)
         for title, each in SETS.items()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tell the verdicts and edges of lanes on stdout, one JSON line each.
 
-python3 test/witness.py lane1 lane2
+python3 test/support/witness.py lane1 lane2
 """
 
 from collections.abc import Callable, Sequence

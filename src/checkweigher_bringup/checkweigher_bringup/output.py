@@ -51,7 +51,7 @@ def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
 
 
 class Table:
-    """A table on the screen that grows by one line an item and ends with a summary.
+    """A table on the screen that grows by one line per item and ends with a summary.
 
     `origin` is the zero of the column t1, ns; None for the time of the first item, before which
     nothing is shown. `file` is one to show it later, None for the screen.

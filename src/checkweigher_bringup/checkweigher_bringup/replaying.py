@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph that plays a bag, in this process or in one process a node, and what comes of it."""
+"""The graph that plays a bag, in this process or in one process per node, and what comes of it."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack

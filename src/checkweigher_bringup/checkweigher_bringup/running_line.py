@@ -55,7 +55,7 @@ class SupervisedProcess:
         self._child: Process | None = None
 
     def heard(self, now: float) -> None:
-        """Take that diagnostics of it came."""
+        """Note that diagnostics of it came."""
         self._supervision.heard(now)
 
     def look(self, now: float) -> bool:

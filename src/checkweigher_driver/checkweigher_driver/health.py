@@ -34,7 +34,7 @@ class DriverWatch:
         self._state, self._failure, self._waits_for = 'running', '', ''
 
     def stop(self) -> None:
-        """Take that the driver is inactive."""
+        """Note that the driver is inactive."""
         self._samples = None
         self._state, self._failure, self._waits_for = 'inactive', '', ''
         self._trouble = ''
@@ -51,7 +51,7 @@ class DriverWatch:
             self._eyes.add(now, event)
 
     def waits_for(self, what: str) -> None:
-        """Take that the source has long been held back, and for what."""
+        """Note that the source has long been held back, and for what."""
         self._waits_for = what
 
     def look(self, trouble: str, figures: dict[str, float]) -> None:
@@ -60,7 +60,7 @@ class DriverWatch:
         self._figures = {name.replace(' ', '_'): value for name, value in figures.items()}
 
     def end(self, failure: str | None = None) -> None:
-        """Take that the source has ended, with a failure or without."""
+        """Note that the source has ended, with a failure or without."""
         self._state = 'finished' if failure is None else 'failed'
         self._failure = failure or ''
         self._waits_for = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How soon a thread goes on that a machine waits for."""
+"""Latency of the threads that a machine waits for."""
 
 import sys
 

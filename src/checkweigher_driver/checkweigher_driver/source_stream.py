@@ -176,7 +176,7 @@ class SourceStream:
             self.sent.add_verdict(verdict)
 
     def hear_number(self, verdict: Verdict) -> None:
-        """Take that a number has been given, also one from before this driver was started."""
+        """Note that a number has been given, also one from before this driver was started."""
         self._last_number = max(self._last_number, verdict.item_id)
 
     def history(self) -> LineHistory:

@@ -16,9 +16,9 @@ def child_environment() -> dict[str, str]:
 
 
 def parent_identity() -> str:
-    """Return what tells the process that started this one from all others since the computer did.
+    """Return an identity of the parent process, unique since the computer started.
 
-    Numbers of processes come again: it has the number and, where the system says so, the start.
+    Process numbers are reused: it has the number and, where known, the start time.
     """
     parent = os.getppid()
     try:
@@ -32,8 +32,8 @@ def parent_identity() -> str:
 def end_with_parent(parent: int | None = None) -> None:
     """Have the kernel send SIGTERM to this process when the one that started it has ended.
 
-    Without `parent`, its number, that is so in a process with a `child_environment` only: one that
-    a user starts may outlive the shell. The kernel means the thread that started the process.
+    `parent` is its process number; without it only a process with a `child_environment` is ended:
+    one that a user starts may outlive the shell. The thread that started it counts as the parent.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

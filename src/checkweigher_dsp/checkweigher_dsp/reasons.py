@@ -5,14 +5,7 @@
 from enum import StrEnum
 
 
-class _Hinted(StrEnum):
-    @property
-    def hint(self) -> str:
-        """What a technician should look at."""
-        return _HINTS[self]
-
-
-class Reason(_Hinted):
+class Reason(StrEnum):
     """Why an item cannot be weighed, or is rejected by a rule of its batch.
 
     The words of OPC 40200 are ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota``.
@@ -55,8 +48,13 @@ class Reason(_Hinted):
     NOT_INSPECTED = 'NotInspected'
     PERFORMANCE_TEST = 'PerformanceTest'
 
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _HINTS[self]
 
-class StopReason(_Hinted):
+
+class StopReason(StrEnum):
     """Why the line should stop."""
 
     TOO_MANY_REJECTS = 'TooManyRejects'
@@ -71,6 +69,11 @@ class StopReason(_Hinted):
     MISSED_EXTERNAL_REJECT = 'MissedExternalReject'
     PERFORMANCE_TEST = 'PerformanceTest'
     UNKNOWN = 'Unknown'
+
+    @property
+    def hint(self) -> str:
+        """What a technician should look at."""
+        return _STOP_HINTS[self]
 
 
 _HINTS = {
@@ -110,6 +113,9 @@ _HINTS = {
     Reason.EXTERNAL_REJECT: 'an inspection device rejected it',
     Reason.NOT_INSPECTED: 'an inspection device did not run, or answers too late; see inspections',
     Reason.PERFORMANCE_TEST: 'it passed during a performance test, as a test product does',
+}
+# A table of its own: reasons of both kinds may have the same value.
+_STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row products were rejected one after the other',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',
     StopReason.CONFIRMED_ACCEPT: 'an accepted product passed reject_eye; check the actuator delay',

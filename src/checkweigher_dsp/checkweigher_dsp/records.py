@@ -303,7 +303,7 @@ def mistrusted(record: _Weighed, reason: Reason) -> _Weighed:
 
 
 def foreign(record: _Weighed) -> _Weighed:
-    """Return what may be a stranger's as the fault that it is: nothing in it can be trusted."""
+    """Return a record that may be a stranger's as a fault: nothing in it is trusted."""
     return mistrusted(record, Reason.FOREIGN_PUBLISHER)
 
 

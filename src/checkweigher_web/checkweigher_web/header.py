@@ -33,6 +33,6 @@ def header(access: Access, lane: str, others: Callable[[], bool] | None = None) 
 
 
 def hint_to_users(access: Access) -> None:
-    """Say how one may act, where there is nobody who may."""
+    """Explain how to add a user, where there is none."""
     if not access.users.any():
         ui.label(_HOW_TO_ACT).classes('hint')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A load cell on a pseudo-terminal: answers, streams at the pace of its wire, and fails on demand.
 
-    python test/serial_device.py LINK --rate 1200 --baud 115200
+    python test/support/devices/serial_device.py LINK --rate 1200 --baud 115200
 
 LINK is where the port appears. What it reads from its standard input, line by line, happens at
 once: `lose N` bytes, `corrupt` a byte, `junk N` bytes, `silence S` seconds, `stop` as by STP,

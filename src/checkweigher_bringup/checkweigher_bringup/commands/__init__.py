@@ -61,7 +61,7 @@ def add_weighing(parser: Parser) -> None:
     add_parameter_file(parser)
     add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
     add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
-    add('--csv', type=Path, metavar='FILE', help='write one row an item to FILE')
+    add('--csv', type=Path, metavar='FILE', help='write one row per item to FILE')
     add('--overwrite', action='store_true', help='replace FILE if it exists')
 
 

@@ -32,7 +32,7 @@ def own_folder(node: str, name: str) -> Path:
     """
     folder = Path(name)
     if not name or not folder.is_dir():
-        text = f'{name!r} is no folder; make it, and name it there'
+        text = f'{name!r} is not a folder; make it, and name it there'
         raise ParameterError(f'{node}.folder: {text}')
     try:
         check_not_installed(folder)

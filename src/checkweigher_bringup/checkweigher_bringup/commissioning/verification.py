@@ -107,7 +107,7 @@ def plan_of(path: Path) -> tuple[Plan, str]:
     except OSError as error:
         raise UserError(f'{path}: {error.strerror or error}') from None
     except UnicodeDecodeError:
-        raise UserError(f'{path}: is no text in UTF-8') from None
+        raise UserError(f'{path}: is not text in UTF-8') from None
     except PlanError as error:
         raise UserError(f'{path}: {error}') from None
 

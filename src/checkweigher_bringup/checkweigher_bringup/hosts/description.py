@@ -225,7 +225,7 @@ def _host(where: str, name: Any, hosts: Mapping[str, str]) -> str:
 
 def _file(where: str, name: Any, folder: Path) -> Path:
     if not isinstance(name, str) or not name:
-        raise LayoutError(f'{where}: {name!r} is no file')
+        raise LayoutError(f'{where}: {name!r} is not a file')
     path = (folder / name).absolute()
     if not path.is_file():
         raise LayoutError(f'{where}: there is no file {path}')

@@ -217,7 +217,7 @@ def test_without_an_entry_in_the_audit_log_nothing_is_taken_over(tmp_path: Path)
 
 
 def test_a_folder_has_to_be_given():
-    with spinning('without'), pytest.raises(ParameterError, match='is no folder'):
+    with spinning('without'), pytest.raises(ParameterError, match='is not a folder'):
         DynamicSettingNode()
 
 

@@ -287,7 +287,7 @@ def hold(
                 line.start()
                 trials.start()
         finally:
-            way = 'a process a node' if processes else 'one process'
+            way = 'a process per node' if processes else 'one process'
             print(f'{way}, wired by {wiring}: {dict(sorted(trials.counts.items()))}')
     assert trials.counts['recovered'] == len(faults)
     if wiring == 'permit':

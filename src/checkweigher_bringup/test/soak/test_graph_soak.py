@@ -88,7 +88,7 @@ class Memory:
         return int(np.searchsorted(self.items, SETTLED))
 
     def report(self) -> str:
-        """Return one line a process."""
+        """Return one line per process."""
         # That of a line that only takes longer to settle ends level, that of a leak does not.
         shown = np.unique(np.linspace(self._settled, len(self.items) - 1, 5).astype(int))
         passed = self.items[-1] - self.items[self._settled]

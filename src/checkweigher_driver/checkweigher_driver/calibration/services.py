@@ -104,11 +104,11 @@ class CalibrationServices:
             raise ParameterError(f'calibration.file: {error}') from None
 
     def begin(self, load_cell: LoadCell) -> None:
-        """Take that a stream of a load cell begins."""
+        """Note that a stream of a load cell begins."""
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """Take that the stream has ended; its points are forgotten."""
+        """Note that the stream has ended; its points are forgotten."""
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 

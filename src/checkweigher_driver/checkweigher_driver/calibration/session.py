@@ -32,8 +32,8 @@ class CalibrationParameters(Parameters):
     node: ClassVar[str] = 'calibration'
 
     file: str = parameter(
-        '', 'calibration of this machine: what stands in it goes before the parameters of the '
-        'source, and the services write it; empty for none',
+        '', 'calibration of this machine: its values override the parameters of the source, and '
+        'the services write it; empty for none',
     )  # fmt: skip
     duration: float = parameter(
         5.0, 'time for which each mass is read', unit='s', minimum=0.5, maximum=600

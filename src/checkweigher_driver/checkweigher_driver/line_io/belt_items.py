@@ -77,7 +77,7 @@ class BeltItems:
         found = (each for each in self._items if each.entered == verdict.t1 is not None)
         item = next(found, None)
         if item is None:
-            item = BeltItem(verdict.t1)  # in front of all: nothing is gone because it is
+            item = BeltItem(verdict.t1)  # first, so that its leaving drops no other item
             self._items.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:

@@ -86,7 +86,7 @@ class EdgePolling:
         return min(self._longest_gap, covered)
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Take that polls fail; return the loss once, until a poll succeeds."""
+        """Note that polls fail; return the loss once, until a poll succeeds."""
         if self._lost:
             return []
         self._lost = True

@@ -53,7 +53,7 @@ class InputParameters(Parameters):
     inspections: tuple[float, ...] = parameter(
         (), 'inputs that are on while inspection devices are ready'
     )
-    inverted: str = parameter('', 'inputs that are the other way round, such as "metal bins"')
+    inverted: str = parameter('', 'inputs that are inverted, such as "metal bins"')
     bin_time: float = parameter(
         1.0, 'time for which a bin has no room before it counts as full: products fall past',
         unit='s', minimum=0, maximum=60,
@@ -140,7 +140,7 @@ class InputWatch:
         return not name.startswith('bins') or stamp - since >= self._bin_time
 
     def lose(self, stamp: int) -> list[Said]:
-        """Take that the inputs cannot be read, from `stamp` on."""
+        """Note that the inputs cannot be read, from `stamp` on."""
         if self._said is not None and not self._said.known:
             return []
         self._said = MachineConditions(stamp, False)

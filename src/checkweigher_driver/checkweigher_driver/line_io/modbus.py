@@ -179,7 +179,7 @@ class _PollTiming:
         self._last_begin = begin
 
     def interrupt(self) -> None:
-        """Take that a poll failed: the next one follows none."""
+        """Note that a poll failed: the next one follows none."""
         self._last_begin = None
 
     def shown(self) -> dict[str, float]:

@@ -175,7 +175,7 @@ class MachineOutputs:
             control.missed.take(LatchEvent.FORGET)
 
     def forget_shown(self) -> None:
-        """Take that another node makes the stop request: it has shown nothing yet."""
+        """Note that another node makes the stop request: it has shown nothing yet."""
         with self._change() as control:
             control.forget_shown()
 

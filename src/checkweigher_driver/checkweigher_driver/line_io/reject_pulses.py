@@ -116,7 +116,7 @@ class RejectPulses:
             self.resume(here)
 
     def resume(self, here: int) -> None:
-        """Take that the belt runs again, after it stood at the time `here` of the belt, ns."""
+        """Note that the belt runs again, after it stood at the time `here` of the belt, ns."""
         pulses, self._pulses = self._pulses, []
         for begin, end in pulses:
             if end > here:

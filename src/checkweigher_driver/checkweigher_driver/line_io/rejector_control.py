@@ -17,7 +17,7 @@ from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
 
-# Of the way of the product before, by which that of two products that were taken for one is off.
+# Relative to the product before: how far the travel time of two merged products is off.
 _OTHER_WAY = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # A reject time further ahead is not on the clock of this machine.
@@ -232,7 +232,7 @@ class RejectorControl:
         return acting
 
     def _stand(self, now: int) -> None:
-        """Take that the line stops the belt: without an input, where the items are is not known."""
+        """Note that the line stops the belt: without an input, where the items are is not known."""
         if self.belt_runs is not None:
             return
         self._stood_at = now
@@ -258,7 +258,7 @@ class RejectorControl:
         self._alive = begun, self._may_run
 
     def _check_silence(self, now: int) -> None:
-        """Take that after a longer silence the machine has stopped the belt by itself."""
+        """Note that after a longer silence the machine has stopped the belt by itself."""
         last, ran = self._alive or (now, False)
         if ran and now - last > self._watchdog_time:
             limit = self._watchdog_time / NANOSECONDS
@@ -417,7 +417,7 @@ class RejectorControl:
             self.missed.add(f'{item}: the belt was stopped on its way to the rejector; look for it')
 
     def connect(self, now: int) -> None:
-        """Take that the port can be switched; before that it was made safe, and the belt stood."""
+        """Note that the port can be switched; before that it was made safe, and the belt stood."""
         self.connected = True
         if self._released and self._items:
             self._doubt('the connection to the machine was lost', self._items.names())
@@ -425,13 +425,13 @@ class RejectorControl:
             self.missed.add('the rejector could not be reached when it should act; look behind it')
 
     def disconnect(self) -> None:
-        """Take that the port cannot be switched."""
+        """Note that the port cannot be switched."""
         self.figures.losses += self.connected
         self.connected = False
         self.belt_runs = None
 
     def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
-        """Take that outputs were switched between two moments, after they were due."""
+        """Note that outputs were switched between two moments, after they were due."""
         if before.reject != after.reject and due.reject is not None and due.reject <= begun:
             figures, error = self.figures, (begun + done) // 2 - due.reject
             figures.switches += 1
@@ -474,7 +474,7 @@ class RejectorControl:
             self.missed.take(LatchEvent.SHOW)
 
     def forget_shown(self) -> None:
-        """Take that another node makes the stop request: it has shown nothing yet."""
+        """Note that another node makes the stop request: it has shown nothing yet."""
         self.missed.take(LatchEvent.FORGET)
         if self._asked:  # what the one before knew alone, and nobody has taken back
             self.missed.add(self._asked)

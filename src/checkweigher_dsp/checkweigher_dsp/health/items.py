@@ -87,7 +87,7 @@ class WorkloadWatch:
         self._last: float | None = None
 
     def add(self, now: float, taken: float) -> None:
-        """Take that the work on a window, done at `now`, took so long; both in s."""
+        """Note that the work on a window, done at `now`, took so long; both in s."""
         self._count += 1
         self._last = now
         self._taken.add(now, taken)

@@ -47,7 +47,7 @@ class SegmenterWatch:
         self._noise = BeltNoiseWatch(load_cell.sample_rate, self._parameters.max_belt_noise)
 
     def end_stream(self, *, well: bool, text: str = '') -> None:
-        """Take that no more samples are to come, and why."""
+        """Note that no more samples are to come, and why."""
         self._end = well, text
 
     def add(self, now: float, event: SampleBlock | EyeEdge) -> None:

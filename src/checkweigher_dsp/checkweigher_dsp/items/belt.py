@@ -14,7 +14,7 @@ _OVERDUE = 1.5
 # An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16
-_MOST_ITEMS = 100  # on the belt: more are no products, but an eye that chatters
+_MOST_ITEMS = 100  # on the belt: more means that an eye chatters
 
 
 class UsualTransit:
@@ -100,7 +100,7 @@ class Belt:
         return item
 
     def remove_newest(self) -> Item:
-        """Take the last item back: it is none."""
+        """Remove the newest item: it was none."""
         item = self.items.pop()
         self._recent.remove(item)
         self.count -= 1

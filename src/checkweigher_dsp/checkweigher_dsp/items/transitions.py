@@ -74,7 +74,7 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> Item:
 
 
 def _merge_flicker(belt: Belt) -> None:
-    """Take what is too short for an item for the end of the one before, whose t2 was lost."""
+    """Take a pulse too short for an item as the end of the item before, which lost its t2."""
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return

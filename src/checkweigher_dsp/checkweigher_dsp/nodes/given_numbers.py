@@ -15,7 +15,7 @@ class GivenNumbers:
     A run is what one process has started: `run`, `replay` or `ros2 launch`, which starts a node
     again that has ended. Its children count on from each other. In another run items count from 1.
 
-    `trouble` is why the file is of no use, empty if it is of use; the history of the driver has the
+    `trouble` says why the file cannot be used, empty if it can; the history of the driver has the
     numbers as well.
     """
 

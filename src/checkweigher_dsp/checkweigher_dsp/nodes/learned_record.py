@@ -15,10 +15,10 @@ _MAX_SIZE = 2**25  # bytes
 
 
 class LearnedRecord:
-    """The file of one node; `trouble` is why it is of no use at present, empty if it is.
+    """The file of one node; `trouble` says why it cannot be used now, empty if it can.
 
-    A file that cannot be read is an empty one, and nothing is ever learned wrong by that: the line
-    weighs as its estimator does, and learns again.
+    A file that cannot be read counts as empty, which does no harm: the line weighs by its estimator
+    and learns again.
     """
 
     def __init__(self, wanted: str, node: str) -> None:

@@ -11,9 +11,9 @@ import time
 from checkweigher_dsp.records import EyeEdge, LineHistory, MassEstimate
 
 # s, in which a driver that has a status answers; then the line is asked to stop until it does.
-# Without the answer an item may have a verdict already, and a number another item: rather than
-# that, what waits too long for the rejector is a FAULT. Where edges come and no status, the driver
-# is one of another make, without the service: nothing is waited for after the time given here.
+# Without the answer a verdict or a number could be given twice, so an item that waits too long for
+# the rejector is a FAULT. A driver that sends no status is a third-party one without the service:
+# the node stops waiting after `_NO_STATUS` if it sends edges, else after `_NO_EDGES`.
 _NO_ANSWER, _NO_STATUS, _NO_EDGES = 30.0, 1.0, 5.0
 _LOST_ANSWER = 2.0  # s, after which the driver is asked again
 _ON_THE_WAY = 0.2  # s, for edges that the answer has overtaken
@@ -59,7 +59,7 @@ class Recall:
         self._began = time.monotonic() if self._began is None else self._began
 
     def begin_stream(self) -> None:
-        """Take that the driver has begun another stream: what was kept back is of one before."""
+        """Note that the driver has begun another stream: what was kept back is of one before."""
         self.over.extend(self.edges)
         self.edges.clear()
         self.estimates.clear()
@@ -73,7 +73,7 @@ class Recall:
         return self._asked is None or time.monotonic() - self._asked > _LOST_ANSWER
 
     def ask(self) -> None:
-        """Take that the driver is asked."""
+        """Note that the driver is asked."""
         self._asked = time.monotonic()
 
     def answer(self, history: LineHistory) -> None:

@@ -133,7 +133,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._show_stop_request()
         if was_active:
             if self._driver_is_there():
-                self._recall = None  # what was kept back is missed, and judged in the next life
+                self._recall = None  # what was kept back is judged after the next activation
             self._settle(None)
             self._publish(self._stage.stop(self._now()))
         self._timer.clear()

@@ -66,7 +66,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
         key = None
     if not isinstance(key, Ed25519PrivateKey):
         raise AuditError(
-            f'{path}: is no Ed25519 private key without password; make one: {_MAKE_KEY}'
+            f'{path}: is not an Ed25519 private key without password; make one: {_MAKE_KEY}'
         )
     return key
 
@@ -80,7 +80,7 @@ def public_key(path: Path) -> Ed25519PublicKey:
         key = None
     if not isinstance(key, Ed25519PublicKey):
         raise AuditError(
-            f'{path}: is no Ed25519 public key; make it of the private one: {_MAKE_PUBLIC}'
+            f'{path}: is not an Ed25519 public key; make it of the private one: {_MAKE_PUBLIC}'
         )
     return key
 

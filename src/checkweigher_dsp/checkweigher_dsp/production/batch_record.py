@@ -3,7 +3,7 @@
 """The record of a batch: a file with a line of JSON for everything that happened in it.
 
 The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind.
-Numbers that are none are NaN, Infinity and -Infinity, as Python reads and writes them. A thread of
+NaN and infinities are written as NaN, Infinity and -Infinity, as in Python. A thread of
 its own encodes, writes and syncs, so that no disk keeps the line waiting; a disk that is full is
 tried again until it takes the lines. The record of a batch that has no end goes on after a restart.
 """

@@ -3,7 +3,7 @@
 """The performance test of a recipe: passes of a test product of known mass, at due times.
 
 A recipe asks for it every so many hours, at the beginning of each shift, in each batch, or by
-several of these. From the due time on it is reminded of; when the grace is over the line is to
+several of these. From the due time on a reminder shows; after the grace the line is asked to
 stop. A test that passed counts until the next due time, one that failed stops the line until one
 passes.
 """
@@ -183,7 +183,7 @@ class PerformanceTests:
         return ended
 
     def advance(self, now: int) -> bool:
-        """Take that it is `now`; return whether the state has changed."""
+        """Advance to `now`; return whether the state has changed."""
         before = self.state
         if not self.wanted:
             self.state = self._judge(now)

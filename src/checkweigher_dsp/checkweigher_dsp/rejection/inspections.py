@@ -77,7 +77,7 @@ class Inspections:
         self._out_since: int | None = -(2**62)  # until it is known that the devices run
 
     def set_running(self, running: bool, stamp: int) -> None:
-        """Take that the devices run, or that one does not, from `stamp` on."""
+        """Note that the devices run, or that one does not, from `stamp` on."""
         if running and self._out_since is not None:
             self._outages.append(Span(self._out_since, stamp))
             self._out_since = None

@@ -77,8 +77,8 @@ class RejectItems:
     """Items on the line, each under one number.
 
     Numbers follow those of the estimates as long as these go forward, so that both are the same
-    in a line whose nodes all run from the start. A number is never given twice while the last
-    thousand items are remembered, nor any below them.
+    in a line whose nodes all run from the start. No number of the last thousand items, and
+    none below those, is given again.
     """
 
     def __init__(self) -> None:

@@ -28,12 +28,12 @@ class Connections:
         self._told: set[str] = set()  # of the endpoints whose QoS does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
-        """Take that a message could not be used."""
+        """Note that a message could not be used."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
     def turned_away(self, now: float, why: str) -> None:
-        """Take that a call was not served."""
+        """Note that a call was not served."""
         self._turned_away.add(now, 1.0)
         self._last_turned_away = why
 

@@ -76,7 +76,7 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Take that all takers of the process are known."""
+        """Note that all takers of the process are known."""
 
     def count(self) -> int:
         """Return how many take the records, in this process and over DDS."""

@@ -25,9 +25,9 @@ _FURTHEST_SHARE = 0.15
 _FURTHEST = 0.01
 _FEWEST = 5  # items that a lag is learned from, and the most
 _MOST = 25
-_LAST = 3  # items whose lag an item has that may have the same
+_LAST = 3  # items in the median of the latest lags
 _RECENT = 8  # items that show a lasting change
-_EVEN = math.sqrt(12.0)  # of a range that is as likely everywhere, in standard deviations
+_EVEN = math.sqrt(12.0)  # width of a uniform distribution, in standard deviations
 _SAME = 0.1  # relative difference of belt speeds and of lengths that are one
 
 
@@ -170,5 +170,5 @@ class EdgeCheck:
 
 
 def _without(lag: float, bend: float) -> float:
-    """Return what a bend leaves of a lag: it excuses a lag, it makes none."""
+    """Return a lag less a bend: a bend can explain a lag, not cause one."""
     return math.copysign(min(max(abs(lag) - math.copysign(bend, lag * bend), 0.0), abs(lag)), lag)

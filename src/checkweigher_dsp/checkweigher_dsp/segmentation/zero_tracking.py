@@ -17,8 +17,8 @@ _SHORTEST_AVERAGE = 0.1  # s
 # the filter. Not in counts, so that the gain of the load cell does not matter.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
-# A part of a segment stands out that is off the median by more than this many times what half of
-# the parts are, and so much of the initial standard deviation.
+# A part of a segment is an outlier if it is off the median by more than this many median
+# deviations of the parts plus this share of the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # s
 _FEWEST_PARTS = 5
@@ -63,7 +63,7 @@ class _Motion:
         self.begin()
 
     def begin(self) -> None:
-        """Know nothing but what was known at first of how far the zero may be off."""
+        """Return to the initial uncertainty of the zero."""
         self.variance = self._initial_variance
         self._drift, self._drift_variance = 0.0, self._drifts
         self._covariance = 0.0  # of zero and drift
@@ -167,7 +167,7 @@ class ZeroTracker:
         self._has_read = False
 
     def _begin(self) -> None:
-        """Know nothing but what was known at calibration of how far the zero may be off."""
+        """Return to the uncertainty of the zero at calibration."""
         for each in self._motions:
             each.begin()
         self._likelihoods = [0.0] * len(self._motions)  # logarithms

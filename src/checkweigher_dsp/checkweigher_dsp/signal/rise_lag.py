@@ -34,7 +34,7 @@ _SHORTEST_EMPTY = 0.06  # s; less does not show how the belt shakes
 _FEWEST = 8  # samples of empty belt and of level
 _ROUNDS = 10
 _CLOSE = 1e-5  # s
-# Of what the level shakes the product itself excites most: ringing, which averages out.
+# The product itself excites most of the level's vibration: ringing, which averages out.
 _LEVEL_SHARE = 0.25
 # s, standard deviations of lag and bend: impact and bouncing as a product rides on.
 _SYSTEMATIC = 1e-4

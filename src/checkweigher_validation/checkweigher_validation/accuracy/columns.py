@@ -80,7 +80,7 @@ COLUMNS = (
 
 
 def write_csv(file: TextIO, results: Iterable[ItemResult]) -> None:
-    """Write results as CSV: one row an item, empty where a value is not known."""
+    """Write results as CSV: one row per item, empty where a value is not known."""
     writer = csv.writer(file, lineterminator='\n')
     writer.writerow([column.name for column in COLUMNS])
     for result in results:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The folder with the results of many bags: a file a bag, and the summary of all."""
+"""The folder with the results of many bags: a file per bag, and the summary of all."""
 
 from collections.abc import Sequence
 import csv
@@ -97,7 +97,7 @@ class ResultsFolder:
         return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
 
     def close(self) -> str:
-        """Write the summary, one row a bag in the order of the jobs; return one line on all.
+        """Write the summary, one row per bag in the order of the jobs; return one line on all.
 
         Raises
         ------

@@ -142,7 +142,7 @@ class _Section:
         """Return a text of one line."""
         value = self.take(name)
         if not isinstance(value, str) or not value.strip() or not value.isprintable():
-            raise PlanError(f'{self.key(name)}: {value!r} is no text of one line; put it in quotes')
+            raise PlanError(f'{self.key(name)}: {value!r} is not one line of text; quote it')
         return value
 
     def number(self, name: str, low: float, high: float, default: float | None = None) -> float:
@@ -169,7 +169,7 @@ class _Section:
         """Return the values of a list with at least one."""
         value = self.take(name)
         if not isinstance(value, list) or not value:
-            raise PlanError(f'{self.key(name)}: {value!r} is no list like [a, b]')
+            raise PlanError(f'{self.key(name)}: {value!r} is not a list like [a, b]')
         return value
 
     def section(self, name: str) -> '_Section':

@@ -46,7 +46,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
         ('loads: [small,', 'loads: [large,', 'loads: large is there twice'),
-        ('operator: A. Tester', 'operator: 7', 'operator: 7 is no text'),
+        ('operator: A. Tester', 'operator: 7', 'operator: 7 is not text'),
         ('operator: A. Tester\n', '', 'operator: is missing'),
         ('in_service: false', 'in_service: 0', 'in_service: 0 is neither true nor false'),
         ('mass_g: 74.50', 'mass: 74.50', 'references.small.mass_g: is missing'),

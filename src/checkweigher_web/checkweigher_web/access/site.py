@@ -36,7 +36,7 @@ class Site:
 
     @property
     def open(self) -> bool:
-        """Whether it may be looked at without a login: by who sits at this machine."""
+        """Whether anyone at this machine may view it without a login."""
         return self.loopback and not self.origin
 
     @property

@@ -85,7 +85,7 @@ def hash_password(name: str, password: str) -> str:
 
 
 def cost_of_nobody(password: str) -> None:
-    """Take the time that the check of a password takes."""
+    """Spend as much time as a password check."""
     _is_of(_NOBODY, password)
 
 
@@ -115,7 +115,7 @@ def read_users(path: Path) -> dict[str, User]:
     except OSError as error:
         raise UsersError(f'{path}: cannot be read: {error.strerror or error}') from None
     except UnicodeDecodeError:
-        raise UsersError(f'{path}: is no file of users') from None
+        raise UsersError(f'{path}: is not a file of users') from None
     found = {}
     for number, line in enumerate(lines, 1):
         if line.startswith('#') or not line:

@@ -109,7 +109,7 @@ def number(given: ui.input, *, empty: float | None = None) -> float:
         return float(text)
     except ValueError:
         label = given.props['label']
-        raise RefusedError(f'{label}: {one_line(text)!r} is no number') from None
+        raise RefusedError(f'{label}: {one_line(text)!r} is not a number') from None
 
 
 def ask(

@@ -111,7 +111,7 @@ class Guide:
         try:
             mass, passes = number(self._mass), number(self._passes)
             if not (passes.is_integer() and 0 < passes < _MANY):
-                raise RefusedError(f'Passes: {passes:g} is no number of passes')
+                raise RefusedError(f'Passes: {passes:g} is not a number of passes')
         except RefusedError as error:
             self._dialog.tell(Outcome(False, str(error)))
             return

@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show one line a verdict until interrupted."""
+    """Show one line per verdict until interrupted."""
     from checkweigher_bringup.listening import EchoNode
     from checkweigher_bringup.output import Table
     from checkweigher_bringup.settings import check_namespace, check_positive

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from checkweigher_validation.archive.weighing import Weighed
 
 EXAMPLES = (
-    'weigh shift*/ --output results                     # a Parquet file a bag, and a summary',
+    'weigh shift*/ --output results                     # a Parquet file per bag, and a summary',
     'weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786',
 )
 
@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_weighing(parser)
     many = parser.add_argument_group('any number of bags')
     many.add_argument('--output', type=Path, metavar='DIR',
-                      help='write a Parquet file a bag, and summary.csv, to DIR; what is there of '
-                      'the same bags, parameters and program is kept')  # fmt: skip
+                      help='write a Parquet file per bag, and summary.csv, to DIR; what is there '
+                      'of the same bags, parameters and program is kept')  # fmt: skip
     add_scheduling(many)
 
 

@@ -250,7 +250,7 @@ def _start(x: NDArray[np.float64]) -> AdaptiveIdentification:
     """Return the result until stable poles are found: a platform that follows at once."""
     mass = hann_mean(x)
     none = 0 * mass
-    # The scatter of the window is no small variance: it marks this as a makeshift.
+    # The variance of the window is not small: it marks this as a fallback.
     return AdaptiveIdentification(none, none, mass, mass, np.var(x, axis=-1), np.isinf(mass))
 
 

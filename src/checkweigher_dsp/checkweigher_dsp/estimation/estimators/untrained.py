@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a pass of an unknown machine shows by itself, and what an estimate is worth by that.
+"""Estimates from one pass of a machine without training, and their uncertainty.
 
 No platform is assumed and nothing of how a load comes on: only that it rests in the window.
 [own derivation, docs/method.md]

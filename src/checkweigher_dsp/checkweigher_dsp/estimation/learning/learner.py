@@ -36,7 +36,7 @@ class LearningParameters(Parameters):
     node: ClassVar[str] = 'identifier.learning'
 
     fewest: int = parameter(
-        30, 'number of items of a belt speed and length that teach before what they taught weighs',
+        30, 'number of items of a belt speed and length after which what was learned may weigh',
         minimum=20, maximum=300,
     )  # fmt: skip
     most: int = parameter(
@@ -68,7 +68,7 @@ class LearningParameters(Parameters):
 class Kind:
     """What items of one belt speed (m/s) and length (m) have taught.
 
-    Their passes go once all is learned that will be. `recent` are the residuals of the last items
+    Their passes are dropped once learning is over. `recent` are the residuals of the last items
     that could be compared, (k,) each in kg.
     """
 

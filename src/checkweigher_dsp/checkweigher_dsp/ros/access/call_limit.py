@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limit of the calls of a service: what one caller floods it with costs the line little."""
+"""Rate limit for the calls of a service, so that a flood costs the line little."""
 
 RATE = 10.0  # calls a second in the long run
 BURST = 50  # calls at once
 
 
 class CallLimit:
-    """A bucket of `burst` calls that `rate` a second fill again."""
+    """A token bucket of `burst` calls, refilled at `rate`/s."""
 
     def __init__(self, rate: float = RATE, burst: int = BURST) -> None:
         self._rate, self._burst = rate, burst

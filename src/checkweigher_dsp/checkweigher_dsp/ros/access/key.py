@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The key of a locked line, and permissions that are signed with it.
 
-The key is a file that the nodes and the page of a line have, and that never travels. What does is
-a permission: a time, and the HMAC-SHA256 (RFC 2104) of that time, of the service and of what it is
-asked. Who reads it on the network can ask for the same once more at most, and a node takes it once.
+The nodes and the page of a line each have the key in a file; it is never sent. A permission is
+sent: a time, and the HMAC-SHA256 (RFC 2104) of that time, the service and the request. A node
+accepts each permission once, so an eavesdropper can at most repeat the same request once.
 """
 
 import hashlib

@@ -26,7 +26,7 @@ LINE = 'line'  # the process in which all nodes of a lane may run
 PAGE = 'page'
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# What those who look on take, by their nodes.
+# Topics that observers subscribe to, by node.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),

@@ -23,7 +23,7 @@ _PLACE = '  <!-- participant -->\n'
 
 
 def set_profiles() -> None:
-    """Have Fast DDS read the profiles of this process; who has profiles keeps them."""
+    """Have Fast DDS read the profiles made here, unless the user has set some."""
     given = [os.environ.get(name, '') for name in ('FASTDDS_DEFAULT_PROFILES_FILE', _FILE)]
     ours = (str(_PACKAGED), f'{_FOLDER}/')
     if any(each and not each.startswith(ours) for each in given):
