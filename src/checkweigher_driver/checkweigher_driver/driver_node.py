@@ -170,7 +170,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._source.close()
             self._source = None
 
-    def last_words(self) -> list[Output]:
+    def final_outputs(self) -> list[Output]:
         """Return the output of the end of the stream."""
         return [self.stream.status]
 

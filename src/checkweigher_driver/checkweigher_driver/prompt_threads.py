@@ -7,7 +7,7 @@ import sys
 _SWITCH_INTERVAL = 0.0005  # s
 
 
-def be_prompt() -> None:
+def shorten_switch_interval() -> None:
     """Have the threads of this process take turns often, though each switch costs all of them.
 
     For threads that tell when a photo-eye switched, or that switch the rejector: what they wait

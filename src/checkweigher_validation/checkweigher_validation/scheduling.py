@@ -56,11 +56,11 @@ def on_scheduler(
         # Only where some are refused: a worker that is started again has another address.
         only = {'workers': workers} if refused else {}
         with parallel_config(backend='dask', client=client, **only) as config:
-            _never_here(config['backend'])
+            _force_cluster(config['backend'])
             yield list(refused.values())
 
 
-def _never_here(backend: Any) -> None:
+def _force_cluster(backend: Any) -> None:
     """Have joblib use a cluster of one worker, too: a single job at a time it makes here."""
     number_of = backend.effective_n_jobs
     backend.effective_n_jobs = lambda n_jobs: max(2, number_of(n_jobs))

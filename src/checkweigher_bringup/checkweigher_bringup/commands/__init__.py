@@ -59,7 +59,7 @@ def add_weighing(parser: Parser) -> None:
     """Add the parameters of the weighing, the lane, and the CSV file of the results."""
     add = parser.add_argument
     add_parameter_file(parser)
-    add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
+    add('--estimator', metavar='NAME', help='estimator of the mass; default iswd_eksi')
     add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
     add('--csv', type=Path, metavar='FILE', help='write one row per item to FILE')
     add('--overwrite', action='store_true', help='replace FILE if it exists')

@@ -49,7 +49,7 @@ from checkweigher_validation.verification.procedure import (
     Procedure,
     item_pass,
 )
-from checkweigher_validation.verification.steps import Kind, Step, steps_of
+from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 _ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
 _SILENCE = 10.0  # s without a product, after which that is said
@@ -246,7 +246,7 @@ class _Guide:
     def _read(self, step: Step) -> Attempt:
         """Read what rests on the belt."""
         feed = self._node.feed
-        if step.kind == Kind.ZEROING:
+        if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
             said = ask(self._node, Trigger, ports.ZERO, 'segmenter', _ANSWER_PATIENCE)
             self._operator.tell(f'zero: {said}')
@@ -296,7 +296,7 @@ class _Guide:
 
 def _enough(step: Step, items: list[ItemPass]) -> int:
     """Return how many items count: those that were weighed, or outside the range all."""
-    return sum(item.weighed or step.kind == Kind.OUTSIDE for item in items)
+    return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 
 def _line(result: Result) -> str:

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.records import GRAMS, LoadCell
+from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
-_BATCHES = 10  # whose means show the uncertainty of the mean, for any noise
-_LEAST_SAMPLES = 10 * _BATCHES
+_LEAST_SAMPLES = 10 * BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
 _LOOK_PERIOD = 0.5  # s of signal, after which a load is judged again
 _LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
@@ -60,10 +60,9 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
         )
     values = counts.astype(np.float64)
     half = len(values) // 2
-    means = [np.mean(batch) for batch in np.array_split(values, _BATCHES)]
     return StaticReading(
         mean=float(np.mean(values)),
-        std_error=float(np.std(means, ddof=1) / math.sqrt(_BATCHES)),
+        std_error=batch_mean_std_error(values),
         drift=float(np.mean(values[half:]) - np.mean(values[:half])),
         noise=float(np.std(values, ddof=1)),
     )

@@ -16,7 +16,7 @@ from checkweigher_driver.line_io.rejector_control import (
     RejectorControl,
     Switches,
 )
-from checkweigher_driver.prompt_threads import be_prompt
+from checkweigher_driver.prompt_threads import shorten_switch_interval
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Verdict
 
@@ -219,7 +219,7 @@ class MachineOutputs:
         self._written = None
         self._held = held
         self._closed = False
-        be_prompt()
+        shorten_switch_interval()
         self._thread = threading.Thread(
             target=self._run, args=(self._port, record), name='outputs', daemon=True
         )

@@ -7,7 +7,7 @@ import queue
 import threading
 from typing import Any, ClassVar
 
-from checkweigher_driver.prompt_threads import be_prompt
+from checkweigher_driver.prompt_threads import shorten_switch_interval
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
 from checkweigher_dsp.parameters import Parameters
 from checkweigher_dsp.records import SampleBlock
@@ -40,7 +40,7 @@ class Machine(Source):
 
     def __iter__(self) -> Iterator[Event]:
         """Yield events as they come, an edge at once; raise the error that ends a device."""
-        be_prompt()
+        shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
             for name, device in (('samples', self._samples.__iter__), ('eyes', self._eyes.events))

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
-from checkweigher_dsp.estimation.learning.learner import Kind, LearnedKinds, LearningParameters
+from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds, LearningParameters
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.records import GRAMS
 
@@ -38,7 +38,7 @@ def learning_finding(
     return conclude('Learning', text, concerns, values)
 
 
-def describe(kind: Kind) -> str:
+def describe(kind: ItemKind) -> str:
     """Return what was learned of one speed and length, in words."""
     text = f'{kind.items} items'
     taught = kind.fit
@@ -67,11 +67,11 @@ def describe(kind: Kind) -> str:
     )
 
 
-def _duration(kind: Kind) -> float:
+def _duration(kind: ItemKind) -> float:
     """Return the usual duration of a part, s."""
     known = [each.duration for each in kind.passages]
     return median(known) if known else kind.length / kind.speed / kind.rise
 
 
-def _name(kind: Kind) -> str:
+def _name(kind: ItemKind) -> str:
     return f'{kind.speed:.3f} m/s, {GRAMS * kind.length:.0f} mm'

@@ -32,7 +32,7 @@ class UsualTransit:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
-    def be_told(self, transit: int) -> None:
+    def set_usual_transit(self, transit: int) -> None:
         """Take the transit, ns, of an item that was weighed, while no whole item is known here."""
         if self.value is None and 0 < transit <= self.max_transit:
             self.value = transit

@@ -105,9 +105,9 @@ class ItemTracker:
         self._belt.abandon(reason)
         return self._belt.take_finished()
 
-    def be_told(self, transit: int) -> None:
+    def set_usual_transit(self, transit: int) -> None:
         """Take how long an item that was weighed was on its way, ns, while nothing else tells."""
-        self._belt.transit.be_told(transit)
+        self._belt.transit.set_usual_transit(transit)
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""

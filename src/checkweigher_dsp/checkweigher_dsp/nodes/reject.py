@@ -138,7 +138,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._publish(self._stage.stop(self._now()))
         self._timer.clear()
 
-    def last_words(self) -> list[Output]:
+    def final_outputs(self) -> list[Output]:
         """Return the outputs of the request to stop and of the last verdicts."""
         return [self._stop_requests, self._verdicts]
 

@@ -8,7 +8,8 @@ legislation.gov.uk publishes it; it shows the criteria of 2.3.3 as pictures, so 
 same tables in schedule 2 of UK SI 2006/659, and is t(0.995, n - 1) / sqrt(n) of 2.3.1. A
 batch below 100 is tested whole (2.1.3), for which the directive has no numbers: the
 mean has to reach the nominal quantity (UK SI 2006/659, 4.7), and the shares below TU1 and TU2 are
-held to the packers' rules, which is this program's choice.
+held to the packers' rules, which is this program's choice. A batch that is checked at the end of
+the packing line is not limited to 10,000 (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -22,7 +23,6 @@ import numpy as np
 from checkweigher_dsp.production.prepackages import MAX_SHARE_BELOW_TU1, ROUNDING, limits
 
 WHOLE_BELOW = 100  # prepackages, tested one by one
-LARGEST_BATCH = 10_000  # 2.1.2, but where it is checked at the end of the packing line
 
 # Size of the batch up to which a row holds; then for the first and the second sample the number of
 # both together, and of the defective ones in them the most to accept and the fewest to reject.

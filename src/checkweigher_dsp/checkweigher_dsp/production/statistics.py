@@ -14,6 +14,7 @@ from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchTally
+from checkweigher_dsp.signal.running_moments import RunningMoments
 
 _MINUTE = 60 * NANOSECONDS
 
@@ -28,9 +29,7 @@ class ProductionStatistics:
         self.product = product
         self._decisions: Counter[Decision] = Counter()
         self._reasons: Counter[str] = Counter()  # an item may have several
-        self._mean = math.nan  # kg, of the accepted items
-        self._squares = 0.0  # of their deviations from the mean
-        self._accepted = 0  # with a mass
+        self._masses = RunningMoments()  # kg, of the accepted items that have one
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
         self._first: int | None = None  # t3, ns
@@ -49,11 +48,7 @@ class ProductionStatistics:
             self._add_mass(verdict.mass - (self.product.tare if self.product else 0.0))
 
     def _add_mass(self, mass: float) -> None:
-        """Update mean and sum of squares as Welford (1962) does: without cancellation."""
-        self._accepted += 1
-        before = mass if self._accepted == 1 else self._mean
-        self._mean = before + (mass - before) / self._accepted
-        self._squares += (mass - before) * (mass - self._mean)
+        self._masses.add(mass)
         if self.product is not None:
             slack = ROUNDING * self.product.nominal
             self._below_tu1 += mass < self.product.tu1 - slack
@@ -73,7 +68,7 @@ class ProductionStatistics:
     def summary(self, batch: str = '') -> Statistics:
         """Return the counts until now, under the name of a batch."""
         product = self.product or Product('', math.nan)
-        many = self._accepted > 1
+        mean, count = self._masses.mean, self._masses.count
         return Statistics(
             stamp=self._last,
             product=product.name,
@@ -89,16 +84,16 @@ class ProductionStatistics:
             speed_faults=self._speed_faults,
             nominal=product.nominal,
             tare=product.tare,
-            mean=self._mean,
-            std_dev=math.sqrt(self._squares / (self._accepted - 1)) if many else math.nan,
-            giveaway=self._mean - product.nominal,
+            mean=mean,
+            std_dev=self._masses.std_dev,
+            giveaway=mean - product.nominal,
             tu1=product.tu1,
             tu2=product.tu2,
             below_tu1=self._below_tu1,
             below_tu2=self._below_tu2,
             share_below_tu1=math.nan
-            if math.isnan(product.tu1) or not self._accepted
-            else self._below_tu1 / self._accepted,
+            if math.isnan(product.tu1) or not count
+            else self._below_tu1 / count,
             throughput=self._throughput(),
             tu1_quota=product.tu1_quota,
             mean_value=product.mean_value,

@@ -150,7 +150,7 @@ class EyeItems:
         if self._tracker is None or estimate.t1 is None or estimate.t3 is None:
             return
         if estimate.weighed and {estimate.t1, estimate.t3} <= self._stamps.keys():
-            self._tracker.be_told(estimate.t3 - estimate.t1)
+            self._tracker.set_usual_transit(estimate.t3 - estimate.t1)
 
     def knows_any(self, stamps: Iterable[int]) -> bool:
         """Tell whether one of these is the stamp of an edge that came lately."""

@@ -102,7 +102,7 @@ def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
                 spinner.call(node.shut_down)
             else:
                 node.shut_down()
-            for output in node.last_words():
+            for output in node.final_outputs():
                 output.publisher.wait_for_all_acked(_FAREWELL)
         except Exception as error:  # the others have to be shut down all the same
             print(f'checkweigher: {type(error).__name__}: {one_line(error)}', file=sys.stderr)

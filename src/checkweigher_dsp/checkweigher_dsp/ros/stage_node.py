@@ -106,7 +106,7 @@ class StageNode(PortNode, Generic[P]):
     def shut_down(self) -> None:
         """Leave in order before the process ends."""
 
-    def last_words(self) -> Sequence[Output]:
+    def final_outputs(self) -> Sequence[Output]:
         """Return the outputs whose messages have to arrive before the process ends."""
         return ()
 

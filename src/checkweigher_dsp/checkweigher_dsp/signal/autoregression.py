@@ -6,6 +6,8 @@ The coefficients c are at the same time the taps of the prediction-error filter,
 disturbance into the white innovation w.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -118,3 +120,29 @@ def akaike_order(powers: NDArray[np.float64], count: int) -> int:
 
 
 _ROUNDING = 1e-28
+
+
+def pooled_autocovariance(
+    segments: Iterable[NDArray[np.float64]], count: int
+) -> NDArray[np.float64]:
+    """Return the biased autocovariance about zero that several segments share.
+
+    Parameters
+    ----------
+    segments : iterable of ndarray, (n,) float64
+        Successive samples each; n may differ, and be 0.
+    count : int
+        Number of lags, from 0 on.
+
+    Returns
+    -------
+    ndarray, (count,) float64
+        In the square of the unit of the samples; 0 at lags that no segment reaches.
+    """
+    sums, seen = np.zeros(count), 0
+    for each in segments:
+        if len(each):
+            reach = min(len(each), count)
+            sums[:reach] += np.correlate(each, each, 'full')[len(each) - 1 :][:reach]
+            seen += len(each)
+    return sums / max(seen, 1)

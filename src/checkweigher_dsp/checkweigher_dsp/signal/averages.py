@@ -1,13 +1,35 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Weighted means of windows in which the signal vibrates."""
+"""Means of a signal that vibrates, and their uncertainty."""
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.signal.array_cache import array_cache
+
+BATCHES = 10  # of the method of batch means
+
+
+def batch_mean_std_error(samples: NDArray[np.float64]) -> float:
+    """Return the standard error of the mean of successive samples, for noise of any spectrum.
+
+    By the method of batch means: those of ten successive batches are as good as independent.
+
+    Parameters
+    ----------
+    samples : ndarray, (n,) float64
+        Successive samples of a constant level; at least ten.
+
+    Returns
+    -------
+    float
+        In the unit of `samples`.
+    """
+    means = [np.mean(batch) for batch in np.array_split(samples, BATCHES)]
+    return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
 
 
 def hann_mean(samples: NDArray[np.float64]) -> Any:

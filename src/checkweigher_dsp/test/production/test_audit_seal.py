@@ -119,7 +119,7 @@ def test_keys_are_those_of_openssl_and_others_are_refused(tmp_path: Path):
     key.chmod(0o644)
     with pytest.raises(AuditError, match='chmod 600'):
         private_key(key)
-    with pytest.raises(AuditError, match='no Ed25519 public key'):
+    with pytest.raises(AuditError, match='is not an Ed25519 public key'):
         public_key(key)
     with pytest.raises(AuditError, match=r'nothing: cannot be read: No such file'):
         public_key(tmp_path / 'nothing')

@@ -58,7 +58,7 @@ def files_of_bag(path: Path) -> list[Path]:
     return files
 
 
-def digest_of_bag(path: Path) -> str:
+def mcap_digest(path: Path) -> str:
     """Return the SHA-256 over the MCAP files of a bag."""
     digest = hashlib.sha256()
     for file in files_of_bag(path):

@@ -10,7 +10,7 @@ import pytest
 from checkweigher_dsp.records import Decision, StepState, Verdict, VerificationStep
 from checkweigher_dsp.ros.ports import STOP_REQUEST, VERDICT, VERIFICATION
 from checkweigher_recording.bags.definitions import BagError, serialize
-from checkweigher_recording.bags.results import digest_of_bag, read_records
+from checkweigher_recording.bags.results import mcap_digest, read_records
 from checkweigher_recording.bags.writing import BagWriter
 
 T = 1_700_000_000_000_000_001
@@ -37,7 +37,7 @@ def test_records_are_read_as_they_were_written(bag: Path):
     assert found == {'verdict': VERDICTS, 'verification': [STEP], 'stop_request': []}
     assert read_records(bag, STOP_REQUEST) == {'stop_request': []}
     file = bag / 'line_0.mcap'
-    assert digest_of_bag(bag) == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert mcap_digest(bag) == hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def test_what_was_changed_is_refused(bag: Path):

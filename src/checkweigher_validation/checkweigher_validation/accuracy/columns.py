@@ -13,7 +13,7 @@ from checkweigher_dsp.records import GRAMS, NANOSECONDS
 from checkweigher_validation.accuracy.results import ItemResult
 
 
-class Kind(Enum):
+class ColumnType(Enum):
     """What the values of a column are; None where one is not known."""
 
     WHOLE = 'whole number'
@@ -28,7 +28,7 @@ class Column:
     """A column of results; `unit` is that of files, `digits` are those of a number in the CSV."""
 
     name: str
-    kind: Kind
+    kind: ColumnType
     unit: str  # '1' for a number without one, empty for what is no number
     value_of: Callable[[ItemResult], Any]
     digits: int = 6
@@ -36,25 +36,25 @@ class Column:
     def value(self, item: ItemResult) -> Any:
         """Return the value of an item, a time in ns; None if it is not known."""
         value = self.value_of(item)
-        return None if self.kind is Kind.NUMBER and not math.isfinite(value) else value
+        return None if self.kind is ColumnType.NUMBER and not math.isfinite(value) else value
 
     def text(self, item: ItemResult) -> str:
         """Return the value of an item in the CSV, empty if it is not known."""
         value = self.value(item)
         if value is None:
             return ''
-        if self.kind is Kind.TIME:
+        if self.kind is ColumnType.TIME:
             # As seconds without rounding, which a float of today's date would.
             whole, part = divmod(value, NANOSECONDS)
             return f'{whole}.{part:09d}'
-        if self.kind is Kind.TEXTS:
+        if self.kind is ColumnType.TEXTS:
             return ';'.join(value)
-        return f'{value:.{self.digits}f}' if self.kind is Kind.NUMBER else str(value)
+        return f'{value:.{self.digits}f}' if self.kind is ColumnType.NUMBER else str(value)
 
 
-_time, _number = Kind.TIME, Kind.NUMBER
+_time, _number = ColumnType.TIME, ColumnType.NUMBER
 COLUMNS = (
-    Column('item_id', Kind.WHOLE, '1', lambda item: item.estimate.item_id),
+    Column('item_id', ColumnType.WHOLE, '1', lambda item: item.estimate.item_id),
     Column('t1', _time, 's', lambda item: item.estimate.t1),
     Column('t2', _time, 's', lambda item: item.estimate.t2),
     Column('t3', _time, 's', lambda item: item.estimate.t3),
@@ -62,10 +62,10 @@ COLUMNS = (
     Column('belt_speed_m_per_s', _number, 'm/s', lambda item: item.estimate.belt_speed),
     Column('mass_g', _number, 'g', lambda item: GRAMS * item.estimate.mass, 9),
     Column('std_dev_g', _number, 'g', lambda item: GRAMS * item.estimate.std_dev, 9),
-    Column('decision', Kind.TEXT, '', lambda item: item.verdict.decision.name),
-    Column('reasons', Kind.TEXTS, '', lambda item: item.verdict.reasons),
+    Column('decision', ColumnType.TEXT, '', lambda item: item.verdict.decision.name),
+    Column('reasons', ColumnType.TEXTS, '', lambda item: item.verdict.reasons),
     Column('reference_g', _number, 'g', lambda item: GRAMS * item.reference),
-    Column('estimator', Kind.TEXT, '', lambda item: item.estimate.estimator),
+    Column('estimator', ColumnType.TEXT, '', lambda item: item.estimate.estimator),
     Column('zero_g', _number, 'g', lambda item: GRAMS * item.estimate.zero),
     Column('product_length_m', _number, 'm', lambda item: item.estimate.product_length),
     Column('a1', _number, '1', lambda item: item.estimate.a1, 9),

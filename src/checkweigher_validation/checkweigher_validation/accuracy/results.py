@@ -21,6 +21,7 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
+from checkweigher_dsp.signal.running_moments import RunningMoments
 from checkweigher_recording.block_cutting import join_recording, join_stretches
 from checkweigher_recording.progress import with_progress
 from checkweigher_recording.recording import Recording
@@ -187,27 +188,18 @@ def table_row(result: ItemResult, origin: int) -> str:
     )
 
 
-class ErrorSum:
+class ErrorSum(RunningMoments):
     """Number, mean, standard deviation and largest of errors, without keeping them."""
 
     def __init__(self) -> None:
-        self.count = 0
-        self.mean = self.largest = 0.0
-        self._squares = 0.0  # of the distances from the mean
+        super().__init__()
+        self.largest = 0.0
 
     def add(self, error: float) -> None:
-        """Take a further error, by the update of Welford, Technometrics 4 (1962) 419."""
-        self.count += 1
-        before = error - self.mean
-        self.mean += before / self.count
-        self._squares += before * (error - self.mean)
+        """Take a further error."""
+        super().add(error)
         if abs(error) > abs(self.largest):
             self.largest = error
-
-    @property
-    def std_dev(self) -> float:
-        """Standard deviation; NaN of fewer than two."""
-        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan
 
 
 def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:

@@ -13,15 +13,15 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from checkweigher_validation.accuracy.columns import COLUMNS, Column, Kind
+from checkweigher_validation.accuracy.columns import COLUMNS, Column, ColumnType
 from checkweigher_validation.accuracy.results import ItemResult
 
 _TYPES = {
-    Kind.WHOLE: pa.int64(),
-    Kind.TIME: pa.decimal128(19, 9),  # exact, as in the CSV
-    Kind.NUMBER: pa.float64(),
-    Kind.TEXT: pa.string(),
-    Kind.TEXTS: pa.list_(pa.string()),
+    ColumnType.WHOLE: pa.int64(),
+    ColumnType.TIME: pa.decimal128(19, 9),  # exact, as in the CSV
+    ColumnType.NUMBER: pa.float64(),
+    ColumnType.TEXT: pa.string(),
+    ColumnType.TEXTS: pa.list_(pa.string()),
 }
 _KEY = 'checkweigher'  # of the metadata
 _ROWS = 10_000  # that are written at once
@@ -91,7 +91,9 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
 def _value(column: Column, result: ItemResult) -> Any:
     """Return the value of a result as pyarrow takes it; None if it is not known."""
     value = column.value(result)
-    return Decimal(value).scaleb(-9) if column.kind is Kind.TIME and value is not None else value
+    return (
+        Decimal(value).scaleb(-9) if column.kind is ColumnType.TIME and value is not None else value
+    )
 
 
 def _batches(results: Iterable[ItemResult]) -> Iterator[list[ItemResult]]:

@@ -49,12 +49,12 @@ class Row:
     cells: tuple[Cell, ...]
 
 
-def number(value: float, digits: int = 3) -> str:
+def number(value: float | None, digits: int = 3, sign: bool = False) -> str:
     """Return a number as it is shown, with a true minus; a dash if it is not known."""
-    if not math.isfinite(value):
+    if value is None or not math.isfinite(value):
         return NONE
     # Adding zero makes minus zero a plain one.
-    return f'{round(value, digits) + 0.0:.{digits}f}'.replace('-', '−')
+    return f'{round(value, digits) + 0.0:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
 
 
 def grams(value: float, digits: int = 3) -> str:

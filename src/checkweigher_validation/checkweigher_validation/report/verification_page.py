@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_validation.report.content import NONE
+from checkweigher_validation.report.content import number
 from checkweigher_validation.report.inline_svg import INK, SHADE, STYLE, SURFACE, stand_in
 from checkweigher_validation.report.page import Picture, environment, picture
 
@@ -44,15 +44,8 @@ def render_verification(report: Values) -> str:
         pictures = list(_pictures(report['steps']))
     return environment().get_template('verification.html.j2').render(
         report=report, tests=[(heading, steps) for heading, steps in by_test if steps],
-        pictures=pictures, looks=[], number=_number,
+        pictures=pictures, looks=[], number=number,
     )  # fmt: skip
-
-
-def _number(value: float | None, digits: int = 3, sign: bool = False) -> str:
-    """Return a number as it is shown, with a true minus; a dash if it is not known."""
-    if value is None:
-        return NONE
-    return f'{round(value, digits) + 0.0:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
 
 
 def _pictures(steps: Sequence[Values]) -> list[Picture]:

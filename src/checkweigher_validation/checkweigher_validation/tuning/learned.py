@@ -35,6 +35,7 @@ from checkweigher_dsp.estimation.estimators.learned import (
 )
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds
 from checkweigher_validation.tuning.search import Values
@@ -218,17 +219,14 @@ def empty_belt_covariances(
     They are those about zero, for what the zero is off is noise, too. Distances for which there is
     too little of empty belt have 0.
     """
-    sums, counts = np.zeros(layout.count), 0
+    segments = []
     for window in windows:
         part = transit(window) / (layout.rise + layout.window)
         lead = int((seconds_alone(window) - settle_time) / part)
-        if lead < 1:
-            continue
-        empty = pass_features(window, Layout(lead, layout.rise, layout.window))[:lead]
-        reach = min(lead, layout.count)
-        sums[:reach] += np.correlate(empty, empty, 'full')[lead - 1 :][:reach]
-        counts += lead
-    return sums / max(counts, 1)
+        if lead >= 1:
+            features = pass_features(window, Layout(lead, layout.rise, layout.window))
+            segments.append(features[:lead])
+    return pooled_autocovariance(segments, layout.count)
 
 
 def _evidence(group: SpeedGroup, layout: Layout, rows: NDArray[np.bool_] | None = None) -> Evidence:

@@ -29,7 +29,7 @@ from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.verification.plan import MINUTE, Mass
 from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure
-from checkweigher_validation.verification.steps import Kind, steps_of
+from checkweigher_validation.verification.steps import StepKind, steps_of
 
 ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # e
 COVERAGE = 2.0  # k of the expanded uncertainty
@@ -113,24 +113,24 @@ class _Zeros:
 
     def __init__(self, procedure: Procedure) -> None:
         self._set = procedure.zeros
-        self._read: dict[Kind, AtRest] = {}
+        self._read: dict[StepKind, AtRest] = {}
         self.latest = _CALIBRATED
 
     def reference(self, attempt: Attempt) -> AtRest:
         """Return what a reading of zero is compared with."""
         assert attempt.reading is not None
-        if attempt.step.kind == Kind.WARM_UP_ZERO:
-            return self._read.get(Kind.WARM_UP_ZERO, attempt.reading)
-        if attempt.step.kind != Kind.ZEROING:
-            return self._read.get(Kind.ZEROING, _CALIBRATED)
+        if attempt.step.kind == StepKind.WARM_UP_ZERO:
+            return self._read.get(StepKind.WARM_UP_ZERO, attempt.reading)
+        if attempt.step.kind != StepKind.ZEROING:
+            return self._read.get(StepKind.ZEROING, _CALIBRATED)
         before = [each for each in self._set if each.stamp <= attempt.begin]
         return AtRest(before[-1].zero, before[-1].std_dev, 0.0, 0) if before else _CALIBRATED
 
     def add(self, attempt: Attempt) -> None:
         """Take a reading of zero: of the warm-up the first, of zeroing the last counts."""
         assert attempt.reading is not None
-        if attempt.step.kind == Kind.ZEROING:
-            self._read[Kind.ZEROING] = attempt.reading
+        if attempt.step.kind == StepKind.ZEROING:
+            self._read[StepKind.ZEROING] = attempt.reading
         self._read.setdefault(attempt.step.kind, attempt.reading)
         self.latest = attempt.reading
 
@@ -159,7 +159,7 @@ def _judge_reading(
         error = reading.mass - zero.mass - load.mass
     else:
         zero = zeros.reference(blank.attempt)
-        share = ZERO_ACCURACY if blank.attempt.step.kind == Kind.ZEROING else ZERO_STABILITY
+        share = ZERO_ACCURACY if blank.attempt.step.kind == StepKind.ZEROING else ZERO_STABILITY
         limit, error = share * accuracy_class.interval, reading.mass - zero.mass
         zeros.add(blank.attempt)
         if zero is reading:  # the first, which later ones are compared with
@@ -280,12 +280,12 @@ def _failed(result: Result, why: str) -> Result:
     return replace(result, failures=(*result.failures, why))
 
 
-_JUDGES: dict[Kind, _Judge] = {
-    Kind.WARM_UP: _judge_warm_up,
-    Kind.OUTSIDE: _judge_outside,
-    Kind.PASSES: _judge_passes,
-    Kind.ECCENTRICITY: _judge_error_alone,
-    Kind.REPEATABILITY: _judge_repeatability,
+_JUDGES: dict[StepKind, _Judge] = {
+    StepKind.WARM_UP: _judge_warm_up,
+    StepKind.OUTSIDE: _judge_outside,
+    StepKind.PASSES: _judge_passes,
+    StepKind.ECCENTRICITY: _judge_error_alone,
+    StepKind.REPEATABILITY: _judge_repeatability,
 }
 
 
@@ -312,7 +312,7 @@ def _departures(
         step = result.attempt.step
         if result.attempts > 1 and result.number == 1:
             yield f'Step {step.name} was made {result.attempts} times; the last one counts.'
-        if step.kind in (Kind.PASSES, Kind.ECCENTRICITY, Kind.REPEATABILITY) and (
+        if step.kind in (StepKind.PASSES, StepKind.ECCENTRICITY, StepKind.REPEATABILITY) and (
             0 < result.count < result.required
         ):
             yield f'Step {step.name} has {result.count} weighings, {result.required} are asked for.'

@@ -9,7 +9,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -22,14 +21,14 @@ from checkweigher_dsp.records import (
     ZeroChange,
 )
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.bags.results import digest_of_bag, read_records
+from checkweigher_recording.bags.results import mcap_digest, read_records
 from checkweigher_recording.recording import BlockColumns
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-_BATCHES = 10  # whose means show the uncertainty of the mean, for any noise
 # What a bag says of itself: which program recorded it, and digests of what is not in it.
 IDENTITY = (
     'program', 'program_sha256', 'parameters_sha256', 'audit_log', 'audit_log_sha256',
@@ -124,7 +123,7 @@ def read_procedure(path: Path) -> Procedure:
         attempts.append(_attempt(steps[each.step], each, passes, blocks, recording.load_cell))
     return Procedure(
         plan, texts[StepState.PLAN], identity, recording.load_cell,
-        tuple(attempts), tuple(found[ports.ZERO_SETTING.name]), digest_of_bag(path),
+        tuple(attempts), tuple(found[ports.ZERO_SETTING.name]), mcap_digest(path),
         _faults_between(passes, attempts),
     )  # fmt: skip
 
@@ -194,7 +193,7 @@ def _reading(blocks: BlockColumns, begin: int, end: int, load_cell: LoadCell) ->
     firsts = chosen.first_indices.astype(np.int64)
     counts, cell = chosen.counts, load_cell
     reason = ''
-    if len(counts) < 10 * _BATCHES:
+    if len(counts) < 10 * BATCHES:
         reason = TOO_SHORT
     elif np.any(firsts[1:] != firsts[:-1] + chosen.lengths[:-1]):
         reason = SAMPLES_LOST
@@ -203,13 +202,7 @@ def _reading(blocks: BlockColumns, begin: int, end: int, load_cell: LoadCell) ->
     if reason:
         return AtRest(math.nan, math.nan, math.nan, len(counts), (reason,))
     masses = (counts.astype(np.float64) - cell.zero_counts) / cell.counts_per_kg
-    return read_at_rest(masses)
-
-
-def read_at_rest(masses: NDArray[np.float64]) -> AtRest:
-    """Return the reading of successive samples of a load at rest, (n,) kg."""
-    means = [float(np.mean(batch)) for batch in np.array_split(masses, _BATCHES)]
     return AtRest(
-        float(np.mean(masses)), float(np.std(means, ddof=1)) / math.sqrt(_BATCHES),
+        float(np.mean(masses)), batch_mean_std_error(masses),
         float(np.std(masses, ddof=1)), len(masses),
     )  # fmt: skip

@@ -15,7 +15,7 @@ from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.verification.plan import MINUTE, Mass, Passes, Plan
 
 
-class Kind(StrEnum):
+class StepKind(StrEnum):
     """Test that a step belongs to."""
 
     WARM_UP_ZERO = 'warm-up, zero'
@@ -32,19 +32,25 @@ class Kind(StrEnum):
 
 # What the operator is asked to do before a step of a kind.
 _TO_DO = {
-    Kind.WARM_UP_ZERO: 'Leave the belt empty',
-    Kind.WARM_UP: 'Run the belt at {speed:g} m/min and let {load} pass',
-    Kind.ZEROING: 'Leave the belt empty; it is zeroed',
-    Kind.ZERO: 'Leave the belt empty',
-    Kind.OUTSIDE: 'Run the belt at {speed:g} m/min and let {load} pass; each must be a FAULT',
-    Kind.PASSES: 'Run the belt at {speed:g} m/min and let {load} pass',
-    Kind.ECCENTRICITY: 'Run the belt at {speed:g} m/min and let {load} pass, lane {position}',
-    Kind.REPEATABILITY: 'Run the belt at {speed:g} m/min and let {load} pass',
-    Kind.STATIC: 'Stop the belt and put {load} on its middle',
-    Kind.ZERO_AFTER: 'Take off all loads and leave the belt empty',
+    StepKind.WARM_UP_ZERO: 'Leave the belt empty',
+    StepKind.WARM_UP: 'Run the belt at {speed:g} m/min and let {load} pass',
+    StepKind.ZEROING: 'Leave the belt empty; it is zeroed',
+    StepKind.ZERO: 'Leave the belt empty',
+    StepKind.OUTSIDE: 'Run the belt at {speed:g} m/min and let {load} pass; each must be a FAULT',
+    StepKind.PASSES: 'Run the belt at {speed:g} m/min and let {load} pass',
+    StepKind.ECCENTRICITY: 'Run the belt at {speed:g} m/min and let {load} pass, lane {position}',
+    StepKind.REPEATABILITY: 'Run the belt at {speed:g} m/min and let {load} pass',
+    StepKind.STATIC: 'Stop the belt and put {load} on its middle',
+    StepKind.ZERO_AFTER: 'Take off all loads and leave the belt empty',
 }
 # Kinds whose result is one reading of what rests on the belt, not passes.
-AT_REST = (Kind.WARM_UP_ZERO, Kind.ZEROING, Kind.ZERO, Kind.STATIC, Kind.ZERO_AFTER)
+AT_REST = (
+    StepKind.WARM_UP_ZERO,
+    StepKind.ZEROING,
+    StepKind.ZERO,
+    StepKind.STATIC,
+    StepKind.ZERO_AFTER,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +58,7 @@ class Step:
     """A step: a reading at rest, or `count` passes of a load at a belt speed."""
 
     name: str
-    kind: Kind
+    kind: StepKind
     load: Mass | None = None
     speed: float | None = None  # m/s
     count: int = 0
@@ -81,29 +87,29 @@ def _steps(plan: Plan) -> Iterator[Step]:
     if plan.warm_up:
         for minutes in plan.warm_up.minutes:
             at = f'{minutes:g}'
-            yield Step(f'warm_up_zero_{at}', Kind.WARM_UP_ZERO, minutes=minutes)
-            yield _of(f'warm_up_{at}', Kind.WARM_UP, plan.warm_up.passes, minutes=minutes)
+            yield Step(f'warm_up_zero_{at}', StepKind.WARM_UP_ZERO, minutes=minutes)
+            yield _of(f'warm_up_{at}', StepKind.WARM_UP, plan.warm_up.passes, minutes=minutes)
     for number in range(1, plan.zero_readings + 1):
-        yield Step(f'zero_{number}', Kind.ZEROING if number == 1 else Kind.ZERO)
+        yield Step(f'zero_{number}', StepKind.ZEROING if number == 1 else StepKind.ZERO)
     for number, passes in enumerate(plan.outside, start=1):
-        yield _of(f'outside_{number}', Kind.OUTSIDE, passes)
+        yield _of(f'outside_{number}', StepKind.OUTSIDE, passes)
     for passes in plan.passes:
-        yield _of(f'passes_{MINUTE * passes.speed:g}_{passes.load.name}', Kind.PASSES, passes)
+        yield _of(f'passes_{MINUTE * passes.speed:g}_{passes.load.name}', StepKind.PASSES, passes)
     if plan.eccentricity:
         for position in plan.eccentricity.positions:
             name = f'eccentricity_{position}'
-            yield _of(name, Kind.ECCENTRICITY, plan.eccentricity.passes, position=position)
+            yield _of(name, StepKind.ECCENTRICITY, plan.eccentricity.passes, position=position)
     if plan.repeatability:
-        yield _of('repeatability', Kind.REPEATABILITY, plan.repeatability)
+        yield _of('repeatability', StepKind.REPEATABILITY, plan.repeatability)
     for load in plan.static:
-        yield Step(f'static_up_{load.name}', Kind.STATIC, load)
+        yield Step(f'static_up_{load.name}', StepKind.STATIC, load)
     for load in reversed(plan.static[:-1]):
-        yield Step(f'static_down_{load.name}', Kind.STATIC, load)
+        yield Step(f'static_down_{load.name}', StepKind.STATIC, load)
     if plan.zero_readings:
-        yield Step('zero_after', Kind.ZERO_AFTER)
+        yield Step('zero_after', StepKind.ZERO_AFTER)
 
 
 def _of(
-    name: str, kind: Kind, passes: Passes, *, position: str = '', minutes: float | None = None
+    name: str, kind: StepKind, passes: Passes, *, position: str = '', minutes: float | None = None
 ) -> Step:
     return Step(name, kind, passes.load, passes.speed, passes.count, position, minutes)

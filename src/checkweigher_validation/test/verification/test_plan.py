@@ -5,7 +5,7 @@
 import pytest
 
 from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PlanError, read_plan
-from checkweigher_validation.verification.steps import Kind, steps_of
+from checkweigher_validation.verification.steps import StepKind, steps_of
 
 
 def test_the_example_is_a_plan_in_si_with_weighings_by_load():
@@ -29,8 +29,8 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
     assert len(set(names)) == len(names)
     assert (names[0], names[-1]) == ('warm_up_zero_0', 'zero_after')
     kinds = list(dict.fromkeys(step.kind for step in steps))
-    assert kinds == list(Kind)
-    static = [step.name.removeprefix('static_') for step in steps if step.kind == Kind.STATIC]
+    assert kinds == list(StepKind)
+    static = [step.name.removeprefix('static_') for step in steps if step.kind == StepKind.STATIC]
     assert static == ['up_small', 'up_middle', 'up_large', 'down_middle', 'down_small']
     passes = next(step for step in steps if step.name == 'passes_30_middle')
     assert passes.to_do == 'Run the belt at 30 m/min and let middle (194.5 g) pass'
@@ -46,7 +46,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
         ('loads: [small,', 'loads: [large,', 'loads: large is there twice'),
-        ('operator: A. Tester', 'operator: 7', 'operator: 7 is not text'),
+        ('operator: A. Tester', 'operator: 7', 'operator: 7 is not one line of text'),
         ('operator: A. Tester\n', '', 'operator: is missing'),
         ('in_service: false', 'in_service: 0', 'in_service: 0 is neither true nor false'),
         ('mass_g: 74.50', 'mass: 74.50', 'references.small.mass_g: is missing'),

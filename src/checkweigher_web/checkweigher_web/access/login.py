@@ -14,7 +14,7 @@ from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
-from checkweigher_web.access.users import User, cost_of_nobody
+from checkweigher_web.access.users import User, spend_check_time
 
 _LARGEST = 4096  # bytes of a form
 _WAITING = 8  # logins at a time; each costs 0.1 s and 64 MiB
@@ -142,7 +142,7 @@ class _Desk:
     def _user(self, name: str, password: str) -> User | None:
         user = self._access.users.find(name)
         if user is None:
-            cost_of_nobody(password)
+            spend_check_time(password)
             return None
         return user if user.has_password(password) else None
 

@@ -84,7 +84,7 @@ def hash_password(name: str, password: str) -> str:
     return _HASHER.hash(unicodedata.normalize('NFC', password))
 
 
-def cost_of_nobody(password: str) -> None:
+def spend_check_time(password: str) -> None:
     """Spend as much time as a password check."""
     _is_of(_NOBODY, password)
 

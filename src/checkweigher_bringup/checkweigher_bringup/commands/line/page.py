@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = recording.add_argument
     add('--bag', type=Path, metavar='BAG', help='show a recorded shift')
     add_parameter_file(recording)
-    add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
+    add('--estimator', metavar='NAME', help='estimator of the mass; default iswd_eksi')
     add('--report', type=Path, metavar='FILE',
         help='HTML report of evaluate that the page links to')  # fmt: skip
 

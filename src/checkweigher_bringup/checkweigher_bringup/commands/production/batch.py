@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_recipe(of_product, 'a bag is weighed by this recipe')
     how = parser.add_argument_group('how a bag is weighed')
     add_parameter_file(how)
-    how.add_argument('--estimator', metavar='NAME', help='method that makes the mass')
+    how.add_argument('--estimator', metavar='NAME', help='estimator of the mass')
     how.add_argument('--lane', metavar='NAME', help='namespace to take, if the bag has several')
     add = parser.add_argument_group('what is written').add_argument
     add('--html', type=Path, metavar='FILE', help='report with tables and figures, one file')

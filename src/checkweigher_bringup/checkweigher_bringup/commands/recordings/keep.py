@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add('--item', type=int, required=True, metavar='N', help='its number, as weigh shows it')
     add_new_bag(parser)
     add_parameter_file(parser)
-    add('--estimator', metavar='NAME', help='method that makes the mass; default iswd_eksi')
+    add('--estimator', metavar='NAME', help='estimator of the mass; default iswd_eksi')
     add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
 
 

@@ -65,7 +65,7 @@ class LearningParameters(Parameters):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Kind:
+class ItemKind:
     """What items of one belt speed (m/s) and length (m) have taught.
 
     Their passes are dropped once learning is over. `recent` are the residuals of the last items
@@ -102,7 +102,7 @@ class LearnedKinds:
     """
 
     basis: str
-    kinds: tuple[Kind, ...] = ()
+    kinds: tuple[ItemKind, ...] = ()
 
 
 def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
@@ -123,7 +123,7 @@ def learn(
     """Return what is known after an item, whose load the estimator found to be `load`."""
     kind = _kind_of(known, window)
     if kind is None:
-        kind = Kind(window.belt_speed, window.product_length, rise_parts_of(window))
+        kind = ItemKind(window.belt_speed, window.product_length, rise_parts_of(window))
     passage = passage_of(window, load, kind.rise) if kind.rise else None
     if passage is None:
         return known
@@ -132,11 +132,13 @@ def learn(
     return replace(known, kinds=(*others, taught)[-parameters.kinds :])
 
 
-def _kind_of(known: LearnedKinds, window: WeighWindow) -> Kind | None:
+def _kind_of(known: LearnedKinds, window: WeighWindow) -> ItemKind | None:
     return next((each for each in reversed(known.kinds) if each.has(window)), None)
 
 
-def _compared(kind: Kind, passage: Passage, item_id: int, parameters: LearningParameters) -> Kind:
+def _compared(
+    kind: ItemKind, passage: Passage, item_id: int, parameters: LearningParameters
+) -> ItemKind:
     """Return a kind after an item was held against what was learned."""
     taught = kind.fit
     if taught is None or kind.change is not None or passage.lead < taught.lead:
@@ -150,11 +152,11 @@ def _compared(kind: Kind, passage: Passage, item_id: int, parameters: LearningPa
     if change is None:
         return replace(kind, recent=recent)
     if parameters.relearn:
-        return Kind(kind.speed, kind.length, kind.rise)
+        return ItemKind(kind.speed, kind.length, kind.rise)
     return replace(kind, recent=(), passages=(), change=change)
 
 
-def _taught(kind: Kind, passage: Passage, parameters: LearningParameters) -> Kind:
+def _taught(kind: ItemKind, passage: Passage, parameters: LearningParameters) -> ItemKind:
     """Return a kind that an item was added to."""
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, Passage
+from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
@@ -213,13 +214,8 @@ def _empty_belt_covariances(passages: Sequence[Passage], count: int) -> NDArray[
 
     They are those about zero, for what the zero is off is noise, too; 0 where too little is seen.
     """
-    sums, seen = np.zeros(count), 0
-    for each in passages:
-        empty = each.parts[each.lead - each.quiet : each.lead]
-        if len(empty):
-            sums[: len(empty)] += np.correlate(empty, empty, 'full')[len(empty) - 1 :]
-            seen += len(empty)
-    return sums / max(seen, 1)
+    segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
+    return pooled_autocovariance(segments, count)
 
 
 def _ringing(lead: int, rise: int, duration: float) -> NDArray[np.float64]:

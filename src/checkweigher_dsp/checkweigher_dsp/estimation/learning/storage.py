@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.change import Change
-from checkweigher_dsp.estimation.learning.learner import Kind, LearnedKinds
+from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds
 from checkweigher_dsp.estimation.learning.passage import Passage
 from checkweigher_dsp.estimation.learning.regression import Fit
 
@@ -36,10 +36,10 @@ def from_text(text: str) -> LearnedKinds:
         raise ValueError(f'not what was learned: {error!r}') from None
 
 
-def _kind(values: dict[str, Any]) -> Kind:
+def _kind(values: dict[str, Any]) -> ItemKind:
     found, change = values['fit'], values['change']
     taught = None if found is None else _fit(found)
-    return Kind(
+    return ItemKind(
         float(values['speed']), float(values['length']), int(values['rise']), int(values['items']),
         tuple(_passage(each) for each in values['passages']), taught,
         tuple(_array(each, len(taught.weights)) for each in values['recent']) if taught else (),

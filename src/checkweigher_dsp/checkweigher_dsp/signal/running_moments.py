@@ -1,0 +1,30 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Mean and standard deviation of values that are not kept."""
+
+import math
+
+
+class RunningMoments:
+    """Count, mean and standard deviation, by the update of Welford, Technometrics 4 (1962) 419."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._mean = self._squares = 0.0  # the latter of the deviations from the mean
+
+    def add(self, value: float) -> None:
+        """Take a further value."""
+        self.count += 1
+        before = value - self._mean
+        self._mean += before / self.count
+        self._squares += before * (value - self._mean)
+
+    @property
+    def mean(self) -> float:
+        """Mean; NaN of none."""
+        return self._mean if self.count else math.nan
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation; NaN of fewer than two."""
+        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan
