@@ -135,8 +135,8 @@ class RejectStage:
                 return self._play_again(now)
             self.restart(now)
         self._follow(edge, now)
-        ahead, self._ahead = self._ahead, []
-        caught_up = [verdict for each in ahead for verdict in self.add_estimate(each, now)]
+        arrived = self._take_arrived()
+        caught_up = [verdict for each in arrived for verdict in self.add_estimate(each, now)]
         return [*caught_up, *self.advance(now)]
 
     def _follow(self, edge: EyeEdge, now: int | None) -> None:
@@ -329,6 +329,17 @@ class RejectStage:
         if now is not None and not self._set_deadline(item, now, seen.t3, item.reject_at):
             item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
         self._items.pending.append(item)
+
+    def _take_arrived(self) -> list[MassEstimate]:
+        """Take the estimates that were ahead, and of which an edge has come or none can come."""
+        arrived: list[MassEstimate] = []
+        ahead: list[MassEstimate] = []
+        for estimate in self._ahead:
+            stamps = edges_of(estimate).values()
+            waits = self._eyes.may_come(max(stamps)) and not self._eyes.knows_any(stamps)
+            (ahead if waits else arrived).append(estimate)
+        self._ahead = ahead
+        return arrived
 
     def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
         """Keep an estimate that is ahead of its edges, unless they should have come by now."""

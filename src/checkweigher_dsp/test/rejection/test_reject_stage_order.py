@@ -11,6 +11,7 @@ import pytest
 
 from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, MassEstimate
+from checkweigher_dsp.rejection.items import RejectItems
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 
@@ -102,6 +103,26 @@ def test_masses_show_how_edges_are_paired_where_the_first_product_was_taken_off(
     assert (fault.reasons, fault.t3) == (('NoEstimate',), without_mass.t3)
     assert DUE <= when - without_mass.t3 <= DUE + 10 * MILLISECOND
     assert len(verdicts) == len({verdict.t1 for _, verdict in verdicts}) == 6
+
+
+def test_a_mass_that_waits_for_its_edges_costs_nothing_with_those_of_others(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    looked_up = []
+    has_judged = RejectItems.has_judged
+
+    def count(items: RejectItems, estimate: MassEstimate) -> bool:
+        looked_up.append(estimate.item_id)
+        return has_judged(items, estimate)
+
+    monkeypatch.setattr(RejectItems, 'has_judged', count)
+    stage = RejectStage(PARAMETERS, BELT)
+    items = [_item(number) for number in range(1, 51)]
+    for _, estimate in items:
+        assert not stage.take(estimate)
+    verdicts = [verdict for edges, _ in items for edge in edges for verdict in stage.take(edge)]
+    assert [verdict.estimate_id for verdict in verdicts] == list(range(1, 51))
+    assert len(looked_up) == 2 * len(items)  # when it comes, and with its first edge
 
 
 def test_masses_far_ahead_of_their_edges_wait_for_them():
