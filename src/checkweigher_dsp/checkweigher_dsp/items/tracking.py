@@ -88,6 +88,10 @@ class ItemTracker:
                 apply_edge(self._belt, edge)
         return self._belt.take_finished()
 
+    def on_belt(self, t2: int) -> Item | None:
+        """Return the item on the belt for which the infeed eye cleared at `t2`, if there is one."""
+        return next((item for item in self._belt.items if item.t2 == t2), None)
+
     def expire(self, stamp: int) -> list[Item]:
         """Return the items that must have left by `stamp` without the outfeed eye seeing them."""
         self._expire(stamp)

@@ -156,6 +156,15 @@ class EyeItems:
         """Tell whether one of these is the stamp of an edge that came lately."""
         return any(stamp in self._stamps for stamp in stamps)
 
+    def is_entry_unseen(self, estimate: MassEstimate) -> bool:
+        """Tell whether an item is on the belt of which the segmenter has missed the t1."""
+        if self._tracker is None or estimate.t2 is None:
+            return False
+        if estimate.t1 is not None or estimate.t3 is not None:
+            return False
+        item = self._tracker.on_belt(estimate.t2)
+        return item is not None and item.t1 is not None
+
     def may_come(self, stamp: int) -> bool:
         """Tell whether an edge of that stamp can still be on its way."""
         newest = self._stream.newest

@@ -157,7 +157,8 @@ class RejectStage:
         """Take an estimate and return the verdict on its item, if there was none yet.
 
         One of what the eyes have not shown waits for its edges; if they never come, no product was
-        there, and there is no verdict.
+        there, and there is no verdict. One of a segmenter that was started with the item on the
+        belt waits for its t3, without which the verdict would have no reject time.
         """
         self._eyes.learn_transit(estimate)
         item = self._items.find_pending(estimate)
@@ -168,9 +169,11 @@ class RejectStage:
             if self._items.has_judged(estimate):
                 self.late_estimates += 1
                 return []
-            stamps = edges_of(estimate).values()
-            if not self._eyes.knows_any(stamps):
-                self._wait_for_edges(estimate, max(stamps, default=None))
+            if self._is_ahead(estimate):
+                self._wait_for_edges(estimate)
+                return []
+            if not self._eyes.knows_any(edges_of(estimate).values()):
+                self.unknown_estimates += 1
                 return []
             item = RejectItem(estimate.t1, estimate.t2, estimate.t3)
             self._items.pending.append(item)
@@ -330,23 +333,24 @@ class RejectStage:
             item.due = now + (_PATIENCE_GIVEN_UP if seen.t3 is None else _PATIENCE)
         self._items.pending.append(item)
 
+    def _is_ahead(self, estimate: MassEstimate) -> bool:
+        """Tell whether edges that may yet come show more of the item of an estimate."""
+        stamps = edges_of(estimate).values()
+        if self._eyes.knows_any(stamps):
+            return self._eyes.is_entry_unseen(estimate)
+        return bool(stamps) and self._eyes.may_come(max(stamps))
+
     def _take_arrived(self) -> list[MassEstimate]:
-        """Take the estimates that were ahead, and of which an edge has come or none can come."""
+        """Take the estimates that are no longer ahead."""
+        waiting, self._ahead = self._ahead, []
         arrived: list[MassEstimate] = []
-        ahead: list[MassEstimate] = []
-        for estimate in self._ahead:
-            stamps = edges_of(estimate).values()
-            waits = self._eyes.may_come(max(stamps)) and not self._eyes.knows_any(stamps)
-            (ahead if waits else arrived).append(estimate)
-        self._ahead = ahead
+        for estimate in waiting:
+            (self._ahead if self._is_ahead(estimate) else arrived).append(estimate)
         return arrived
 
-    def _wait_for_edges(self, estimate: MassEstimate, last: int | None) -> None:
-        """Keep an estimate that is ahead of its edges, unless they should have come by now."""
-        if last is not None and self._eyes.may_come(last):
-            self._ahead.append(estimate)
-        else:
-            self.unknown_estimates += 1
+    def _wait_for_edges(self, estimate: MassEstimate) -> None:
+        """Keep an estimate that is ahead of its edges."""
+        self._ahead.append(estimate)
         if len(self._ahead) > _MAX_AHEAD:
             del self._ahead[0]
             self.unknown_estimates += 1

@@ -105,6 +105,22 @@ def test_masses_show_how_edges_are_paired_where_the_first_product_was_taken_off(
     assert len(verdicts) == len({verdict.t1 for _, verdict in verdicts}) == 6
 
 
+def test_an_item_whose_entry_the_segmenter_has_missed_is_judged_where_it_leaves():
+    stage = RejectStage(PARAMETERS, BELT)
+    (t1, t2, t3, t4), weighed = _item(1)
+    missed = replace(weighed, t1=None, t3=None, mass=math.nan, reasons=('StartUp',))
+
+    verdicts = [verdict for edge in (t1, t2) for verdict in stage.take(edge, edge.stamp)]
+    verdicts += stage.take(missed, t2.stamp + MILLISECOND)
+    assert verdicts == []
+    verdicts = [verdict for edge in (t3, t4) for verdict in stage.take(edge, edge.stamp)]
+
+    (fault,) = [verdict for verdict in verdicts if verdict.t1 == t1.stamp]
+    assert (fault.decision, fault.reasons) == (Decision.FAULT, ('StartUp',))
+    assert (fault.t3, fault.reject_at) == (t3.stamp, t3.stamp + REJECT_TIME)
+    assert stage.take(replace(missed, item_id=2, t2=None, t3=t3.stamp), t4.stamp) == []
+
+
 def test_a_mass_that_waits_for_its_edges_costs_nothing_with_those_of_others(
     monkeypatch: pytest.MonkeyPatch,
 ):
