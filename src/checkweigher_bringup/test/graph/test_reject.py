@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reject node over real DDS when masses do not come, and what it asks of the line."""
 
-from bisect import bisect
 from collections.abc import Iterator
 import signal
 import subprocess
 import sys
 from typing import Any
 
-from checkweigher_msgs.msg import PhotoEyeEvent, StopRequest, Verdict
+from checkweigher_msgs.msg import StopRequest, Verdict
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from graph import heard, publish, wait_for
 import pytest
@@ -105,34 +104,21 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         spinner.add(each)
     segmenter = start('segmenter')
     judged: list[Verdict] = []
-    judged_at: list[int] = []
     items: dict[int, int] = {}
-    entered_at: list[int] = []
-
-    def item_of(verdict: Verdict, came: int) -> int:
-        # What was given up has no t3, what was seen late no t1. Where the segmenter has seen the
-        # clearing of the infeed eye alone, the item is the one on the belt.
-        stamp = stamp_from(verdict.header.stamp) or stamp_from(verdict.t1)
-        return items[stamp] if stamp else bisect(entered_at, came) - 1
 
     def judged_items() -> list[int]:
-        while not eyes.empty():  # one item at a time is on this belt
-            came, edge = eyes.get()
+        # One item at a time is on this belt. What was given up has no t3, what was seen late no t1.
+        while not eyes.empty():
+            _, edge = eyes.get()
             if edge.blocked:
-                if edge.eye == PhotoEyeEvent.INFEED:
-                    entered_at.append(came)
                 items[stamp_from(edge.header.stamp)] = len(items) // 2
-        return sorted(map(item_of, judged, judged_at))
-
-    def judge() -> Verdict:
-        came, verdict = verdicts.get(timeout=PATIENCE)
-        judged_at.append(came)
-        judged.append(verdict)
-        return verdict
+        stamps = [stamp_from(each.header.stamp) or stamp_from(each.t1) for each in judged]
+        return sorted(items[stamp] for stamp in stamps)
 
     def judge_until(decision: int) -> None:
-        while judge().decision != decision:
-            pass
+        judged.append(verdicts.get(timeout=PATIENCE)[1])
+        while judged[-1].decision != decision:
+            judged.append(verdicts.get(timeout=PATIENCE)[1])
 
     try:
         spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
@@ -148,7 +134,7 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         weighed = judged[-1]
         # Those that it has missed last may still have to be judged.
         while len(found := judged_items()) < 1 + found[-1] - found[0] and len(judged) < 60:
-            judge()
+            judged.append(verdicts.get(timeout=PATIENCE)[1])
     finally:
         segmenter.kill()
         segmenter.wait()
