@@ -80,14 +80,7 @@ class ProductNode(StageNode[ProductParameters]):
         self._production = ProductionRecord(self.parameters.batch)
         self._filler: FillerController | None = None
         try:
-            if self.parameters.product:
-                self._find(self.parameters.product)
-            if self.parameters.audit_log:
-                self._log = AuditLog(Path(self.parameters.audit_log))
-            elif self.parameters.recipes:
-                self.get_logger().warning('product.audit_log is empty: no change is written down')
-            if self.parameters.batch_folder:
-                self._record = self._begin_record(Path(self.parameters.batch_folder))
+            self._open_files()
         except (AuditError, RecipeError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
@@ -113,6 +106,25 @@ class ProductNode(StageNode[ProductParameters]):
             qos=ports.VERDICT.qos if self.parameters.batch_folder else None,
         )  # fmt: skip
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
+        self._serve()
+        if self.parameters.batch_folder:
+            self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
+            self.create_timer(_POLL_PERIOD, self._tell_ended)
+        if self.parameters.audit_log:
+            self._audit_others()
+
+    def _open_files(self) -> None:
+        if self.parameters.product:
+            self._find(self.parameters.product)
+        if self.parameters.audit_log:
+            self._log = AuditLog(Path(self.parameters.audit_log))
+        elif self.parameters.recipes:
+            self.get_logger().warning('product.audit_log is empty: no change is written down')
+        if self.parameters.batch_folder:
+            self._record = self._begin_record(Path(self.parameters.batch_folder))
+
+    def _serve(self) -> None:
+        """Offer the services, and look after what the recipes ask for."""
         # One service at a time, for each waits for other nodes of the line.
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
@@ -127,15 +139,14 @@ class ProductNode(StageNode[ProductParameters]):
             self._start_timer = poll(self._select_at_start)
             poll(self._restore)
             poll(self._look_after_test)
-        if self._record is not None:
-            self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
-            self.create_timer(_POLL_PERIOD, self._tell_ended)
-        if self._log is not None:
-            self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
-            self.subscribe(ports.LOAD_CELL_INFO, self._audit.on_load_cell)
-            self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
-            own_group = MutuallyExclusiveCallbackGroup()
-            self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
+
+    def _audit_others(self) -> None:
+        """Write down what other nodes of the line change."""
+        self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
+        self.subscribe(ports.LOAD_CELL_INFO, self._audit.on_load_cell)
+        self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
+        own_group = MutuallyExclusiveCallbackGroup()
+        self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
 
     def destroy_node(self) -> None:
         """Close log and record as well."""

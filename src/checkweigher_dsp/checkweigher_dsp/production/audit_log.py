@@ -371,7 +371,7 @@ class AuditLog:
                 f'{_MAX_LINE >> 20} MiB and a log {MAX_LOG >> 20} MiB; name another file'
             )
         # On a full disk the first thing that fails must not be the entry.
-        self._prepare_head(_head_text(entry.sequence, entry.hash))
+        self._prepare_head(_head_line(entry.sequence, entry.hash))
         self._put(before + line, self._replace_head)
         self._chain.add(entry)
         self._chain.entries.clear()
@@ -395,7 +395,7 @@ class AuditLog:
             self._state = os.fstat(self._file)
 
     def _head_text(self) -> bytes:
-        return _head_text(self._chain.count, self.last_hash)
+        return _head_line(self._chain.count, self.last_hash)
 
     def _prepare_head(self, text: bytes) -> None:
         """Write the next head beside the one that is there."""
@@ -458,5 +458,5 @@ def _canonical(values: Mapping[str, Any]) -> bytes:
     return json.dumps(values, allow_nan=False, separators=(',', ':')).encode('ascii')
 
 
-def _head_text(sequence: int, digest: str) -> bytes:
+def _head_line(sequence: int, digest: str) -> bytes:
     return _canonical({'sequence': sequence, 'hash': digest}) + b'\n'
