@@ -3,20 +3,25 @@
 """A verification and its files: the plan, what is verified, the procedure, the report."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import hashlib
 from importlib.metadata import version
 import json
 from pathlib import Path
 import shutil
 
-from checkweigher_bringup.commissioning.verification_bags import Identity, procedure_of_bags
+from checkweigher_bringup.commissioning.verification_bags import (
+    Identity,
+    NodeValues,
+    procedure_of_bags,
+)
 from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
 from checkweigher_bringup.commissioning.verification_terminal import Terminal
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning, write_parameter_file
 from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.audit_log import AuditError, read_log
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.whole_file import check_new, output_error, write_whole
@@ -25,6 +30,7 @@ from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
 
+_LONGEST = 80  # characters of a value in a sentence
 _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 
 
@@ -58,20 +64,7 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
 
     `make` gets what gives the identity, and the path of the bag; `audit` is the log of the line.
     """
-    bag, audit_log = folder / 'bag', _audit_digests(audit)
-
-    def identity(values: dict[str, dict[str, object]], how: str) -> str:
-        """Write the parameters of the nodes, and return what is verified as JSON."""
-        file = folder / 'parameters.yaml'
-        write_parameter_file(file, values)
-        return json.dumps({
-            'program': f'checkweigher {version("checkweigher_bringup")}',
-            'program_sha256': program_digest(_PACKAGES),
-            'parameters_sha256': hashlib.sha256(file.read_bytes()).hexdigest(),
-            **audit_log,
-            'how': how,
-        })  # fmt: skip
-
+    bag, identity = folder / 'bag', _IdentityOnDisk(folder / 'parameters.yaml', audit)
     try:
         folder.mkdir()
     except OSError as error:
@@ -82,6 +75,61 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
         if not bag.exists():  # nothing was recorded
             shutil.rmtree(folder, ignore_errors=True)
     return write_report(bag, folder)
+
+
+class _IdentityOnDisk:
+    """What is verified, by the audit log and a file of the parameters, which it writes.
+
+    OSError or AuditError if the log cannot be read, or its chain is broken.
+    """
+
+    def __init__(self, file: Path, audit: Path | None) -> None:
+        self._file = file
+        self._audit = audit
+        self._known = dict[str, object](_audit_digests(audit))
+        self._values: NodeValues = {}
+
+    def at_begin(self, values: NodeValues, how: str) -> str:
+        write_parameter_file(self._file, values)
+        self._values = values
+        self._known |= {
+            'program': f'checkweigher {version("checkweigher_bringup")}',
+            'program_sha256': program_digest(_PACKAGES),
+            'parameters_sha256': hashlib.sha256(self._file.read_bytes()).hexdigest(),
+            'how': how,
+            'changes': None,
+        }
+        return json.dumps(self._known)
+
+    def at_end(self, values: NodeValues) -> str:
+        changes = list(_changes(self._values, values))
+        try:  # the steps themselves are in the log: the zero, and on the page each answer
+            self._known |= _audit_digests(self._audit)
+        except (AuditError, OSError) as error:  # the procedure is worth its report all the same
+            changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
+        self._known['changes'] = changes
+        return json.dumps(self._known)
+
+
+def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
+    """Yield a sentence for each parameter that is another one after the last step."""
+    for node in sorted({*before, *after}):
+        if node not in before or node not in after:
+            when = 'before the first' if node in before else 'after the last'
+            yield f'Node {node} told its parameters only {when} step.'
+            continue
+        old, new = before[node], after[node]
+        for name in sorted({*old, *new}):
+            was, now = (_shown(values, name) for values in (old, new))
+            if was != now:
+                yield (
+                    f'Parameter {node}.{name} was {one_line(was, _LONGEST)} before the first step '
+                    f'and {one_line(now, _LONGEST)} after the last one.'
+                )
+
+
+def _shown(values: dict[str, object], name: str) -> str:
+    return repr(values[name]) if name in values else 'not there'
 
 
 def write_report(bag: Path, folder: Path) -> str:

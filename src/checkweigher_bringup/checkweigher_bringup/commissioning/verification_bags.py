@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A procedure of steps that were recorded before, each into a bag of its own."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import itertools
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_driver.calibration.static_calibration import RestReading, Steadiness
@@ -30,7 +30,7 @@ from checkweigher_recording.recording import Recording
 from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-Identity = Callable[[dict[str, dict[str, object]], str], str]
+NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 _Record = tuple[int, Port, Any]  # with its stamp, ns
 
 _PORTS = {
@@ -41,14 +41,23 @@ _PORTS = {
 _SAME_LOAD = 0.01  # of the load of a step; a reference mass that differs by more is another load
 
 
+class Identity(Protocol):
+    """What is verified, as JSON for the bag; `at_begin` is asked first."""
+
+    def at_begin(self, values: NodeValues, how: str) -> str:
+        """Return it from the parameters of the nodes, and in which way the procedure is made."""
+
+    def at_end(self, values: NodeValues) -> str:
+        """Return it after the last step, with what has changed since."""
+
+
 def procedure_of_bags(
     plan: Plan, text: str, bags: Sequence[Path], parameters: LineParameters, identity: Identity,
     output: Path,
 ) -> None:  # fmt: skip
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    A bag has the name of its step. `identity` gets the parameters of the nodes and in which way the
-    procedure was made, and returns what is verified as JSON.
+    A bag has the name of its step. No parameter changes meanwhile: one identity is that of the end.
 
     Raises
     ------
@@ -64,15 +73,12 @@ def procedure_of_bags(
     _check_together(found)
     values = {name: getattr(parameters, name).as_mapping() for name in ports.STAGES}
     cell, begin = found[0][2].load_cell, found[0][2].blocks[0].stamp
+    identity.at_begin(values, 'of recorded bags')
+    what = identity.at_end(values)
     told = (
         (ports.LOAD_CELL_INFO, cell),
         (ports.VERIFICATION, VerificationStep(begin, '', StepState.PLAN, text=text)),
-        (
-            ports.VERIFICATION,
-            VerificationStep(
-                begin, '', StepState.IDENTITY, text=identity(values, 'of recorded bags')
-            ),
-        ),
+        (ports.VERIFICATION, VerificationStep(begin, '', StepState.IDENTITY, text=what)),
     )
     with BagWriter(output, ports.ALL) as writer:
         for port, record in told:

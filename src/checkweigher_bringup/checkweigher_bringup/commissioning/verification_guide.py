@@ -14,6 +14,7 @@ import threading
 import time
 from typing import Protocol
 
+from rclpy.exceptions import InvalidHandle
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
 from checkweigher_bringup.commissioning.service_call import answer_of, ask
 from checkweigher_bringup.commissioning.static_guide import read_at_rest
-from checkweigher_bringup.commissioning.verification_bags import Identity
+from checkweigher_bringup.commissioning.verification_bags import Identity, NodeValues
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
 from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
@@ -52,6 +53,7 @@ from checkweigher_validation.verification.procedure import (
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 _ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
+_LAST_PATIENCE = 2.0  # s, for the parameters after the last step; the node may be about to end
 _SILENCE = 10.0  # s without a product, after which that is said
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
@@ -88,9 +90,9 @@ def procedure_on_line(
 ) -> None:  # fmt: skip
     """Guide through the steps, and record them into the bag of the procedure.
 
-    `identity` gets the parameters of the nodes and in which way the procedure was made, and returns
-    what is verified as JSON. A procedure that the operator breaks off has the steps up to there. A
-    UserError says that the line does not run, or that the input ended.
+    The parameters are read before the first step and after the last one. A procedure that the
+    operator breaks off has the steps up to there. A UserError says that the line does not run, or
+    that the input ended.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -99,13 +101,18 @@ def procedure_on_line(
         for _ in node.feed.blocks():
             if node.latest:
                 break
-        what = identity(_parameters(node), 'on a running line')
+        what = identity.at_begin(_parameters(node, _ANSWER_PATIENCE), 'on a running line')
         namespace = node.get_namespace().strip('/')
         with BagWriter(output, ports.ALL, namespace, in_place=True) as bag, _writing(bag, node):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator).run()
+            # A line that is ending says nothing any more: the report then says that it did not.
+            with suppress(UserError, InvalidHandle):
+                if spinner.alive:
+                    what = identity.at_end(_parameters(node, _LAST_PATIENCE))
+                    node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
     finally:
         if spinner.alive:
             spinner.remove(node)
@@ -314,17 +321,17 @@ def _line(result: Result) -> str:
     return ', '.join([*parts, *result.failures])
 
 
-def _parameters(node: VerificationNode) -> dict[str, dict[str, object]]:
-    """Return the parameters of the stages and the driver as they are."""
-    found: dict[str, dict[str, object]] = {}
+def _parameters(node: VerificationNode, patience: float) -> NodeValues:
+    """Return the parameters of the stages and the driver as they are; `patience` in s."""
+    found: NodeValues = {}
     for name in ports.NODES:
         client = AsyncParameterClient(node, name)
-        if not client.wait_for_services(_ANSWER_PATIENCE if name in ports.STAGES else 1.0):
+        if not client.wait_for_services(patience if name in ports.STAGES else 1.0):
             if name in ports.STAGES:
                 raise UserError(f'{name}: does not answer; is the line running?')
             continue
-        listed = answer_of(client.list_parameters(), name, _ANSWER_PATIENCE).result.names
+        listed = answer_of(client.list_parameters(), name, patience).result.names
         names = sorted(each for each in listed if not each.startswith(_NOT_OURS))
-        values = answer_of(client.get_parameters(names), name, _ANSWER_PATIENCE).values
+        values = answer_of(client.get_parameters(names), name, patience).values
         found[name] = dict(zip(names, map(python_value, values), strict=True))
     return found

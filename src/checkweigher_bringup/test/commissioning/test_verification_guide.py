@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A verification on a simulated line that runs, with an operator at the keyboard."""
 
+import hashlib
 import json
+import math
 from pathlib import Path
 
 from calibration_dialogue import Dialogue
@@ -10,6 +12,8 @@ from graph import wait_for
 from made_procedure import CELL, GUIDED_LINE, SHORT_PLAN, START
 import numpy as np
 import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from running import run_command
 import yaml
 
@@ -17,6 +21,7 @@ from checkweigher_bringup.commissioning.verification_guide import VerificationNo
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import spinning
 from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.production.audit_log import AuditLog
 from checkweigher_dsp.records import NANOSECONDS, Decision, SampleBlock, Verdict
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.port_node import PortNode
@@ -25,19 +30,33 @@ from checkweigher_dsp.ros.port_node import PortNode
 def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path):
     plan, output = tmp_path / 'plan.yaml', tmp_path / 'out'
     plan.write_text(SHORT_PLAN)
+    audit_log = tmp_path / 'audit.log'
+    with AuditLog(audit_log) as log:
+        log.append('2026-05-28T20:00:00', '/reject', 'parameter', 'max_speed', 3.0, 'inf')
     with spinning('verified') as spinner:
-        nodes = [
-            make({'deadlines': False} if name == 'reject' else None)
+        stages = {
+            name: make({'deadlines': False} if name == 'reject' else None)
             for name, make in STAGE_NODES.items()
-        ]
+        }
+        nodes: list[Node] = list(stages.values())
         nodes.append(DriverNode(GUIDED_LINE))
         for node in nodes:
             spinner.add(node)
-        dialogue = Dialogue(plan, '--output', output, '--namespace', 'verified', command='verify')
+        dialogue = Dialogue(
+            plan, '--output', output, '--namespace', 'verified', '--audit', audit_log,
+            command='verify',
+        )  # fmt: skip
+        wider = Parameter('max_speed', value=2.5)
         try:
             question, again = '', iter(('r', ''))
             while 'zero_after' not in question:
                 question = dialogue.asked().splitlines()[-1]
+                if 'zero_2' in question:  # amid the steps the line is made another one
+                    spinner.call(lambda: stages['reject'].set_parameters([wider]))
+                    with AuditLog(audit_log) as log:
+                        last = log.append(
+                            '2026-05-28T21:00:00', '/reject', 'parameter', 'max_speed', 'inf', 2.5
+                        )
                 if '/9 ' in question:
                     dialogue.answer('no weights' if 'zero_2' in question else '')
                 else:  # passes of small that were none are made once more
@@ -65,9 +84,17 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     assert steps['passes_60_small']['error_g'] == pytest.approx(120, abs=0.5)
     assert steps['passes_60_middle']['passes'][0]['speed_m_per_min'] == pytest.approx(60, rel=0.01)
     assert report['identity']['how'] == 'on a running line'
+    assert report['identity']['audit_log_last_hash'] == last.hash
+    kept = hashlib.sha256(audit_log.read_bytes()).hexdigest()
+    assert report['identity']['audit_log_sha256'] == kept
+    changed = [each for each in report['departures'] if each.startswith('Parameter ')]
+    assert changed == [
+        'Parameter reject.max_speed was inf before the first step and 2.5 after the last one.'
+    ]
     known = yaml.safe_load((output / 'parameters.yaml').read_text())
     assert known['/**/driver']['ros__parameters']['simulator.spacing'] == 3.0
     assert known['/**/segmenter']['ros__parameters']
+    assert known['/**/reject']['ros__parameters']['max_speed'] == math.inf
 
     remade = tmp_path / 'again'
     assert run_command('verify', '--from', output / 'bag', '--output', remade).returncode == 1

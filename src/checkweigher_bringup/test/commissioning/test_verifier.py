@@ -125,7 +125,10 @@ def test_a_procedure_whose_node_ends_has_a_whole_bag(tmp_path: Path):
         verifier.send_signal(signal.SIGTERM)
         assert verifier.wait(PATIENCE) == 0
         made = tmp_path / 'machine' / 'verifications' / operator.said.name
-    check_same(made, tmp_path / 'again')
+    report = check_same(made, tmp_path / 'again')
+    departures = report['departures']
+    assert isinstance(departures, list)
+    assert 'Parameters and audit log were not read again after the last step.' in departures
 
 
 def test_a_verification_without_a_line_says_so(tmp_path: Path):

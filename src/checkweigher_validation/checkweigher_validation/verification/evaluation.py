@@ -307,6 +307,9 @@ def _departures(
         given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
         yield f'Warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
     yield from _load_departures(procedure)
+    if procedure.changes is None:
+        yield 'Parameters and audit log were not read again after the last step.'
+    yield from procedure.changes or ()
     yield from _late_warm_up(results)
     for result in results:
         step = result.attempt.step

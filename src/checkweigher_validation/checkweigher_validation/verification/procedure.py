@@ -29,7 +29,8 @@ from checkweigher_recording.recording import BlockColumns
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-# What a bag says of itself: which program recorded it, and digests of what is not in it.
+# What a bag says of itself: which program recorded it, and digests of what is not in it. The last
+# time, after the last step, it says also what has changed since the first one.
 IDENTITY = (
     'program', 'program_sha256', 'parameters_sha256', 'audit_log', 'audit_log_sha256',
     'audit_log_last_hash', 'how',
@@ -88,6 +89,8 @@ class Procedure:
     zeros: tuple[ZeroChange, ...]  # by the service zero
     digest: str  # SHA-256 of the bag
     faults_between: tuple[ItemPass, ...] = ()  # items without a mass that are passes of no attempt
+    # Sentences on what was another one after the last step; None if that was not looked at.
+    changes: tuple[str, ...] | None = ()
 
 
 def read_procedure(path: Path) -> Procedure:
@@ -107,7 +110,7 @@ def read_procedure(path: Path) -> Procedure:
         raise BagError(f'{path}: holds no verification; "verify" with a plan records one')
     try:
         plan = read_plan(texts[StepState.PLAN])
-        identity = _identity(texts[StepState.IDENTITY])
+        identity, changes = _identity(texts[StepState.IDENTITY])
     except ValueError as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None
     recording = read_bag(path)
@@ -124,16 +127,20 @@ def read_procedure(path: Path) -> Procedure:
     return Procedure(
         plan, texts[StepState.PLAN], identity, recording.load_cell,
         tuple(attempts), tuple(found[ports.ZERO_SETTING.name]), mcap_digest(path),
-        _faults_between(passes, attempts),
+        _faults_between(passes, attempts), changes,
     )  # fmt: skip
 
 
-def _identity(text: str) -> dict[str, str | None]:
-    """Return what is verified; ValueError if it is not all there."""
+def _identity(text: str) -> tuple[dict[str, str | None], tuple[str, ...] | None]:
+    """Return what is verified, and what has changed; ValueError if it is not all there."""
     found = json.loads(text)
+    changes = found.pop('changes', None) if isinstance(found, dict) else None
     if not isinstance(found, dict) or set(found) != set(IDENTITY):
         raise ValueError(f'it must have {", ".join(IDENTITY)}')
-    return {name: None if found[name] is None else str(found[name]) for name in IDENTITY}
+    if not isinstance(changes, list | None):
+        raise ValueError('its changes must be a list')
+    identity = {name: None if found[name] is None else str(found[name]) for name in IDENTITY}
+    return identity, None if changes is None else tuple(map(str, changes))
 
 
 def item_passes(

@@ -130,6 +130,14 @@ def test_the_last_attempt_counts_and_all_are_told():
     assert 'Step passes_60_small was made 2 times; the last one counts.' in found.departures
 
 
+def test_what_was_another_one_after_the_last_step_is_told():
+    unread = 'Parameters and audit log were not read again after the last step.'
+    made = procedure_of()
+    assert unread not in evaluate(made).departures
+    assert unread in evaluate(replace(made, changes=None)).departures
+    assert 'It changed.' in evaluate(replace(made, changes=('It changed.',))).departures
+
+
 def test_departures_from_what_is_recommended_are_told():
     made = procedure_of(
         attempt_of('passes_60_small', masses=[74.5] * 3), attempt_of('zero_1', skipped='no time'),
