@@ -9,9 +9,10 @@ of each weighing. The limits of Long et al. (their Table 2) are those of XIII(1)
 initial verification; GB/T 27739 writes XIV for XIIII.
 
 Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II for classes, factors, the errors of both
-categories at initial verification, and e; UK SI 2016/1153, Schedule 1G, repeats them. Quoted from
-memory and not checked against the text of R 51 are the errors of category Y in service and the rows
-of the standard deviation above 300 g.
+categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats them, and has the
+errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
+2006/154, Schedule 5, Table 2. Quoted from memory and not checked against the text of R 51 are the
+errors of category Y in motion in service and the rows of the standard deviation above 300 g.
 
 Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
 and does not say that a machine conforms.
@@ -35,7 +36,8 @@ _STEPS = {
 _LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
 CLASSES = (*_STEPS, *_LIKE)
 
-# Steps of the error in e: of the mean in category X, of each weighing in category Y.
+# Steps of the error in e: of the mean in category X and of all loads at rest, of each weighing in
+# category Y.
 _ERRORS = {
     ('X', False): (0.5, 1.0, 1.5),
     ('X', True): (1.0, 2.0, 3.0),
@@ -114,9 +116,19 @@ class AccuracyClass:
         It is that of the mean in category X and that of each weighing in category Y. NaN for a
         load above the range of the class; ValueError for one that is not positive.
         """
+        return self._step_of_error(mass, self.category)
+
+    def max_static_error(self, mass: float) -> float:
+        """Return the largest magnitude of the error of a load at rest, kg.
+
+        Both categories have that of the mean of category X. Otherwise as `max_error`.
+        """
+        return self._step_of_error(mass, 'X')
+
+    def _step_of_error(self, mass: float, category: str) -> float:
         _check_positive(mass, 'mass')
         loads = _STEPS[_LIKE.get(self.name, self.name)]
-        for bound, error in zip(loads, _ERRORS[self.category, self.in_service], strict=True):
+        for bound, error in zip(loads, _ERRORS[category, self.in_service], strict=True):
             if mass <= bound * self.interval * _ON_BOUND:
                 return error * self.interval
         return math.nan

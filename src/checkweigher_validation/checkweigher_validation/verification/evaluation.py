@@ -6,8 +6,9 @@ What is judged, and from where that comes:
 
 - Mean error and standard deviation of passes (each error in category Y): the limits of
   `checkweigher_validation.accuracy.classes`, whose sources stand there.
-- Zero within 0.25 e after zeroing and within 0.5 e later, loads at rest and on other lanes within
-  the error of the class, no mass outside the range of dynamic setting: OIML R 51-1:2006 as quoted
+- Loads at rest: the same source; their limit is that of category X in both categories.
+- Zero within 0.25 e after zeroing and within 0.5 e later, loads on other lanes within the error of
+  the class, no mass outside the range of dynamic setting: OIML R 51-1:2006 as quoted
   from memory; its text was not at hand.
 - A pass without a mass fails the step it belongs to: a rule of this program, so that a machine
   does not keep its limits by refusing to weigh.
@@ -155,7 +156,7 @@ def _judge_reading(
         return replace(blank, failures=(f'no reading: {", ".join(reading.reasons)}',))
     load = blank.attempt.step.load
     if load is not None:
-        zero, limit = zeros.latest, accuracy_class.max_error(load.mass)
+        zero, limit = zeros.latest, accuracy_class.max_static_error(load.mass)
         error = reading.mass - zero.mass - load.mass
     else:
         zero = zeros.reference(blank.attempt)
@@ -333,12 +334,17 @@ def _load_departures(procedure: Procedure) -> Iterator[str]:
         share = plan.eccentricity.passes.load.mass / plan.maximum
         if not _THIRD[0] <= share <= _THIRD[1]:
             yield f'The load of eccentricity is {100 * share:.0f} % of Max, not about a third.'
-    for load in dict.fromkeys([*loads, *plan.static]):
-        yield from _reference_departure(load, plan.accuracy_class)
+    limits: dict[Mass, float] = {}  # the smallest of the steps that a load is in
+    for step in steps_of(plan):
+        if step.load is not None and step.kind != StepKind.OUTSIDE:
+            own = plan.accuracy_class
+            limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
+            limits[step.load] = min(limit, limits.get(step.load, math.inf))
+    for load, limit in limits.items():
+        yield from _reference_departure(load, _REFERENCE_SHARE * limit)
 
 
-def _reference_departure(load: Mass, accuracy_class: AccuracyClass) -> Iterator[str]:
-    limit = _REFERENCE_SHARE * accuracy_class.max_error(load.mass)
+def _reference_departure(load: Mass, limit: float) -> Iterator[str]:
     if not COVERAGE * load.uncertainty <= limit:
         yield (
             f'Reference {load.name} is known to {GRAMS * COVERAGE * load.uncertainty:g} g (k = 2), '

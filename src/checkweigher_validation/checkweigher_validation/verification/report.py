@@ -42,8 +42,9 @@ _NOT_DONE = (
 )
 _SOURCES = (
     'Limits of mean error and standard deviation, class factors, e: Directive 2014/32/EU, Annex '
-    'VIII, Chapter II (public text). Standard deviations above 300 g and limits in service: from '
-    'memory, not checked against the text of OIML R 51-1:2006.',
+    'VIII, Chapter II (public text). Loads at rest in category Y: UK SI 2016/1153, Schedule 1G; in '
+    'service NI SR 2006/154, Schedule 5 (public texts). Standard deviations above 300 g and other '
+    'limits in service: from memory, not checked against the text of OIML R 51-1:2006.',
     'Which tests there are: table of contents of OIML R 51-2:2006 (public).',
     'Numbers of weighings by load (60, 30, 20, 10), warm-up times, zero within 0.25 e and 0.5 e, '
     'a third of Max for eccentricity, near Min and near Max, a third of the limit for reference '

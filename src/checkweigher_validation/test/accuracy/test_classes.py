@@ -56,6 +56,15 @@ def test_the_mean_error_steps_right_after_its_loads(name, loads, interval):
             assert above == pytest.approx((steps + 0.5) * interval)
 
 
+@pytest.mark.parametrize(('mass', 'steps'), [(0.05, 0.5), (0.2, 1.0), (1.0, 1.5)])
+@pytest.mark.parametrize('name', ['XIII', 'Y(a)'])
+@pytest.mark.parametrize('in_service', [False, True])
+def test_loads_at_rest_have_one_limit_in_both_categories(name, in_service, mass, steps):
+    # UK SI 2016/1153, Schedule 1G, Chapter II, Table 1 (Static); NI SR 2006/154, Schedule 5.
+    limit = AccuracyClass(name, in_service=in_service).max_static_error(mass)
+    assert limit == pytest.approx((2 if in_service else 1) * steps * 1e-4, rel=EXACT)
+
+
 def test_class_xi_has_no_largest_load():
     assert AccuracyClass('XI', interval=1e-4).max_error(1e6) == pytest.approx(1.5e-4)
 

@@ -83,6 +83,39 @@ def test_category_y_bounds_each_pass():
         assert evaluate(made).results[0].passed == passed
 
 
+def test_category_y_has_a_limit_of_its_own_at_rest():
+    plan = PLAN.replace('class: XIII', 'class: Y(a)')
+    # 500 g are 5000 e: 1.5 e at rest, where 2 e are allowed in motion.
+    for reading, passed in ((500.149, True), (500.151, False)):
+        made = procedure_of(attempt_of('static_up_large', reading=reading), plan=plan)
+        (result,) = evaluate(made).results
+        assert result.passed == passed
+        assert result.max_error == pytest.approx(0.15 * GRAM)
+    # So a mass is held to a third of that: 0.05 g, where motion asks for 0.066 g.
+    badly = procedure_of(plan=plan.replace('uncertainty_g: 0.005', 'uncertainty_g: 0.03'))
+    assert [each for each in evaluate(badly).departures if 'Reference' in each] == [
+        'Reference large is known to 0.06 g (k = 2), which is above a third of the limit, 0.05 g.'
+    ]
+
+
+@pytest.mark.parametrize('test', ['warm_up', 'eccentricity', 'repeatability', 'static'])
+def test_the_references_of_all_tests_are_held_to_their_limits(test: str):
+    # 150 g are 1500 e: the limit is 1 e, 0.1 g.
+    known = 'large: {mass_g: 500.0, uncertainty_g: 0.005, certificate: C-3, serial: W-3}'
+    badly = '  badly: {mass_g: 150, uncertainty_g: 0.02, certificate: C-4, serial: W-4}'
+    lines = PLAN.replace(known, f'{known}\n{badly}').splitlines()
+    own = next(number for number, line in enumerate(lines) if line.startswith(f'{test}:'))
+    lines[own] = lines[own].replace('middle', 'badly').replace('small', 'badly')
+    plan = '\n'.join(lines)
+    assert 'badly' in lines[own]
+    told = (
+        'Reference badly is known to 0.04 g (k = 2), which is above a third of the limit, 0.0333 g.'
+    )
+    assert told in evaluate(procedure_of(plan=plan)).departures
+    without = plan.replace(lines[own], lines[own].replace('badly', 'middle'))
+    assert told not in evaluate(procedure_of(plan=without)).departures
+
+
 def test_zeros_are_held_to_the_zero_before_and_loads_to_the_latest():
     readings = [
         ('warm_up_zero_0', 3.0, 'passed'),  # g; the first is the reference of the warm-up
