@@ -7,8 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 import json
 from pathlib import Path
+import re
 import sys
 from typing import TYPE_CHECKING, Any
+
+from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
     from checkweigher_dsp.production.audit_log import Entry, Verification
@@ -21,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `audit`."""
     add = parser.add_argument
     add('log', type=Path, metavar='LOG', help='audit log; LOG.head is beside it')
-    add('--hash', default='', metavar='HASH',
+    add('--hash', metavar='HASH',
         help='an entry with this hash, noted elsewhere, has to be there')  # fmt: skip
     add('--json', action='store_true', help='print JSON instead of a table')
     add('--seal', type=Path, metavar='KEY',
@@ -35,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the changes; 1 if the chain is broken, or is not the one that was sealed."""
     from checkweigher_dsp.production.audit_log import read_log
 
-    found = read_log(arguments.log, arguments.hash.strip().lower())
+    found = read_log(arguments.log, _noted_hash(arguments.hash))
     seals: Sequence[Seal] = ()
     if found.whole and arguments.trust:
         seals, found = _verify_seals(arguments, found)
@@ -49,6 +52,17 @@ def run(arguments: argparse.Namespace) -> int:
         seal = _seal(arguments, found)
         print(f'sealed: seal {seal.number}, through entry {seal.entries}', file=sys.stderr)
     return 0 if found.whole else 1
+
+
+def _noted_hash(given: str | None) -> str:
+    """Return the hash that has to be there, empty if none was given; `UserError` if it is none."""
+    if given is None:
+        return ''
+    noted = given.strip().lower()
+    # That of a variable which was not set would be held to nothing.
+    if not re.fullmatch('[0-9a-f]{64}', noted):
+        raise UserError(f'--hash {given!r}: is no hash of an entry, 64 hexadecimal digits')
+    return noted
 
 
 def _seals_file(arguments: argparse.Namespace) -> Path:
@@ -70,7 +84,8 @@ def _verify_seals(
         seals = read_seals(path, key)
     except AuditError as error:
         return (), replace(found, problem='seal', reason=str(error))
-    broken = broken_seal(seals, found.entries)
+    # Sealing writes a seal with the file: an empty one lost those that it had.
+    broken = broken_seal(seals, found.entries) if seals else f'{path}: there is no seal in it'
     return seals, replace(found, problem='seal' if broken else '', reason=broken)
 
 

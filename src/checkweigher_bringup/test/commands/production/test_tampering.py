@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Ten ways of tampering with a sealed audit log, and what `audit` says of each: docs/records.md."""
+"""Ways of tampering with a sealed audit log, and what `audit` says of each: docs/records.md."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -76,6 +76,11 @@ def from_one_entry_on(log: Path) -> None:
     chained_again(log, 0.14, 0.13, 0.16, 0.17)
 
 
+def emptied_seals(log: Path) -> None:
+    chained_again(log, 0.13, 0.13, 0.13, 0.13)
+    (log.parent / 'keys/seals').write_bytes(b'')
+
+
 # Way, and what `audit` says: without, and with the seal of a key that the forger does not have.
 WAYS: list[tuple[str, Forge, str, str]] = [
     ('a value is changed', value, 'line 1: changed', ''),
@@ -93,6 +98,7 @@ WAYS: list[tuple[str, Forge, str, str]] = [
         '',
         'was written again or replaced',
     ),
+    ('the same, and the seals are emptied', emptied_seals, '', 'there is no seal in it'),
 ]
 
 
@@ -134,6 +140,13 @@ def test_each_way_is_told(
     print(f'{way}: --trust: {said}')
     assert status == 1
     assert (by_seal or alone) in said
+
+
+@pytest.mark.parametrize('noted', ['', ' ', '1234', 'g' * 64])
+def test_a_noted_hash_that_is_none_is_refused(sealed: Path, noted: str):
+    done = run_command('audit', sealed / 'audit.log', '--hash', noted)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert 'is no hash of an entry' in done.stderr
 
 
 def test_a_second_writer_is_refused_and_costs_no_entry(tmp_path: Path):
