@@ -14,7 +14,8 @@ from statistics import median
 from typing import ClassVar
 
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import FillerFeedback, Verdict
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import Decision, FillerFeedback, Verdict
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,13 @@ class FillerController:
 
     def add(self, verdict: Verdict) -> FillerFeedback | None:
         """Take an item; return what the filler should change if it completes a subgroup."""
+        if Reason.PERFORMANCE_TEST in verdict.reasons:
+            return None  # a test product did not come from the filler
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        if math.isfinite(verdict.mass):
+        # A fault may keep its mass, that of a product with metal in it for instance.
+        if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:
             return None

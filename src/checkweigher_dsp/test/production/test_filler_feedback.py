@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller of the filler against steps worked by hand, and in a loop with its delay."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.production.filler_feedback import FillerController, FillerParameters
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, Verdict
 
 CONTENTS, TARE = 0.15, 0.004
@@ -46,6 +48,26 @@ def test_the_steps_are_those_of_an_integral_controller_with_its_limits():
     assert steps(controller, [0.160] * 3) == [
         (pytest.approx(-0.002, abs=1e-12), pytest.approx(0.001, abs=1e-12), True)
     ]
+
+
+def test_faults_that_have_a_mass_and_test_products_move_nothing():
+    known = FillerParameters(subgroup=2, delay=2, max_correction=0.02)
+    controller = FillerController(known, 'crisps', CONTENTS, TARE)
+    metal = replace(item(1, 0.1), decision=Decision.FAULT, reasons=('MetalDetected',))
+    of_test = replace(
+        item(2, 0.1), decision=Decision.UNDER, reasons=(Reason.PERFORMANCE_TEST.value,)
+    )
+    assert not any(controller.add(each) for each in [metal, metal, of_test, of_test])
+    # The median of the two others alone: 148 g is 2 g below.
+    assert steps(controller, [0.148]) == []
+    assert controller.add(metal) is None
+    assert steps(controller, [0.148]) == [
+        (pytest.approx(0.001, abs=1e-12), pytest.approx(0.001, abs=1e-12), False)
+    ]
+    # Two are on their way then; a fault is one of them, and a test product was in no filler.
+    assert controller.add(metal) is None
+    assert not any(controller.add(of_test) for _ in range(5))
+    assert steps(controller, [0.1, 0.150, 0.150])[0][0] == 0
 
 
 def test_a_drift_is_followed_and_the_delay_makes_nothing_swing():
