@@ -16,7 +16,7 @@ from checkweigher_validation.batch.figures import PartFigures, as_json
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Return the batch of a record, with the changes in an audit log or in the one that it names.
+    """Return the batch of a record, held to an audit log or to the one that it names.
 
     Raises
     ------
@@ -32,8 +32,8 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
     found = read_log(log)
     if not found.whole:
         text = f'{log}: line {found.bad_line}: {found.problem}: {found.reason}'
-        print(one_line(f'the changes may not be all: {text}'), file=sys.stderr, flush=True)
-    return batch.with_changes(found.entries)
+        print(one_line(f'the audit log is not whole: {text}'), file=sys.stderr, flush=True)
+    return batch.with_log(found.entries)
 
 
 def write_report(

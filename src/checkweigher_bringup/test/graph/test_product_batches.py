@@ -114,6 +114,7 @@ def test_the_rules_and_counts_of_a_batch_go_on_whatever_is_started_again(
     assert made['products'][0]['decisions'] == {'FAULT': 0, 'ACCEPT': 41, 'UNDER': 3, 'OVER': 0}
     assert made['products'][0]['reasons'] == {'TU1Quota': 3}
     assert {each['kind'] for each in made['changes']} >= {'selection', 'restored', 'batch'}
+    assert made['sha256_in_audit_log'] == 'agrees'
     assert results[0].sha256 in html.read_text()
 
 

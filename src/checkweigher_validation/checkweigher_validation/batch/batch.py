@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A batch with its items, from results, from their CSV or from the record of the line."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 import csv
 from dataclasses import dataclass, replace
+from enum import StrEnum
 import hashlib
 import io
 import math
@@ -13,6 +14,7 @@ from typing import Any
 
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import Entry
+from checkweigher_dsp.production.audit_trail import RECORD
 from checkweigher_dsp.production.batch_record import RecordError, read_lines, verdict_of
 from checkweigher_dsp.production.recipes import Product, product_of
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision, Verdict
@@ -23,6 +25,14 @@ _LARGEST_CSV = 2**30  # bytes
 
 class BatchError(ValueError):
     """A batch that cannot be read; one line that names the file, the place and the error."""
+
+
+class InLog(StrEnum):
+    """How the SHA-256 of a record compares with the latest that the audit log has of its batch."""
+
+    AGREES = 'agrees'
+    DIFFERS = 'differs'
+    ABSENT = 'not in the log'
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +60,7 @@ class Batch:
 
     `stops` and `corrections` are the lines of the record, `changes` the entries of the audit log of
     that time; `source` is the file, of which `sha256` is the hash if it is one.
+    `in_log` is None where there is no log to hold the record to.
     """
 
     name: str
@@ -61,12 +72,19 @@ class Batch:
     stops: tuple[dict[str, Any], ...] = ()
     corrections: tuple[dict[str, Any], ...] = ()
     changes: tuple[Entry, ...] = ()
+    in_log: InLog | None = None
     strays: int = 0  # items of another batch in the record of this one
 
-    def with_changes(self, entries: Iterable[Entry]) -> 'Batch':
-        """Return the batch with the entries of an audit log from its begin to its end."""
+    def with_log(self, entries: Sequence[Entry]) -> 'Batch':
+        """Return the batch of a record, held to an audit log, with its entries of that time."""
         end = self.end or '~'
-        return replace(self, changes=tuple(e for e in entries if self.begin <= e.time <= end))
+        found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
+        in_log = InLog.ABSENT
+        if found:
+            in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
+        return replace(
+            self, changes=tuple(e for e in entries if self.begin <= e.time <= end), in_log=in_log
+        )
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:

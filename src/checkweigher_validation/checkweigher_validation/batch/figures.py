@@ -96,6 +96,7 @@ def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
     """Return a report for a program; masses in kg, what is not known None."""
     return {
         'batch': batch.name, 'source': batch.source, 'sha256': batch.sha256 or None,
+        'sha256_in_audit_log': batch.in_log,
         'begin': batch.begin or None, 'end': batch.end or None, 'strays': batch.strays,
         'products': [_part_as_json(part) for part in parts],
         'stops': _known(batch.stops), 'filler': _known(batch.corrections),

@@ -75,7 +75,7 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
         Entry(number, f'2026-01-01T{hour}:30:00', '/reject', 'parameter', 'limit', 1, 2, '')
         for number, hour in ((1, '09'), (2, 10), (3, 12))
     ]
-    batch = read_record(record).with_changes(entries)
+    batch = read_record(record).with_log(entries)
     assert [each.sequence for each in batch.changes] == [2]
     parts = [figures_of(each, seed=1) for each in batch.parts]
     made = json.loads(json.dumps(as_json(batch, parts), allow_nan=False))
@@ -83,6 +83,7 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
     assert made['products'][0]['control_chart']['centre'] == pytest.approx(0.101, abs=2e-4)
     assert (made['stops'][0]['reason'], made['filler'][0]['step']) == ('TooManyRejects', -5e-4)
     assert [each['sequence'] for each in made['changes']] == [2]
+    assert made['sha256_in_audit_log'] == 'not in the log'
     page = render_batch(batch, parts)
     assert page == render_batch(batch, parts)
     for text in ('tins &lt;b&gt;', '&lt;script&gt;', batch.sha256, 'TU1Quota', 'parameter limit'):
@@ -90,6 +91,25 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
     assert '<b>' not in page
     assert '<script' not in page
     assert page.count('<svg') == 2
+
+
+def test_a_record_is_held_to_the_latest_hash_that_the_log_has_of_its_batch(record: Path):
+    batch = read_record(record)
+    assert as_json(batch, [])['sha256_in_audit_log'] is None
+
+    def ended(number: int, subject: str, sha256: str) -> Entry:
+        return Entry(number, '2026-01-01T11:00:01', '/product', 'record', subject, None, sha256, '')
+
+    ours, other = batch.sha256, 64 * '0'
+    for entries, expected in (
+        ([], 'not in the log'),
+        ([ended(1, 'L2', ours)], 'not in the log'),
+        ([ended(1, 'L1', other), ended(2, 'L1', ours), ended(3, 'L2', other)], 'agrees'),
+        ([ended(1, 'L1', ours), ended(2, 'L1', other)], 'differs'),
+    ):
+        held = batch.with_log(entries)
+        assert as_json(held, [])['sha256_in_audit_log'] == expected
+        assert ('not as it was when' in render_batch(held, [])) == (expected == 'differs')
 
 
 def test_a_batch_in_which_nothing_was_accepted_has_a_report():

@@ -45,10 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the figures and write the files that are asked for."""
+    """Show the figures and write the files that are asked for; 1 if the record is another one."""
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_bringup.output import check_output_file
     from checkweigher_dsp.printable import one_line
+    from checkweigher_validation.batch.batch import InLog
     from checkweigher_validation.batch.figures import figures_of
 
     for path in (arguments.html, arguments.json):
@@ -60,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     for line in _lines(batch, parts):
         print(one_line(line))
     write_report(batch, parts, arguments.html, arguments.json)
-    return 0
+    return 1 if batch.in_log is InLog.DIFFERS else 0
 
 
 def _read(arguments: argparse.Namespace) -> 'Batch':
@@ -113,9 +114,20 @@ def _product(arguments: argparse.Namespace) -> 'Product':
 
 
 def _lines(batch: 'Batch', parts: 'list[PartFigures]') -> Iterator[str]:
-    """Yield the figures of each product."""
+    """Yield how the record compares with the audit log, and the figures of each product."""
     from checkweigher_dsp.records import GRAMS
+    from checkweigher_validation.batch.batch import InLog
 
+    if batch.in_log is InLog.AGREES:
+        yield f'batch {batch.name}: the SHA-256 of its record agrees with the audit log'
+    elif batch.in_log is InLog.DIFFERS:
+        yield (
+            f'batch {batch.name}: the SHA-256 of its record DIFFERS from that in the audit log: it '
+            'is not as it was when the batch ended'
+        )
+    elif batch.in_log is InLog.ABSENT:
+        why = '' if batch.end else ': the batch has not ended yet'
+        yield f'batch {batch.name}: the SHA-256 of its record is not in the audit log{why}'
     for part in parts:
         name, nominal = part.product.name or 'no product', GRAMS * part.product.nominal
         counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)

@@ -2,10 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command batch as a user runs it: on a bag, on its CSV, and on what it cannot use."""
 
+from dataclasses import asdict
 import json
 from pathlib import Path
 
 from running import BAGS, ROOT, run_command
+
+from checkweigher_dsp.production.audit_log import AuditLog
+from checkweigher_dsp.production.batch_record import RecordWriter
+from checkweigher_dsp.production.recipes import make_product
+from checkweigher_dsp.records import Decision, Verdict
 
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
 
@@ -25,6 +31,43 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     assert ours['products'][0]['rules']['below_tu1'] == 5
     assert ours['products'][0]['decisions'] == theirs['products'][0]['decisions']
     assert html.read_text().count('<svg') == 2
+
+
+def test_a_record_that_was_changed_differs_from_the_audit_log(tmp_path: Path):
+    log = tmp_path / 'audit.log'
+    writer = RecordWriter(tmp_path)
+    writer.begin('L1', '2026-05-28T06:00:00', audit_log=str(log))
+    writer.write('product', asdict(make_product('tins', {'nominal': 0.1})))
+    for number in (1, 2):
+        writer.write(
+            'verdict',
+            Verdict(number, number, Decision.ACCEPT, mass=0.1, product='tins', batch='L1'),
+        )
+    writer.end('2026-05-28T07:00:00')
+    ended = writer.ended.get(timeout=60)
+    writer.close()
+    with AuditLog(log) as audit:
+        audit.append('2026-05-28T05:00:00', '/product', 'selection', 'product', None, 'tins')
+        status, said, made = report(ended.path, tmp_path / '1.json')
+        assert (status, made) == (0, 'not in the log')
+        assert 'is not in the audit log' in said
+        audit.append('2026-05-28T07:00:01', '/product', 'record', 'L1', None, ended.sha256)
+    status, said, made = report(ended.path, tmp_path / '2.json')
+    assert (status, made) == (0, 'agrees')
+    assert 'agrees with the audit log' in said
+
+    lines = ended.path.read_text().splitlines(keepends=True)
+    ended.path.write_text(''.join([*lines[:3], *lines[4:]]))  # an item less
+    status, said, made = report(ended.path, tmp_path / '3.json')
+    assert (status, made) == (1, 'differs')
+    assert 'DIFFERS' in said
+    assert '1 items: 1 ACCEPT' in said
+
+
+def report(record: Path, output: Path) -> tuple[int, str, str]:
+    found = run_command('batch', record, '--json', output)
+    assert found.stderr == ''
+    return found.returncode, found.stdout, json.loads(output.read_text())['sha256_in_audit_log']
 
 
 def test_what_is_no_batch_is_one_line_and_status_2(tmp_path: Path):
