@@ -57,6 +57,7 @@ _KEYS = (
 )  # fmt: skip
 _LARGEST_MASS = 1e4  # kg
 _NO_MORE = 1e3  # m and m/s
+_LARGEST_ERROR = 0.1  # share of the mass of a test product
 
 Changes = dict[str, dict[str, object]]
 _Inner = TypeVar('_Inner', bound=Parameters)
@@ -166,10 +167,17 @@ def make_product(name: object, values: object) -> Product:
         lower = 'TU2'
     if upper is not None:
         upper = _number(f'{name}.upper_limit', upper, nominal, _LARGEST_MASS, 'kg')
+    tare = _number(f'{name}.tare', values.get('tare', 0.0), 0, _LARGEST_MASS, 'kg')
+    filler = _inner(f'{name}.filler', FillerParameters, values.get('filler'))
+    if filler is not None:
+        _check_filler(f'{name}.filler', filler, nominal)
+    test = _inner(f'{name}.test', PerformancePlan, values.get('test'))
+    if test is not None:
+        _check_test(f'{name}.test', test, nominal + tare)
     return Product(
         name=name,
         nominal=nominal,
-        tare=_number(f'{name}.tare', values.get('tare', 0.0), 0, _LARGEST_MASS, 'kg'),
+        tare=tare,
         lower_limit=_lower_limit(f'{name}.lower_limit', lower, nominal, tu1, tu2),
         upper_limit=math.inf if upper is None else upper,
         tu1=tu1,
@@ -180,9 +188,36 @@ def make_product(name: object, values: object) -> Product:
         parameters=_parameters(f'{name}.parameters', values.get('parameters')),
         tu1_quota=quota,
         mean_value=_truth(f'{name}.mean_value', values.get('mean_value', False)),
-        filler=_inner(f'{name}.filler', FillerParameters, values.get('filler')),
-        test=_inner(f'{name}.test', PerformancePlan, values.get('test')),
+        filler=filler,
+        test=test,
     )
+
+
+# A mass in grams, where kg belong, is a thousand times too large: these bounds find it, and are far
+# beyond what a product could need.
+def _check_filler(key: str, filler: FillerParameters, nominal: float) -> None:
+    if filler.target and not _is_near(filler.target, nominal):
+        raise RecipeError(
+            f'{key}.target: {filler.target:g} kg is more than half off nominal, {nominal:g} kg'
+        )
+    for name in ('dead_band', 'max_step', 'max_correction'):
+        if nominal < (value := getattr(filler, name)) < math.inf:
+            raise RecipeError(f'{key}.{name}: {value:g} kg is above nominal, {nominal:g} kg')
+
+
+def _check_test(key: str, test: PerformancePlan, gross: float) -> None:
+    if not _is_near(test.mass, gross):
+        raise RecipeError(
+            f'{key}.mass: {test.mass:g} kg is more than half off nominal and tare, {gross:g} kg'
+        )
+    if test.limit >= test.mass * _LARGEST_ERROR:
+        raise RecipeError(
+            f'{key}.limit: {test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg'
+        )
+
+
+def _is_near(mass: float, nominal: float) -> bool:
+    return abs(mass - nominal) <= nominal / 2
 
 
 def _quota(name: str, value: object, lower: object, tu1: float) -> float:

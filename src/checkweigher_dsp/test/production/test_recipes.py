@@ -2,13 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recipes: limits worked by hand, and every bad recipe refused with the key that is wrong."""
 
+from dataclasses import asdict
 import math
 from pathlib import Path
 
 import pytest
 import yaml
 
-from checkweigher_dsp.production.recipes import Product, RecipeError, make_product, read_recipes
+from checkweigher_dsp.production.recipes import (
+    Product,
+    RecipeError,
+    make_product,
+    product_of,
+    read_recipes,
+)
 
 EXACT = 1e-12  # relative
 GOOD = {
@@ -20,6 +27,7 @@ GOOD = {
     'speed': [0.5, 1.5],
     'parameters': {'identifier': {'estimator': 'hann', 'hann': {'gain': [1.01]}}},
 }
+TEST = {'mass': 0.154, 'limit': 0.0005, 'every_hours': 8}
 
 
 def write(tmp_path: Path, text: str) -> Path:
@@ -82,6 +90,17 @@ def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
     assert product.filler.max_correction == 0.004
 
 
+def test_a_test_product_and_a_target_may_be_up_to_half_off():
+    inner = {
+        'test': {**TEST, 'mass': 0.23, 'limit': 0.0229},  # of 154 g with the packaging
+        'filler': {'max_correction': 0.15, 'target': 0.076},
+    }
+    product = make_product('crisps', {**GOOD, **inner})
+    assert product.test is not None
+    assert product.test.mass == 0.23
+    assert product_of(asdict(product)) == product
+
+
 def test_the_parameters_of_nodes_are_named_as_ros_names_them():
     changes = make_product('crisps', GOOD).changes()
     assert changes['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
@@ -113,6 +132,38 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('filler', 3, 'crisps.filler: 3 is not'),
         ('test', 3, 'crisps.test: 3 is not'),
         ('test', {'mass': 0.2}, 'crisps.test.limit: must be given'),
+        (
+            'test',
+            {**TEST, 'mass': 150.0},
+            'crisps.test.mass: 150 kg is more than half off nominal and tare',
+        ),
+        ('test', {**TEST, 'mass': 0.076}, 'crisps.test.mass: 0.076 kg is more than half off'),
+        (
+            'test',
+            {**TEST, 'limit': 0.5},
+            'crisps.test.limit: 0.5 kg is not below a tenth of the mass',
+        ),
+        (
+            'test',
+            {**TEST, 'limit': 0.016},
+            'crisps.test.limit: 0.016 kg is not below a tenth of the mass',
+        ),
+        (
+            'filler',
+            {'max_correction': 0.004, 'target': 150.0},
+            'crisps.filler.target: 150 kg is more than half off nominal, 0.15 kg',
+        ),
+        ('filler', {'max_correction': 4.0}, 'crisps.filler.max_correction: 4 kg is above nominal'),
+        (
+            'filler',
+            {'max_correction': 0.004, 'max_step': 2.0},
+            'crisps.filler.max_step: 2 kg is above nominal, 0.15 kg',
+        ),
+        (
+            'filler',
+            {'max_correction': 0.004, 'dead_band': 0.2},
+            'crisps.filler.dead_band: 0.2 kg is above nominal, 0.15 kg',
+        ),
         ('filler', {}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
         ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
         ('parameters', 3, 'crisps.parameters: 3 is not'),
