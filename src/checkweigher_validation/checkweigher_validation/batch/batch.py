@@ -37,13 +37,21 @@ class InLog(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BatchItem:
-    """One item; its mass is of the contents, kg, NaN if it was not weighed."""
+    """One item; its mass is of the contents, kg, NaN if it was not weighed.
+
+    ValueError if it was accepted without a mass.
+    """
 
     number: int
     stamp: int | None  # t3, ns
     decision: Decision
     reasons: tuple[str, ...]
     mass: float
+
+    def __post_init__(self) -> None:
+        # The rules and the reference test are of the masses of all accepted items.
+        if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
+            raise ValueError('it is ACCEPT without a mass')
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,7 @@ class PartFigures:
 def figures_of(part: Part, seed: int) -> PartFigures:
     """Return the figures of a product in a batch; `seed` draws the reference test."""
     accepted = [item for item in part.items if item.decision is Decision.ACCEPT]
-    masses = np.array([item.mass for item in accepted if math.isfinite(item.mass)])
+    masses = np.array([item.mass for item in accepted])
     nominal = part.product.nominal
     judged = len(masses) > 0 and SMALLEST <= nominal <= LARGEST
     rejected = [item for item in part.items if item.decision is not Decision.ACCEPT]

@@ -129,12 +129,25 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
     assert part.items[0].stamp == 1_700_000_002_000_000_007
     assert (part.items[1].reasons, part.items[1].stamp) == (('NoLoad', 'Saturation'), None)
     assert figures_of(part, 1).reasons == {'NoLoad': 1, 'Saturation': 1}
+    for mass in ('', 'nan', 'inf'):
+        without = tmp_path / 'without.csv'
+        without.write_text(path.read_text() + f'3,,{mass},ACCEPT,\n')
+        with pytest.raises(BatchError, match=r'without\.csv:4: is no item: it is ACCEPT without'):
+            read_csv(without, TINS)
     path.write_text(path.read_text() + '3,x,1,ACCEPT,\n')
     with pytest.raises(BatchError, match=r'masses\.csv:4: is no item'):
         read_csv(path, TINS)
     path.write_text('a,b\n')
     with pytest.raises(BatchError, match='it lacks decision, item_id, mass_g, reasons, t3'):
         read_csv(path, TINS)
+
+
+def test_a_record_with_an_accepted_item_without_a_mass_is_refused(record: Path):
+    lines = [json.loads(line) for line in record.read_text().splitlines()]
+    lines[3]['mass'] = float('nan')
+    record.write_text(''.join(json.dumps(each) + '\n' for each in lines))
+    with pytest.raises(RecordError, match=r'L1\.jsonl:4: it is ACCEPT without a mass'):
+        read_record(record)
 
 
 def test_a_record_with_a_bad_line_is_refused_with_its_number(record: Path):

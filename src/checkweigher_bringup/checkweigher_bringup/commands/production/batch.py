@@ -49,11 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_bringup.output import check_output_file
     from checkweigher_dsp.printable import one_line
+    from checkweigher_recording.whole_file import is_stream
     from checkweigher_validation.batch.batch import InLog
     from checkweigher_validation.batch.figures import figures_of
 
     for path in (arguments.html, arguments.json):
         check_output_file(path, arguments.overwrite)
+    html, json_file = (path and path.resolve() for path in (arguments.html, arguments.json))
+    if html is not None and html == json_file and not is_stream(html):
+        raise UserError(f'--html and --json: both are {arguments.json}; give each its own file')
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: must not be below 0')
     batch = _read(arguments)
@@ -136,9 +140,13 @@ def _lines(batch: 'Batch', parts: 'list[PartFigures]') -> Iterator[str]:
             yield f'  {count:>6} {why}'
         if math.isnan(part.mean):
             continue
+        spread = ''
+        if not math.isnan(part.std_dev):  # of one item there is none
+            spread = f'standard deviation {GRAMS * part.std_dev:.3f} g, '
+        # Adding zero makes minus zero a plain one.
+        giveaway = round(GRAMS * part.giveaway, 3) + 0.0
         yield (
-            f'  mean {GRAMS * part.mean:.3f} g of {nominal:g} g, standard deviation '
-            f'{GRAMS * part.std_dev:.3f} g, giveaway {GRAMS * part.giveaway:+.3f} g'
+            f'  mean {GRAMS * part.mean:.3f} g of {nominal:g} g, {spread}giveaway {giveaway:+.3f} g'
         )
         yield from _judgement(part)
 

@@ -70,14 +70,27 @@ def report(record: Path, output: Path) -> tuple[int, str, str]:
     return found.returncode, found.stdout, json.loads(output.read_text())['sha256_in_audit_log']
 
 
+def test_one_item_at_its_nominal_weight_has_plain_numbers(tmp_path: Path):
+    masses = tmp_path / 'masses.csv'
+    masses.write_text('item_id,t3,mass_g,decision,reasons\n1,1.0,99.9999,ACCEPT,\n')
+    found = run_command('batch', masses, '--nominal', 100)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.splitlines()[1] == 'mean 100.000 g of 100 g, giveaway +0.000 g'
+
+
 def test_what_is_no_batch_is_one_line_and_status_2(tmp_path: Path):
     record = tmp_path / 'L1.jsonl'
     record.write_text('{"kind":"verdict"}\n')
     bag = BAGS / 'paper_60'
+    same = tmp_path / '..' / tmp_path.name / 'b'
     for arguments, complaint in (
         ((bag,), 'which product? Give --nominal, or --recipes and --product'),
         ((bag, '--recipes', RECIPES), '--recipes and --product belong together'),
         ((record,), 'L1.jsonl:1: is no line of the record of a batch'),
+        (
+            (bag, '--nominal', 130, '--html', record.parent / 'b', '--json', same),
+            '--html and --json: both are',
+        ),
         ((record, '--nominal', 100), '--nominal: the record of a batch has its product'),
     ):
         found = run_command('batch', *arguments)
