@@ -11,8 +11,9 @@ initial verification; GB/T 27739 writes XIV for XIIII.
 Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II for classes, factors, the errors of both
 categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats them, and has the
 errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
-2006/154, Schedule 5, Table 2. Quoted from memory and not checked against the text of R 51 are the
-errors of category Y in motion in service and the rows of the standard deviation above 300 g.
+2006/154, Schedule 5, Table 2, and the least Min of Y(a) and Y(b) in UK SI 2003/2761, Schedule 1.
+Quoted from memory and not checked against the text of R 51 are the errors of category Y in motion
+in service and the rows of the standard deviation above 300 g.
 
 Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
 and does not say that a machine conforms.
@@ -21,6 +22,7 @@ and does not say that a machine conforms.
 from dataclasses import dataclass
 import math
 
+from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.errors import ConditionResult
 
 # A mass that lies on a bound must not exceed it by a rounding error.
@@ -52,6 +54,8 @@ _INTERVALS = {
     'XIII': ((0.1e-3, 2e-3, 100, 10_000), (5e-3, math.inf, 500, 10_000)),
     'XIIII': ((5e-3, math.inf, 100, 1_000),),
 }
+
+_LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # Min in e
 
 # Load in kg up to which a row holds; limit at initial verification and in service, for x = 1:
 # a share of the load, or kg.
@@ -172,12 +176,58 @@ def smallest_interval(name: str, maximum: float) -> float:
     for exponent in range(-6, math.ceil(math.log10(maximum)) + 1):
         for digit in (1, 2, 5):
             interval = float(f'{digit}e{exponent}')
+            fewest, most = _interval_counts(own.name, interval)
             count = maximum / interval
-            for low, high, fewest, most in _INTERVALS[_LIKE.get(own.name, own.name)]:
-                fits = low <= interval * _ON_BOUND and interval <= high * _ON_BOUND
-                if fits and fewest <= count * _ON_BOUND and count <= most * _ON_BOUND:
-                    return interval
+            if fewest <= count * _ON_BOUND and count <= most * _ON_BOUND:
+                return interval
     raise ValueError(f'class {own.name} has no verification scale interval for Max {maximum:g} kg')
+
+
+def _interval_counts(name: str, interval: float) -> tuple[float, float]:
+    """Return the fewest and the most e up to Max with an e in kg; no number is within for none."""
+    for low, high, fewest, most in _INTERVALS[_LIKE.get(name, name)]:
+        if low <= interval * _ON_BOUND and interval <= high * _ON_BOUND:
+            return fewest, most
+    return math.inf, -math.inf
+
+
+def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -> None:
+    """Check that a class allows its e for a range from Min to Max, kg.
+
+    The least Min is known for Y(a) and Y(b) alone.
+
+    Raises
+    ------
+    ValueError
+        If it does not; the line says the rule, in g.
+
+    References
+    ----------
+    Directive 2014/32/EU, Annex VIII, Chapter II, 5, Table 3, for e and its number; UK SI 2003/2761,
+    Schedule 1, for Min.
+    """
+    name, interval = accuracy_class.name, accuracy_class.interval
+    e = GRAMS * interval
+    if not _is_round(interval):
+        raise ValueError(f'e: {e:g} g is not 1, 2 or 5 x 10^k')
+    smallest = smallest_interval(name, maximum)
+    if interval * _ON_BOUND < smallest:
+        raise ValueError(
+            f'e: {e:g} g is below {GRAMS * smallest:g} g, the smallest of class {name} for a Max '
+            f'of {GRAMS * maximum:g} g'
+        )
+    fewest, _ = _interval_counts(name, interval)
+    if maximum / interval * _ON_BOUND < fewest:
+        raise ValueError(
+            f'e: {e:g} g is {maximum / interval:g} times in a Max of {GRAMS * maximum:g} g, in '
+            f'class {name} it is so at least {fewest:g} times'
+        )
+    least = _LEAST_MINIMUM.get(name, 0) * interval
+    if minimum * _ON_BOUND < least:
+        raise ValueError(
+            f'Min: {GRAMS * minimum:g} g is below {GRAMS * least:g} g, the least of class {name}: '
+            f'{_LEAST_MINIMUM[name]} e'
+        )
 
 
 def weighings_required(mass: float) -> int:

@@ -18,7 +18,7 @@ from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.yaml_files import parse_yaml
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
-    smallest_interval,
+    check_range,
     weighings_required,
 )
 
@@ -253,14 +253,9 @@ def _check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) 
     if not 0 < minimum < maximum:
         raise PlanError(f'min_g: {GRAMS * minimum:g} is not above 0 and below max_g')
     try:
-        smallest = smallest_interval(accuracy_class.name, maximum)
+        check_range(accuracy_class, minimum, maximum)
     except ValueError as error:
-        raise PlanError(f'max_g: {error}') from None
-    if accuracy_class.interval * _ROUNDING < smallest:
-        raise PlanError(
-            f'e_g: {GRAMS * accuracy_class.interval:g} is below {GRAMS * smallest:g}, the smallest '
-            f'of class {accuracy_class.name} for a Max of {GRAMS * maximum:g} g'
-        )
+        raise PlanError(f'e_g, min_g, max_g: {error}') from None
 
 
 def _masses(section: _Section) -> dict[str, Mass]:

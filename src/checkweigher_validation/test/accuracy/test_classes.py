@@ -3,6 +3,7 @@
 """Limits of OIML R 51-1 and GB/T 27739 against numbers worked by hand."""
 
 import math
+import re
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,6 +12,7 @@ import pytest
 from checkweigher_validation.accuracy.classes import (
     CLASSES,
     AccuracyClass,
+    check_range,
     judge,
     smallest_interval,
     weighings_required,
@@ -251,3 +253,42 @@ def test_one_weighing_beyond_the_limit_of_category_y_fails(make_condition, error
 )
 def test_e_is_the_smallest_that_the_class_allows_for_max(name, maximum, interval):
     assert smallest_interval(name, maximum) == pytest.approx(interval, rel=EXACT)
+
+
+@pytest.mark.parametrize(
+    ('name', 'interval', 'minimum', 'maximum', 'complaint'),
+    [
+        # Rows of MID, Annex VIII, Chapter II, Table 3: g.
+        ('XI', 0.001, 1, 50, ''),
+        ('XI', 0.001, 1, 49, 'class XI has no verification scale interval'),
+        ('XI', 1, 1, 49_000, 'e: 1 g is 49000 times'),
+        ('XII', 0.05, 1, 5, ''),
+        ('XII', 0.05, 1, 4.9, 'e: 0.05 g is 98 times'),
+        ('XII', 0.1, 1, 500, ''),
+        ('XII', 0.1, 1, 499, 'e: 0.1 g is 4990 times'),
+        ('XII', 0.1, 1, 10_001, 'e: 0.1 g is below 0.2 g'),
+        ('XIII', 2, 60, 200, ''),
+        ('XIII', 2, 60, 199, 'e: 2 g is 99.5 times'),
+        ('XIII', 5, 60, 2500, ''),
+        ('XIII', 5, 60, 2499, 'e: 5 g is 499.8 times'),
+        ('XIII', 0.25, 60, 600, 'e: 0.25 g is not 1, 2 or 5'),
+        ('XIIII', 5, 60, 500, ''),
+        ('XIIII', 5, 60, 499, 'class XIIII has no verification scale interval'),
+        ('XIIII', 2, 60, 600, 'e: 2 g is below 5 g'),
+        # UK SI 2003/2761, Schedule 1.
+        ('Y(a)', 0.1, 2, 600, ''),
+        ('Y(a)', 0.1, 1.9, 600, 'Min: 1.9 g is below 2 g, the least of class Y(a): 20 e'),
+        ('Y(b)', 5, 50, 500, ''),
+        ('Y(b)', 5, 49, 500, 'Min: 49 g is below 50 g, the least of class Y(b): 10 e'),
+        ('XIII', 0.1, 0.1, 600, ''),  # none is known
+    ],
+)
+def test_a_range_that_no_class_allows_is_refused_with_the_rule(
+    name: str, interval: float, minimum: float, maximum: float, complaint: str
+):
+    own = AccuracyClass(name, interval=interval * 1e-3)
+    if not complaint:
+        check_range(own, minimum * 1e-3, maximum * 1e-3)
+        return
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        check_range(own, minimum * 1e-3, maximum * 1e-3)

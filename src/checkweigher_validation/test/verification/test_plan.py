@@ -41,7 +41,10 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
     [
         ('class: XIII', 'class: XV', "class 'XV' is none of"),
         ('factor: 1 ', 'factor: 1.5 ', '1.5 is not 1, 2 or 5'),
-        ('e_g: 0.1 ', 'e_g: 0.01 ', 'e_g: 0.01 is below 0.1, the smallest of class XIII'),
+        ('e_g: 0.1 ', 'e_g: 0.01 ', 'e: 0.01 g is below 0.1 g, the smallest of class XIII'),
+        ('e_g: 0.1 ', 'e_g: 0.3 ', 'e: 0.3 g is not 1, 2 or 5 x 10^k'),
+        ('e_g: 0.1 ', 'e_g: 5 ', 'e: 5 g is 120 times in a Max of 600 g, in class XIII it is'),
+        ('e_g: 0.1 ', 'e_g: 10 ', 'so at least 500 times'),
         ('max_g: 600', 'max_g: 50', 'min_g: 60 is not above 0 and below max_g'),
         ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
