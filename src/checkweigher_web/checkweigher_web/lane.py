@@ -18,6 +18,7 @@ from checkweigher_dsp.records import (
     Decision,
     Eye,
     EyeEdge,
+    FillerFeedback,
     LoadCell,
     MassEstimate,
     Reference,
@@ -80,6 +81,7 @@ class Lane:
         self.held = held
         self.version = 0
         self.statistics: Statistics | None = None
+        self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.load_cell: LoadCell | None = None
         self._lock = threading.Lock()
@@ -109,6 +111,8 @@ class Lane:
                     self._edges.append(record)
                 case Statistics():
                     self.statistics = record
+                case FillerFeedback():
+                    self.filler = record
                 case StopRequest():
                     self.stop = record
                 case LoadCell():

@@ -15,7 +15,7 @@ from checkweigher_web.lane import SHOWN, Lane
 
 _RESULTS = (
     ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
-    ports.VERDICT, ports.STATISTICS, ports.STOP_REQUEST,
+    ports.VERDICT, ports.STATISTICS, ports.FILLER_FEEDBACK, ports.STOP_REQUEST,
 )  # fmt: skip
 _SIGNALS = (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW)
 _LOOK_PERIOD = 0.5  # s

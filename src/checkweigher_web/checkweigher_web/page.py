@@ -165,7 +165,7 @@ class LanePage:
             return
         self._analysed = self._lane.version
         statistics = self._lane.statistics
-        self._production.show(production(statistics))
+        self._production.show(production(statistics, self._lane.filler))
         items = self._drawing.items()
         self._rules.show(batch_rules(statistics, items[0].verdict if items else None))
         if self._board is None:

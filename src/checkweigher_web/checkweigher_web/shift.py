@@ -164,7 +164,7 @@ class Playback:
     Each viewer has one of its own.
     """
 
-    stop = None
+    stop = filler = None
 
     def __init__(self, shift: Shift, name: str) -> None:
         self.shift = shift

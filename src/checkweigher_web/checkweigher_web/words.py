@@ -7,7 +7,7 @@ import math
 
 from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Statistics, Verdict
+from checkweigher_dsp.records import GRAMS, NANOSECONDS, FillerFeedback, Statistics, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_web.lane import Item
 
@@ -41,8 +41,10 @@ def about(item: Item) -> str:
     return ', '.join(parts)
 
 
-def production(statistics: Statistics | None) -> list[tuple[str, str]]:
-    """Return the counts of product and batch by name."""
+def production(
+    statistics: Statistics | None, filler: FillerFeedback | None
+) -> list[tuple[str, str]]:
+    """Return the counts of product and batch by name, and the correction of the filler."""
     if statistics is None:
         return [('', 'no statistics: the node product does not run')]
     known = statistics
@@ -55,8 +57,15 @@ def production(statistics: Statistics | None) -> list[tuple[str, str]]:
         ('mean g', grams(known.mean)), ('std dev g', grams(known.std_dev)),
         ('giveaway g', grams(known.giveaway)),
         ('below TU1', str(known.below_tu1)), ('below TU2', str(known.below_tu2)),
-        ('items/min', number(known.throughput, 1)),
+        ('items/min', number(known.throughput, 1)), *_correction(known, filler),
     ]  # fmt: skip
+
+
+def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[str, str]]:
+    if filler is None or filler.product != known.product:  # of the product before
+        return []
+    text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
+    return [('filler correction g', f'{text}; limited' if filler.limited else text)]
 
 
 def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:

@@ -12,7 +12,10 @@ import yaml
 
 from checkweigher_dsp.production.audit_log import read_log
 
-RECIPE = {'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True}
+RECIPE = {
+    'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True,
+    'filler': {'max_correction': 0.004, 'subgroup': 2},
+}  # fmt: skip
 VALUES = {'driver': {'simulator.masses': [0.152]}}
 
 
@@ -32,6 +35,8 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna.close()
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
+        # 152 g, 2 g too much: each step goes down.
+        anna.until(lambda: 'filler correction g -' in ' '.join(anna.text('.production').split()))
         for batch in ('L 1/2', 'L2'):
             anna.open('New batch')
             anna.fill('Batch', batch)

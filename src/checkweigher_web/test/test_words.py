@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.production.statistics import ProductionStatistics
-from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_dsp.records import Decision, FillerFeedback, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_web.words import batch_rules
+from checkweigher_web.words import batch_rules, production
 
 PLAIN = Product('crisps', 0.150, tu1=0.14325, tu2=0.1365)
 RULED = replace(PLAIN, tu1_quota=0.025, mean_value=True)
@@ -66,3 +66,14 @@ def test_counts_of_another_batch_are_none_of_this_one():
     assert found[0] == ('mean at least nominal', 'nothing accepted yet')
     assert batch_rules(None, None) == []
     assert batch_rules(ProductionStatistics().summary(), None) == []
+
+
+def test_the_correction_of_the_filler_is_shown_for_the_product_that_it_is_of():
+    statistics = ProductionStatistics(PLAIN).summary('L1')
+    told = FillerFeedback(1, 'crisps', 10, 10, 0.150, 0.147, 0.0015, 0.0025)
+    name = 'filler correction g'
+    assert dict(production(statistics, told))[name] == '+2.500, at a median of 147.000'
+    limited = replace(told, correction=-0.004, limited=True)
+    assert dict(production(statistics, limited))[name] == '-4.000, at a median of 147.000; limited'
+    assert name not in dict(production(statistics, None))
+    assert name not in dict(production(statistics, replace(told, product='nuts')))

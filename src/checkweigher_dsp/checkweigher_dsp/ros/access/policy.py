@@ -35,7 +35,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'segmenter': (ports.DIAGNOSTICS,),  # of clocks, where its stamps come from two hosts
     'page_results': (
         ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
-        ports.VERDICT, ports.STATISTICS, ports.STOP_REQUEST,
+        ports.VERDICT, ports.STATISTICS, ports.FILLER_FEEDBACK, ports.STOP_REQUEST,
     ),
     'page_signals': (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW),
     PAGE_WORK: (ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS, ports.PERFORMANCE_TEST),
