@@ -44,11 +44,15 @@ class Cluster:
 
 @contextmanager
 def cluster(
-    folder: Path, workers: int, environment: Mapping[str, str] | None = None
+    folder: Path,
+    workers: int,
+    environment: Mapping[str, str] | None = None,
+    nannies: bool = False,
 ) -> Iterator[Cluster]:
     """Have a cluster with so many workers, of one thread each, until the block ends.
 
-    The first worker has further variables of `environment`.
+    The first worker has further variables of `environment`. With `nannies` those that die are
+    started again, as they are for a user by default.
     """
     file = folder / 'scheduler.json'
     with ExitStack() as stack:
@@ -58,7 +62,8 @@ def cluster(
         for number in range(workers):
             own = dict(environment or {}) if number == 0 else {}
             _start(stack, folder, 'worker', '--scheduler-file', file, '--nthreads', '1',
-                   '--no-nanny', '--local-directory', folder, environment=own)  # fmt: skip
+                   '--nanny' if nannies else '--no-nanny', '--local-directory', folder,
+                   environment=own)  # fmt: skip
         client = distributed.Client(scheduler_file=str(file), set_as_default=False)
         stack.callback(client.close, timeout=PATIENCE)
         client.wait_for_workers(workers, timeout=PATIENCE)

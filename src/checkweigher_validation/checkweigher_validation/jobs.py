@@ -1,11 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Independent jobs side by side, by joblib.
+"""Independent jobs side by side: by joblib on this machine, or on the workers of a cluster.
 
-In a ``joblib.parallel_config`` block the same jobs run on the backend that it names.
+In a ``joblib.parallel_config`` block the same jobs run on the backend that it names, in an
+`on_cluster` block on that cluster.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager
 from multiprocessing import resource_tracker
@@ -19,9 +20,9 @@ from joblib import Parallel, delayed, effective_n_jobs
 
 from checkweigher_dsp.parent_process import end_with_parent
 from checkweigher_recording.progress import with_progress
+from checkweigher_validation.cluster import WorkerLostError, active_cluster
 
 ALL_CORES = -1  # as joblib takes it
-_MOST_LOSSES = 3  # of processes, one after the other
 
 # All cores have a worker: more threads of a matrix library only stand in each other's way. The
 # parameter of joblib for it, inner_max_num_threads, would tie the jobs to one backend.
@@ -32,14 +33,6 @@ _ENVIRONMENT = {
     # Its tracker cleans up after killed workers without a warning.
     'PYTHONWARNINGS': 'ignore::UserWarning:joblib.externals.loky.backend.resource_tracker',
 }
-
-
-class WorkerLostError(ValueError):
-    """A process that died at its work."""
-
-
-class ClusterLostError(ValueError):
-    """A cluster that has ended, or cannot be reached any more."""
 
 
 def run_jobs(
@@ -62,12 +55,23 @@ def run_jobs(
     Raises
     ------
     WorkerLostError
-        If a process was killed.
+        If a process was killed; on a cluster, if Dask gave up a call since it killed several.
     ClusterLostError
-        If the jobs were done by a cluster, and it has ended.
+        If the jobs were done by a cluster, and it was lost.
     """
-    with closing(_results(calls, n_jobs, 'generator')) as results:
-        return list(with_progress(results, doing, len(calls), unit=unit))
+    numbered = dict(enumerate(calls))
+    cluster = active_cluster()
+    results = _here(numbered, n_jobs) if cluster is None else cluster.results(numbered)
+    with closing(results):
+        found = dict(with_progress(_none_lost(results), doing, len(calls), unit=unit))
+    return [found[number] for number in numbered]
+
+
+def _none_lost(results: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+    for number, result in results:
+        if isinstance(result, WorkerLostError):
+            raise result
+        yield number, result
 
 
 def jobs_as_done(
@@ -75,27 +79,39 @@ def jobs_as_done(
 ) -> Generator[tuple[int, Any], None, None]:
     """Make independent calls; yield the number and the result of each as soon as it is done.
 
-    A call whose process is killed is made again. The parameters are those of `run_jobs`.
+    The result of a call that kills its process is a `WorkerLostError`; the others are made. The
+    parameters are those of `run_jobs`.
 
     Raises
     ------
-    WorkerLostError
-        If processes are killed again and again, and no call is done in between.
+    ClusterLostError
+        If the jobs were done by a cluster, and it was lost.
     """
     left = dict(enumerate(calls))
-    losses = 0
+    if (cluster := active_cluster()) is not None:
+        yield from cluster.results(left)
+        return
     while left:
-        numbered = [delayed(_numbered)(number, call) for number, call in left.items()]
+        begun: set[int] = set()
         try:
-            with closing(_results(numbered, n_jobs, 'generator_unordered')) as results:
+            with closing(_here(left, n_jobs, begun)) as results:
                 for number, result in results:
                     del left[number]
-                    losses = 0
                     yield number, result
         except WorkerLostError:
-            losses += 1
-            if losses == _MOST_LOSSES:
-                raise
+            # Any of those that were begun may have done it: each has a process of its own now.
+            for number in sorted(begun.intersection(left)):
+                yield number, _alone(left.pop(number))
+
+
+def _alone(call: Any) -> Any:
+    """Return the result of a call in another process, a WorkerLostError if that is killed."""
+    try:
+        with closing(_here({0: call}, 2, at_least=2)) as results:
+            ((_, result),) = results
+    except WorkerLostError:
+        return WorkerLostError('its process was killed, perhaps for lack of memory')
+    return result
 
 
 def _numbered(number: int, call: Any) -> tuple[int, Any]:
@@ -103,47 +119,42 @@ def _numbered(number: int, call: Any) -> tuple[int, Any]:
     return number, function(*positional, **named)
 
 
-def _results(calls: Sequence[Any], n_jobs: int | None, order: str) -> Generator[Any, None, None]:
-    """Yield the results of calls as joblib returns them."""
-    n_jobs = min(effective_n_jobs(n_jobs), max(len(calls), 1))
+def _here(
+    calls: Mapping[int, Any], n_jobs: int | None, begun: set[int] | None = None, at_least: int = 1
+) -> Generator[tuple[int, Any], None, None]:
+    """Yield numbers and results of calls on this machine as they are done.
+
+    The numbers of calls that are handed out are added to `begun`. Of one process, joblib makes the
+    calls in this one: `at_least` two makes another for a single call.
+    """
+    handed_out = set() if begun is None else begun
+
+    def numbered() -> Iterator[Any]:
+        for number, call in list(calls.items()):  # the caller may drop those that are done
+            handed_out.add(number)
+            yield delayed(_numbered)(number, call)
+
+    n_jobs = min(effective_n_jobs(n_jobs), max(len(calls), at_least))
     with (
         _worker_environment(),
         _silent_end(),
         Parallel(
             n_jobs=n_jobs,
-            return_as=order,
+            return_as='generator_unordered',
             initializer=end_with_parent,
             initargs=(os.getpid(),),
         ) as parallel,  # fmt: skip
         ExitStack() as at_the_end,
     ):
-        with _interrupts_held_back():
-            results = parallel(calls)
-            at_the_end.callback(_end, results)
         try:
+            with _interrupts_held_back():
+                results = parallel(numbered())
+                at_the_end.callback(_end, results)
             yield from results
         except BrokenExecutor:
             raise WorkerLostError(
                 'a worker process was killed, perhaps for lack of memory; try with --jobs 1'
             ) from None
-        except Exception as error:
-            lost = _lost_in_cluster(error)
-            if lost is None:
-                raise
-            raise lost from None
-
-
-def _lost_in_cluster(error: Exception) -> ValueError | None:
-    """Return the one line for an error of dask.distributed itself, which need not be installed."""
-    kind = type(error)
-    if not kind.__module__.startswith('distributed.'):
-        return None
-    if kind.__name__ == 'KilledWorker':  # several, one after the other
-        return WorkerLostError(
-            'workers of the cluster were killed, perhaps for lack of memory; see their logs'
-        )
-    text = ' '.join(str(error).split()) or kind.__name__
-    return ClusterLostError(f'the cluster was lost: {text}')
 
 
 def _end(results: Generator[Any]) -> None:

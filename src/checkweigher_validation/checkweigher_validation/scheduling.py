@@ -8,7 +8,7 @@ import logging
 from typing import Any
 import warnings
 
-from joblib import parallel_config
+from checkweigher_validation.cluster import Cluster, on_cluster
 
 LOCAL = 'local'
 _PATIENCE = 10.0  # s, for scheduler and workers to answer
@@ -54,16 +54,8 @@ def on_scheduler(
             lines = '; '.join(refused.values()) or 'it has no worker; start "dask worker" there'
             raise SchedulerError(f'{address}: {lines}')
         # Only where some are refused: a worker that is started again has another address.
-        only = {'workers': workers} if refused else {}
-        with parallel_config(backend='dask', client=client, **only) as config:
-            _force_cluster(config['backend'])
+        with on_cluster(Cluster(client, workers if refused else None)):
             yield list(refused.values())
-
-
-def _force_cluster(backend: Any) -> None:
-    """Have joblib use a cluster of one worker, too: a single job at a time it makes here."""
-    number_of = backend.effective_n_jobs
-    backend.effective_n_jobs = lambda n_jobs: max(2, number_of(n_jobs))
 
 
 @contextmanager

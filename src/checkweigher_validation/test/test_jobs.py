@@ -16,7 +16,8 @@ from joblib import delayed, parallel_config
 import pytest
 
 from checkweigher_recording import progress
-from checkweigher_validation.jobs import WorkerLostError, jobs_as_done, run_jobs
+from checkweigher_validation.cluster import WorkerLostError
+from checkweigher_validation.jobs import jobs_as_done, run_jobs
 
 PATIENCE = 60.0  # s, for processes to come up on a busy machine
 
@@ -136,13 +137,23 @@ if not pathlib.Path({path!r}).exists():
 """
 
 
-def test_the_calls_of_a_worker_that_is_killed_are_made_again(tmp_path: Path):
+@pytest.mark.parametrize('others', [1, 40])
+def test_the_calls_of_a_worker_that_is_killed_are_made_again(tmp_path: Path, others: int):
     script = DIES_ONCE.format(path=str(tmp_path / 'died'))
-    calls = [delayed(operator.neg)(1), delayed(exec)(script), delayed(operator.neg)(2)]
-    assert sorted(jobs_as_done(calls, 2)) == [(0, -1), (1, None), (2, -2)]
+    calls = [delayed(operator.neg)(1), delayed(exec)(script), *[delayed(operator.neg)(2)] * others]
+    assert sorted(jobs_as_done(calls, 2)) == [(0, -1), (1, None)] + [
+        (2 + number, -2) for number in range(others)
+    ]
     assert (tmp_path / 'died').exists()
 
 
-def test_a_call_that_kills_each_worker_is_given_up():
-    with pytest.raises(WorkerLostError, match='a worker process was killed'):
-        list(jobs_as_done([delayed(os._exit)(9), delayed(os._exit)(9)], 2))
+@pytest.mark.parametrize('others', [0, 2, 40])
+def test_a_call_that_kills_each_process_is_named_and_the_others_are_made(others: int):
+    calls = [delayed(os._exit)(9), *[delayed(operator.neg)(2)] * others, delayed(os._exit)(9)]
+
+    done = dict(jobs_as_done(calls, 2))
+
+    assert sorted(done) == list(range(len(calls)))
+    for number in (0, len(calls) - 1):
+        assert isinstance(done.pop(number), WorkerLostError)
+    assert list(done.values()) == [-2] * others

@@ -3,7 +3,9 @@
 """Many bags on a Dask cluster of real processes: the bits of one machine, also where one dies."""
 
 from collections.abc import Iterator
+import csv
 import hashlib
+import operator
 import os
 from pathlib import Path
 import shutil
@@ -13,13 +15,16 @@ import threading
 import time
 
 from cluster import Cluster, cluster
+from deadly_bags import deadly_environment
 from joblib import delayed
 from lines import simulated
 import pytest
 from running import BAGS, PATIENCE, run_command
 
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_validation.jobs import run_jobs
+from checkweigher_validation import cluster as on_workers
+from checkweigher_validation.cluster import ClusterLostError, WorkerLostError
+from checkweigher_validation.jobs import jobs_as_done, run_jobs
 from checkweigher_validation.scheduling import on_scheduler
 
 
@@ -216,3 +221,51 @@ def test_a_cluster_of_one_worker_does_the_work_itself(tmp_path: Path):
     assert refused == []
     assert len(set(done)) == 1
     assert os.getpid() not in done
+
+
+@pytest.fixture(scope='module')
+def deadly(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """Have a worker that dies at each bag with the name deadly, and is started again."""
+    folder = tmp_path_factory.mktemp('deadly')
+    with cluster(folder, 1, deadly_environment(folder), nannies=True) as found:
+        yield found
+
+
+def test_a_bag_that_kills_its_workers_is_a_row_of_the_summary(deadly: Cluster, tmp_path: Path):
+    bags = make_bags(tmp_path / 'bags', 4, 5)
+    (bags / 'shift01').rename(bags / 'deadly')
+    results = tmp_path / 'results'
+
+    done = run_command('weigh', bags, '--output', results, '--scheduler', deadly.address)
+
+    assert done.stderr.splitlines() == [
+        f'{bags}/deadly: not weighed: workers of the cluster were killed at it one after the '
+        'other, perhaps for lack of memory; see their logs; passed over'
+    ]
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1].endswith('15 items, 1 bag passed over')
+    with (results / 'summary.csv').open(newline='') as file:
+        broken = {Path(row['bag']).name: bool(row['problem']) for row in csv.DictReader(file)}
+    assert broken == {'deadly': True, 'shift00': False, 'shift02': False, 'shift03': False}
+
+
+def test_a_job_that_keeps_killing_workers_is_lost_and_no_other(deadly: Cluster):
+    calls = [delayed(operator.neg)(1), delayed(os._exit)(9), delayed(operator.neg)(2)]
+    with on_scheduler(deadly.address, os.getpid, lambda _: ''):
+        done = dict(jobs_as_done(calls))
+        with pytest.raises(WorkerLostError, match='killed at it one after the other'):
+            run_jobs([delayed(os._exit)(9)])
+        assert run_jobs([calls[0], calls[2]]) == [-1, -2]
+    assert isinstance(done.pop(1), WorkerLostError)
+    assert done == {0: -1, 2: -2}
+
+
+def test_a_cluster_without_a_worker_left_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(on_workers, '_LOOK', 0.1)
+    monkeypatch.setattr(on_workers, '_PATIENCE', 1.0)
+    with (
+        cluster(tmp_path, 1) as found,
+        on_scheduler(found.address, os.getpid, lambda _: ''),
+        pytest.raises(ClusterLostError, match='has had no worker for 1 s'),
+    ):
+        list(jobs_as_done([delayed(os._exit)(9), delayed(operator.neg)(2)]))

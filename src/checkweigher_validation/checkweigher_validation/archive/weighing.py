@@ -3,7 +3,8 @@
 """The job of one bag: its results, from a bag and parameters, wherever it is done."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 import hashlib
 import json
@@ -11,6 +12,8 @@ import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 import traceback
+
+from joblib import delayed
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.printable import one_line
@@ -29,6 +32,8 @@ from checkweigher_validation.archive.results_file import (
     finish,
     write_results_file,
 )
+from checkweigher_validation.cluster import WorkerLostError
+from checkweigher_validation.jobs import jobs_as_done
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class WeighJob:
 
 @dataclass(frozen=True)
 class Weighed:
-    """What became of a job, and on which machine.
+    """What became of a job, and on which machine; empty where nothing came back from it.
 
     `file` is the Parquet file, None if the results that are known are still those of the bag, or if
     there is a `problem`, in one line.
@@ -95,6 +100,27 @@ def weigh_bag(job: WeighJob) -> Weighed:
             f'{Path(place.filename).name}; report this with the bag'
         )
     return Weighed(job.bag, host(), problem=one_line(problem))
+
+
+def weigh_bags(
+    jobs: Sequence[WeighJob], n_jobs: int | None = None
+) -> Generator[Weighed, None, None]:
+    """Weigh bags by processes, as `run_jobs` has them; yield what became of each as it is done.
+
+    A bag that kills its process has a problem; the others are weighed.
+
+    Raises
+    ------
+    ClusterLostError
+        If the jobs were done by a cluster, and it was lost.
+    """
+    with closing(jobs_as_done([delayed(weigh_bag)(job) for job in jobs], n_jobs)) as done:
+        for number, found in done:
+            if isinstance(found, WorkerLostError):
+                bag = jobs[number].bag
+                yield Weighed(bag, '', problem=one_line(f'{bag}: not weighed: {found}'))
+            else:
+                yield found
 
 
 def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:

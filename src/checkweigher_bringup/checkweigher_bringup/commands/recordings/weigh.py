@@ -76,14 +76,11 @@ def _weigh_one(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
 
 def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
     """Weigh any number of bags and write the results of each; 1 if a bag was passed over."""
-    from joblib import delayed
-
     from checkweigher_bringup.settings import on_scheduler_of, places_of
     from checkweigher_recording.archive.finding import find_bags
     from checkweigher_validation.archive.program import program
     from checkweigher_validation.archive.results_folder import ResultsFolder
-    from checkweigher_validation.archive.weighing import WeighJob, weigh_bag
-    from checkweigher_validation.jobs import jobs_as_done
+    from checkweigher_validation.archive.weighing import WeighJob, weigh_bags
 
     if arguments.csv is not None:
         raise UserError('--csv: of one bag; --output DIR has the results of all')
@@ -91,9 +88,8 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
     jobs = [WeighJob(bag, parameters, arguments.lane, program()) for bag in bags]
     with on_scheduler_of(arguments) as n_jobs:
         results = ResultsFolder(arguments.output, jobs)
-        calls = [delayed(weigh_bag)(job) for job in results.jobs]
-        with closing(jobs_as_done(calls, n_jobs)) as done:
-            for _, found in done:
+        with closing(weigh_bags(results.jobs, n_jobs)) as done:
+            for found in done:
                 _tell(results.take(found), results.progress, arguments.scheduler)
     said = results.close()
     print(f'{arguments.output}: {said}')
@@ -105,7 +101,8 @@ def _tell(weighed: 'Weighed', progress: str, scheduler: str) -> None:
     lines = weighed.summary.notes if weighed.summary else ()
     said = [f'{weighed.bag}: {line}' for line in lines]
     if weighed.problem:
-        where = '' if scheduler == 'local' else f'on worker {weighed.host}: '
+        known = scheduler != 'local' and weighed.host
+        where = f'on worker {weighed.host}: ' if known else ''
         said = [f'{where}{weighed.problem}; passed over']
     for line in said:
         print(one_line(line), file=sys.stderr, flush=True)

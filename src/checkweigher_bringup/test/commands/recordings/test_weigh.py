@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 
+from deadly_bags import deadly_environment
 from lines import simulated
 from processes import children
 import pyarrow.parquet as pq
@@ -166,6 +167,26 @@ def test_a_process_that_is_killed_costs_time_only(tmp_path: Path):
     assert (process.returncode, errors) == (0, '')
     assert said.splitlines()[-1] == f'{results}: 12 bags, 0.27 h of signal, {12 * 120} items'
     assert len(files_of(results)) == 12
+
+
+def test_a_bag_that_kills_its_process_is_a_row_of_the_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    bags, results = many_bags(tmp_path / 'bags', 8), tmp_path / 'results'
+    (bags / 'shift02').rename(bags / 'deadly')
+    for name, value in deadly_environment(tmp_path).items():
+        monkeypatch.setenv(name, value)
+
+    done = run_command('weigh', bags, '--output', results, '--jobs', '2')
+
+    assert done.stderr.splitlines() == [
+        f'{bags}/deadly: not weighed: its process was killed, perhaps for lack of memory; '
+        'passed over'
+    ]
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[-1].endswith(f'{7 * 120} items, 1 bag passed over')
+    assert len(files_of(results)) == 7
+    assert [row['bag'] for row in summary_of(results) if row['problem']] == [f'{bags}/deadly']
 
 
 def busy(pid: int) -> int:
