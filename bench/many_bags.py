@@ -57,7 +57,7 @@ def job_and_rest(bags: Path, output: Path) -> tuple[float, float]:
     found = [weigh_bag(job) for job in jobs[:4]]
     job = (time.process_time() - begin) / len(found)
     begin = time.process_time()
-    folder = ResultsFolder(output, jobs[:4])
+    folder = ResultsFolder(output, {Path(job.bag).name: job for job in jobs[:4]})
     for each in found:
         folder.take(each)
     folder.close()

@@ -3,7 +3,7 @@
 """Options that several commands check, and the parameters of the line that they name."""
 
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import math
 import os
@@ -77,7 +77,7 @@ def check_namespace(name: str) -> str:
     return name
 
 
-def places_of(arguments: Namespace, bags: Sequence[str]) -> list[str]:
+def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
     """Return bags as the workers of `--scheduler` find them, which may run in another folder."""
     if arguments.scheduler == LOCAL:
         return list(bags)

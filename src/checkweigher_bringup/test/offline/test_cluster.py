@@ -103,7 +103,7 @@ def test_a_worker_without_access_to_a_bag_says_so(running: Cluster, tmp_path: Pa
     ]
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
-    assert list(digests(tmp_path / 'results')) == ['paper_90.parquet']
+    assert list(digests(tmp_path / 'results')) == ['bags/paper_90.parquet']
 
 
 def test_tuning_on_a_cluster_gives_the_same_file(running: Cluster, tmp_path: Path):

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags of object stores and other places that fsspec reaches: copied here while they are read."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from http import HTTPStatus
 from pathlib import Path, PurePosixPath
 import shutil
 from tempfile import TemporaryDirectory
@@ -19,6 +20,11 @@ _PIECE = 1 << 20  # bytes
 def is_url(place: str) -> bool:
     """Tell whether a place is a URL, and not a path of this machine."""
     return '://' in place
+
+
+def holds_bag(names: Iterable[str]) -> bool:
+    """Tell whether a folder with files of these names is a bag."""
+    return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)
 
 
 @contextmanager
@@ -61,7 +67,10 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
-            text = 'there is no such file or folder'
+            # For http whatever went wrong is a file that was not found.
+            cause = ' '.join(str(error.__cause__ or '').split())
+            missing = not cause or getattr(error.__cause__, 'status', None) == HTTPStatus.NOT_FOUND
+            text = 'there is no such file or folder' if missing else cause
         raise BagError(f'{url}: cannot be read: {text}') from None
 
 
@@ -73,6 +82,8 @@ def _copy(store: Any, path: str, copy: Path) -> None:
     entries = [each for each in store.ls(path.rstrip('/'), detail=True) if each['type'] == 'file']
     if not entries:
         raise FileNotFoundError(path)
+    if not holds_bag(PurePosixPath(str(entry['name'])).name for entry in entries):
+        raise BagError(f'{path}: no bag in this folder')
     if len(entries) > _MOST_FILES:
         raise BagError(f'{path}: has more than {_MOST_FILES} files; it is no bag')
     copy.mkdir()

@@ -6,6 +6,7 @@ import hashlib
 from pathlib import Path
 
 from checkweigher_dsp.input_files import open_input
+from checkweigher_recording.archive.copying import holds_bag
 from checkweigher_recording.bags.bounds import LARGEST_FILE
 from checkweigher_recording.bags.definitions import BagError
 
@@ -27,6 +28,8 @@ def bag_digest(path: Path) -> str:
         raise BagError(f'{path}: there is no such file or folder')
     try:
         files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else []
+        if path.is_dir() and not holds_bag(file.name for file in files):
+            raise BagError(f'{path}: no bag in this folder')
         for file in files or [path]:
             if files:
                 digest.update(f'{file.name}\n{file.stat().st_size}\n'.encode())

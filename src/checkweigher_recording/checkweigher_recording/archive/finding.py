@@ -2,52 +2,76 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bags in folders, on this machine or in an object store."""
 
-from collections.abc import Iterable, Iterator
-from itertools import takewhile
+from collections.abc import Iterable, Iterator, Mapping
 import os
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from checkweigher_recording.archive.copying import is_url, store_errors
+from checkweigher_recording.archive.copying import holds_bag, is_url, store_errors
 from checkweigher_recording.bags.definitions import BagError
 
 _SUFFIXES = ('.mcap', '.db3')
 _DEEPEST = 20  # folders in each other
 
 
-def find_bags(places: Iterable[str]) -> list[str]:
-    """Return bags and the bags in folders, each once, in the order of their places and names.
+def find_bags(places: Iterable[str]) -> dict[str, str]:
+    """Return bags and the bags in folders, each with the place that it was found in.
 
-    A place is a path or a URL of fsspec. A bag is a file ``.mcap`` or ``.db3``, or a folder with
-    one, or with ``metadata.yaml``; what is no bag is returned as it is if it is no folder, so that
-    reading it says what is wrong. Folders whose names begin with a point are passed over.
+    Each is there once, however it is spelled, in the order of their places and names. A place is a
+    path or a URL of fsspec. A bag is a file ``.mcap`` or ``.db3``, or a folder with one, or with
+    ``metadata.yaml``. What is no bag, or cannot be listed, is returned as it is, so that reading it
+    says what is wrong: it must not take the others with it. Folders whose names begin with a point
+    are passed over.
 
     Raises
     ------
     BagError
-        If there is no bag in a folder, or a place of an object store cannot be listed.
+        If there is no place but folders without a bag, or that cannot be listed.
     """
-    found: dict[str, None] = {}
+    found: dict[str, str] = {}
+    seen: set[str] = set()
+    without: list[BagError] = []
+    places = list(places)
     for place in places:
-        bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
-        if not bags:
-            raise BagError(f'{place}: no bag in this folder')
-        found.update(dict.fromkeys(bags))
-    return list(found)
+        try:
+            bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
+            if not bags:
+                raise BagError(f'{place}: no bag in this folder')
+        except (BagError, OSError) as error:
+            if isinstance(error, OSError):
+                error = BagError(f'{place}: cannot be read: {error.strerror or error}')
+            without.append(error)
+            bags = [place]
+        for bag in bags:
+            if (same := _spelled_out(bag)) not in seen:
+                seen.add(same)
+                found[bag] = place
+    if without and len(without) == len(places):
+        raise without[0]
+    return found
 
 
-def result_names(bags: Iterable[str]) -> dict[str, str]:
-    """Return a name for the results of each bag: its place below the folder that all share.
+def result_names(found: Mapping[str, str]) -> dict[str, str]:
+    """Return a name for the results of each bag of `find_bags`: its place there, and below that.
 
-    The parts of a name are separated by slashes; no two are the same.
+    A place has its own name, and folders above it only as far as bags of several places would have
+    the same name. So names stay when bags are added. The parts of a name are separated by slashes;
+    no two are the same.
     """
-    parts = {bag: _parts(bag) for bag in bags}
-    alike = takewhile(
-        lambda names: len(set(names)) == 1,
-        zip(*(each[:-1] for each in parts.values()), strict=False),
-    )
-    shared = sum(1 for _ in alike)
-    return {bag: '/'.join(each[shared:]) for bag, each in parts.items()}
+    parts = {bag: _parts(bag) for bag in found}
+    above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}
+    names: dict[str, str] = {}
+    for more in range(max(above.values(), default=0) + 1):
+        names = {bag: '/'.join(parts[bag][max(above[bag] - more, 0) :]) for bag in found}
+        if len(set(names.values())) == len(names):
+            return names
+    raise BagError('bags have the same place but for its spelling; weigh them one by one')
+
+
+def _spelled_out(bag: str) -> str:
+    """Return what is the same for all spellings of a bag on this machine."""
+    path = bag.removeprefix('file://')
+    return path if is_url(path) else os.path.realpath(path)
 
 
 def _parts(bag: str) -> tuple[str, ...]:
@@ -60,11 +84,11 @@ def _parts(bag: str) -> tuple[str, ...]:
 
 
 def _local_bags(place: Path) -> Iterator[str]:
-    if not place.is_dir() or _is_bag(os.listdir(place)):
+    if not place.is_dir() or holds_bag(os.listdir(place)):
         yield str(place)
         return
     for folder, names, files in os.walk(place):
-        if _is_bag(files):
+        if holds_bag(files):
             yield folder
             names.clear()
             continue
@@ -84,7 +108,7 @@ def _stored_bags(url: str) -> Iterator[str]:
 def _listed(store: Any, path: str, deepest: int) -> Iterator[str]:
     entries = store.ls(path, detail=True)
     names = {PurePosixPath(entry['name']).name for entry in entries}
-    if _is_bag(names):
+    if holds_bag(names):
         yield path
         return
     for entry in sorted(entries, key=lambda entry: str(entry['name'])):
@@ -92,7 +116,3 @@ def _listed(store: Any, path: str, deepest: int) -> Iterator[str]:
         below = name.removeprefix(f'{path}/')
         if entry['type'] == 'directory' and deepest and below != name and below[:1] != '.':
             yield from _listed(store, name, deepest - 1)
-
-
-def _is_bag(names: Iterable[str]) -> bool:
-    return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)

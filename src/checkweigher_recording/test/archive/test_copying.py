@@ -72,7 +72,7 @@ def test_a_bag_is_found_copied_read_and_dropped(urls, archive, recording, same, 
 def test_a_single_file_is_a_bag(urls, recording, same, protocol):
     bag = f'{urls[protocol]}/may/shift1/line_0.mcap'
 
-    assert find_bags([bag]) == [bag]
+    assert list(find_bags([bag])) == [bag]
     with local_bag(bag) as copy:
         assert same(read_bag(copy), recording)
 
@@ -101,6 +101,27 @@ def test_a_store_that_cannot_be_reached_is_one_line(url, text):
         pass
     assert str(caught.value).startswith(url)
     assert '\n' not in str(caught.value)
+
+
+def test_a_web_server_that_is_not_there_is_not_a_file_that_is_missing(server):
+    url = 'http://127.0.0.1:1/may/line.mcap'
+    with pytest.raises(BagError, match=r'line\.mcap: .*: .*annot connect'), local_bag(url):
+        pass
+    url = f'{server}/may/line.mcap'
+    with pytest.raises(BagError, match='there is no such file or folder'), local_bag(url):
+        pass
+
+
+def test_a_folder_of_a_store_without_a_bag_is_not_copied(urls, archive, monkeypatch):
+    def copied(*_: object) -> None:
+        raise AssertionError('copied')
+
+    monkeypatch.setattr('checkweigher_recording.archive.copying._copy_file', copied)
+    (archive / 'notes').mkdir()
+    (archive / 'notes/today.txt').touch()
+    bag = f'{urls["http"]}/notes'
+    with pytest.raises(BagError, match='notes: no bag in this folder'), local_bag(bag):
+        pass
 
 
 def test_damage_is_told_of_the_url_and_not_of_the_copy(urls, archive):

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder with the results of many bags: a file per bag, and the summary of all."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 import csv
 from dataclasses import asdict, fields, replace
 from io import StringIO
 from pathlib import Path
 
-from checkweigher_recording.archive.finding import result_names
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 from checkweigher_validation.archive.results_file import BagSummary, read_origin
 from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
@@ -25,8 +24,9 @@ class ResultsFolder:
     path : Path
         Folder, which is made if need be; what is there of the same bags, parameters and program is
         kept.
-    jobs : sequence of WeighJob
-        All of them; `jobs` has them with the digests of the bags whose results are there.
+    jobs : mapping of WeighJob
+        All of them, by the names of their results; `jobs` has them with the digests of the bags
+        whose results are there.
 
     Raises
     ------
@@ -34,9 +34,9 @@ class ResultsFolder:
         If the folder cannot be made or written to.
     """
 
-    def __init__(self, path: Path, jobs: Sequence[WeighJob]) -> None:
+    def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:
         self._path = path
-        self._names = result_names(job.bag for job in jobs)
+        self._names = {job.bag: name for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
         try:
             path.mkdir(exist_ok=True)
@@ -44,7 +44,7 @@ class ResultsFolder:
             raise output_error(path, error) from None
         check_folder_of(path / SUMMARY)
         self.kept = self.broken = 0
-        self.jobs = [replace(job, known=self._known(job)) for job in jobs]
+        self.jobs = [replace(job, known=self._known(job)) for job in jobs.values()]
 
     def file_of(self, bag: str) -> Path:
         """Return the file with the results of a bag."""
@@ -61,6 +61,9 @@ class ResultsFolder:
     def take(self, weighed: Weighed) -> Weighed:
         """Write the results of a bag; return what became of it, with the summary of those kept.
 
+        Results that are there of a bag that is broken now are removed; where the bag was out of
+        reach they stay.
+
         Raises
         ------
         OutputError
@@ -73,6 +76,11 @@ class ResultsFolder:
             except OSError as error:
                 raise output_error(file, error) from None
             write_whole(file, weighed.file)
+        elif weighed.broken:
+            try:
+                file.unlink(missing_ok=True)
+            except OSError as error:
+                raise output_error(file, error) from None
         elif not weighed.problem:
             found = read_origin(file)
             if found is None:

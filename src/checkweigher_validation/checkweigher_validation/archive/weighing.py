@@ -56,7 +56,8 @@ class Weighed:
     """What became of a job, and on which machine; empty where nothing came back from it.
 
     `file` is the Parquet file, None if the results that are known are still those of the bag, or if
-    there is a `problem`, in one line.
+    there is a `problem`, in one line. `broken` tells that the problem is of the bag as it is now,
+    and not that it, or what weighs it, was out of reach.
     """
 
     bag: str
@@ -64,6 +65,7 @@ class Weighed:
     summary: BagSummary | None = None
     file: bytes | None = None
     problem: str = ''
+    broken: bool = False
 
 
 def parameters_digest(parameters: LineParameters) -> str:
@@ -79,6 +81,7 @@ def origin_of(job: WeighJob, digest: str) -> Origin:
 
 def weigh_bag(job: WeighJob) -> Weighed:
     """Weigh a bag, in memory that does not grow with it; what is wrong is a line of the result."""
+    broken = False
     try:
         if other := other_program(program(), job.program):
             return Weighed(job.bag, host(), problem=f'{job.bag}: not weighed: {other}')
@@ -86,12 +89,13 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, host())
+            broken = True  # what goes wrong from here on, unless the machine is at fault
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, host(), summary, file)
     except BagError as error:
         problem = str(error)
     except (OSError, MemoryError) as error:
-        problem = f'{job.bag}: {error or "not enough memory for this"}'
+        problem, broken = f'{job.bag}: {error or "not enough memory for this"}', False
     # A bag that leads the program astray must not take the results of all others with it.
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -99,7 +103,7 @@ def weigh_bag(job: WeighJob) -> Weighed:
             f'{job.bag}: {type(error).__name__}: {error}, at line {place.lineno} of '
             f'{Path(place.filename).name}; report this with the bag'
         )
-    return Weighed(job.bag, host(), problem=one_line(problem))
+    return Weighed(job.bag, host(), problem=one_line(problem), broken=broken)
 
 
 def weigh_bags(

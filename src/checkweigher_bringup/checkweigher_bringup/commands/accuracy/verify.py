@@ -68,28 +68,27 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output is None:
         raise UserError('--output: must be given')
     from checkweigher_bringup.commissioning import verification
-    from checkweigher_recording.archive.finding import find_bags
+    from checkweigher_recording.archive.finding import find_bags, result_names
 
     if arguments.procedure is not None:
         bags = find_bags(arguments.procedure)
         if len(bags) > 1:
-            return _reports_of(bags, arguments)
+            return _reports_of(result_names(bags), arguments)
         (arguments.procedure,) = bags
     verdict = verification.verify(arguments)
     print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has every reading')
     return 0 if verdict == 'passed' else 1
 
 
-def _reports_of(bags: list[str], arguments: argparse.Namespace) -> int:
-    """Make the reports of any number of procedures again; 1 if one is not passed or not made."""
+def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
+    """Make the reports of bags again, each by its name; 1 if one is not passed or not made."""
     from checkweigher_bringup.commissioning import verification
-    from checkweigher_recording.archive.finding import result_names
     from checkweigher_recording.bags.definitions import BagError
     from checkweigher_recording.whole_file import check_new
 
     check_new(arguments.output)
     failed = 0
-    for number, (bag, name) in enumerate(result_names(bags).items(), start=1):
+    for number, (bag, name) in enumerate(bags.items(), start=1):
         folder = arguments.output / name
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)

@@ -47,14 +47,17 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     if arguments.output is not None:
         return _weigh_all(arguments, parameters)
-    if len(arguments.bags) > 1:
-        raise UserError('several bags: add --output DIR, for a file with the results of each')
+    from checkweigher_recording.archive.finding import find_bags
+
     if arguments.jobs is not None or arguments.scheduler != 'local':
         raise UserError('--jobs, --scheduler: of --output DIR; one bag is one job')
-    return _weigh_one(arguments, parameters)
+    bag, *others = find_bags(arguments.bags)
+    if others:
+        raise UserError('several bags: add --output DIR, for a file with the results of each')
+    return _weigh_one(bag, arguments, parameters)
 
 
-def _weigh_one(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
+def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
     """Weigh a bag and show each item."""
     from checkweigher_bringup.output import check_output_file
     from checkweigher_recording.archive.copying import local_bag
@@ -63,9 +66,9 @@ def _weigh_one(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
 
     check_output_file(arguments.csv, arguments.overwrite)
     # On the disk until the end of the bag has been read: it may show that nothing is to be used.
-    with _spool() as table, _spool() as rows, local_bag(arguments.bags[0]) as bag:
+    with _spool() as table, _spool() as rows, local_bag(bag) as path:
         work = partial(_weigh, parameters=parameters, table=table, rows=rows)
-        over_stretches(work, bag, arguments.lane, progress=True)
+        over_stretches(work, path, arguments.lane, progress=True)
         table.seek(0)
         rows.seek(0)
         if arguments.csv is not None:
@@ -77,15 +80,19 @@ def _weigh_one(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
 def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
     """Weigh any number of bags and write the results of each; 1 if a bag was passed over."""
     from checkweigher_bringup.settings import on_scheduler_of, places_of
-    from checkweigher_recording.archive.finding import find_bags
+    from checkweigher_recording.archive.finding import find_bags, result_names
     from checkweigher_validation.archive.program import program
     from checkweigher_validation.archive.results_folder import ResultsFolder
     from checkweigher_validation.archive.weighing import WeighJob, weigh_bags
 
     if arguments.csv is not None:
         raise UserError('--csv: of one bag; --output DIR has the results of all')
-    bags = places_of(arguments, find_bags(arguments.bags))
-    jobs = [WeighJob(bag, parameters, arguments.lane, program()) for bag in bags]
+    names = result_names(find_bags(arguments.bags))
+    bags = places_of(arguments, names)
+    jobs = {
+        name: WeighJob(bag, parameters, arguments.lane, program())
+        for name, bag in zip(names.values(), bags, strict=True)
+    }
     with on_scheduler_of(arguments) as n_jobs:
         results = ResultsFolder(arguments.output, jobs)
         with closing(weigh_bags(results.jobs, n_jobs)) as done:

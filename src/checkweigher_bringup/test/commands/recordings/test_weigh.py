@@ -53,11 +53,14 @@ def test_each_bag_has_a_file_with_the_rows_of_the_csv(archive: Path, tmp_path: P
     lines = done.stdout.splitlines()
     assert [line.partition(',')[0] for line in lines[:2]] == ['1 of 2 bags', '2 of 2 bags']
     assert lines[2] == f'{results}: 2 bags, 0.01 h of signal, 50 items'
-    assert list(files_of(results)) == ['june/paper_90.parquet', 'may/paper_60.parquet']
+    assert list(files_of(results)) == [
+        'archive/june/paper_90.parquet',
+        'archive/may/paper_60.parquet',
+    ]
     run_command('weigh', archive / 'may/paper_60', '--csv', tmp_path / 'one.csv')
     with (tmp_path / 'one.csv').open(newline='') as file:
         rows = list(csv.DictReader(file))
-    table = pq.read_table(results / 'may/paper_60.parquet')
+    table = pq.read_table(results / 'archive/may/paper_60.parquet')
     assert table.column_names == list(rows[0])
     assert [str(value) for value in table['t1'].to_pylist()] == [row['t1'] for row in rows]
     assert [f'{value:.9f}' for value in table['mass_g'].to_pylist()] == [
@@ -68,7 +71,7 @@ def test_each_bag_has_a_file_with_the_rows_of_the_csv(archive: Path, tmp_path: P
     assert (first['bag'], first['items'], first['accept']) == (
         str(archive / 'june/paper_90'), '25', '25'
     )  # fmt: skip
-    assert second['file'] == 'may/paper_60.parquet'
+    assert second['file'] == 'archive/may/paper_60.parquet'
 
 
 def test_what_is_there_is_kept_as_long_as_bag_and_parameters_are_the_same(
@@ -94,8 +97,8 @@ def test_what_is_there_is_kept_as_long_as_bag_and_parameters_are_the_same(
     changed = run_command(*words)
     assert changed.stdout.splitlines()[-1].endswith('50 items, 1 bag as before')
     after = files_of(tmp_path / 'results')
-    assert after['june/paper_90.parquet'] == before['june/paper_90.parquet']
-    assert after['may/paper_60.parquet'] != before['may/paper_60.parquet']
+    assert after['archive/june/paper_90.parquet'] == before['archive/june/paper_90.parquet']
+    assert after['archive/may/paper_60.parquet'] != before['archive/may/paper_60.parquet']
 
 
 def test_a_broken_bag_is_told_in_a_line_and_passed_over(archive: Path, tmp_path: Path):
@@ -109,11 +112,71 @@ def test_a_broken_bag_is_told_in_a_line_and_passed_over(archive: Path, tmp_path:
     assert line.endswith('; passed over')
     assert done.returncode == 1
     assert done.stdout.splitlines()[-1].endswith('25 items, 1 bag passed over')
-    assert list(files_of(tmp_path / 'results')) == ['june/paper_90.parquet']
+    assert list(files_of(tmp_path / 'results')) == ['archive/june/paper_90.parquet']
     good, bad = summary_of(tmp_path / 'results')
     assert (good['problem'], good['items']) == ('', '25')
     assert (bad['file'], bad['items']) == ('', '')
     assert 'cut off' in bad['problem']
+
+
+def test_a_place_without_bags_is_a_row_of_the_summary(archive: Path, tmp_path: Path):
+    (tmp_path / 'empty').mkdir()
+    url = 'http://127.0.0.1:1/plant'
+
+    done = run_command('weigh', tmp_path / 'empty', archive, url, '--output', tmp_path / 'results')
+
+    assert done.returncode == 1
+    empty, unreachable = sorted(done.stderr.splitlines())
+    assert empty == f'{tmp_path}/empty: no bag in this folder; passed over'
+    assert unreachable.startswith(f'{url}: cannot be read: Cannot connect')
+    assert done.stdout.splitlines()[-1].endswith('50 items, 2 bags passed over')
+    rows = summary_of(tmp_path / 'results')
+    assert [bool(row['problem']) for row in rows] == [True, False, False, True]
+
+
+def test_an_archive_that_grows_keeps_its_results(tmp_path: Path):
+    year, results = tmp_path / 'year', tmp_path / 'results'
+    shutil.copytree(BAGS / 'paper_30', year / '01/paper_30')
+    run_command('weigh', year, '--output', results)
+    shutil.copytree(BAGS / 'paper_60', year / '02/paper_60')
+
+    done = run_command('weigh', year, '--output', results)
+
+    assert done.stdout.splitlines()[-1].endswith('50 items, 1 bag as before')
+    assert list(files_of(results)) == ['year/01/paper_30.parquet', 'year/02/paper_60.parquet']
+
+
+def test_results_of_a_bag_that_is_broken_now_go_and_those_of_one_out_of_reach_stay(
+    archive: Path, tmp_path: Path
+):
+    words = ('weigh', archive / 'may/paper_60', archive / 'june/paper_90', '--output',
+             tmp_path / 'results')  # fmt: skip
+    run_command(*words)
+    assert list(files_of(tmp_path / 'results')) == ['paper_60.parquet', 'paper_90.parquet']
+    broken = archive / 'may/paper_60/line_0.mcap'
+    broken.write_bytes(broken.read_bytes()[:-100])
+    (archive / 'june/paper_90').rename(archive / 'june/elsewhere')
+
+    done = run_command(*words)
+
+    assert done.stdout.splitlines()[-1].endswith('0 items, 2 bags passed over')
+    assert list(files_of(tmp_path / 'results')) == ['paper_90.parquet']
+
+
+def test_a_folder_with_one_bag_is_weighed_as_the_bag(archive: Path):
+    one, folder = (run_command('weigh', archive / name) for name in ('may/paper_60', 'may'))
+    assert (folder.returncode, folder.stderr) == (0, '')
+    assert folder.stdout == one.stdout
+
+
+def test_spellings_of_a_bag_are_one_bag(archive: Path, tmp_path: Path):
+    (tmp_path / 'link').symlink_to(archive / 'may/paper_60')
+    done = run_command(
+        'weigh', os.path.relpath(archive), archive / 'may/paper_60', tmp_path / 'link', '--output',
+        tmp_path / 'results',
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, '')
+    assert ': 2 bags, ' in done.stdout.splitlines()[-1]
 
 
 def many_bags(folder: Path, count: int) -> Path:
@@ -145,7 +208,7 @@ def test_what_was_broken_off_is_resumed(tmp_path: Path):
     assert (process.returncode, errors) == (130, '')
     there = files_of(results)
     assert 0 < len(there) < 12
-    assert all(name.startswith('shift') for name in os.listdir(results))
+    assert all(name.startswith('shift') for name in os.listdir(results / 'bags'))
 
     done = run_command('weigh', bags, '--output', results)
 
@@ -211,8 +274,10 @@ def test_bags_of_a_web_server_have_the_same_bits(archive: Path, tmp_path: Path):
         server.shutdown()
 
     assert (done.returncode, done.stderr) == (0, '')
-    assert files_of(tmp_path / 'there') == files_of(tmp_path / 'here')
-    assert len(files_of(tmp_path / 'there')) == 2
+    here, there = files_of(tmp_path / 'here'), files_of(tmp_path / 'there')
+    assert list(there.values()) == list(here.values())
+    assert list(there) == [name.replace('archive', url.rpartition('/')[2]) for name in here]
+    assert len(there) == 2
     assert one.stdout == run_command('weigh', archive / 'may/paper_60').stdout
     assert none.stderr.startswith(f'checkweigher weigh: {url}/july: cannot be read: ')
     assert (none.returncode, len(none.stderr.splitlines())) == (2, 1)
@@ -221,7 +286,9 @@ def test_bags_of_a_web_server_have_the_same_bits(archive: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ('words', 'text'),
     [
-        (['bags', 'bags'], 'several bags: add --output DIR'),
+        (['bag', 'none'], 'several bags: add --output DIR'),
+        (['folder'], 'several bags: add --output DIR'),
+        (['empty'], 'empty: no bag in this folder'),
         (['bag', '--jobs', '2'], '--jobs, --scheduler: of --output DIR'),
         (['bag', '--csv', 'x.csv', '--output', 'results'], '--csv: of one bag'),
         (['empty', '--output', 'results'], 'empty: no bag in this folder'),
@@ -235,8 +302,10 @@ def test_what_cannot_be_done_is_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'bag').symlink_to(BAGS / 'paper_60')
-    (tmp_path / 'empty').mkdir()
-    (tmp_path / 'file').touch()
+    for name in ('empty', 'folder/one', 'folder/two'):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ('file', 'folder/one/metadata.yaml', 'folder/two/metadata.yaml'):
+        (tmp_path / name).touch()
     before = sorted(tmp_path.iterdir())
 
     done = run_command('weigh', *words)
