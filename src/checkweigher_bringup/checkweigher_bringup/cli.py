@@ -14,6 +14,7 @@ from importlib import import_module
 from io import TextIOWrapper
 from keyword import iskeyword
 import os
+from re import sub
 import sys
 from types import FrameType, ModuleType
 from typing import NoReturn
@@ -212,6 +213,13 @@ def _run(arguments: Sequence[str]) -> int:
         line, status = f'{error.filename or "the output"}: {error.strerror or error}', 2
     except MemoryError:
         line, status = 'not enough memory for this', 2
+    except RuntimeError as error:
+        # Of rclpy, which only the commands of a graph import. What is wrong with the keystore is
+        # for the user to put right, any other one is a defect.
+        if type(error).__name__ != 'RCLError' or os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+            raise
+        text, status = sub(r',? at /\S+:\d+', '', ' '.join(str(error).split())), 2
+        line = f'ROS_SECURITY_ENABLE=true: {text.rstrip(".,")}'
     with suppress(OSError):  # the terminal may be gone
         print(f'{_PROGRAM}{command}: {one_line(line)}', file=sys.stderr)
     return status

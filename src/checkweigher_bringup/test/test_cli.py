@@ -69,3 +69,19 @@ def test_an_output_that_cannot_be_written_is_one_line():
         )  # fmt: skip
     assert done.returncode == 2
     assert done.stderr == 'checkweigher weigh: the output: No space left on device\n'
+
+
+@pytest.mark.parametrize('words', [('status', '--count', '1'), ('run',), ('page', '--port', '0')])
+def test_security_that_cannot_be_used_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+):
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path / 'none'))
+
+    done = run_command(*words)
+
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f'checkweigher {words[0]}: ROS_SECURITY_ENABLE=true: ')
+    assert line.endswith(f"SECURITY ERROR: directory '{tmp_path}/none/enclaves' does not exist")
+    assert (done.returncode, done.stdout) == (2, '')
