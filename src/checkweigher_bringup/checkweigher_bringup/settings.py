@@ -17,6 +17,7 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.recipes import Product, read_recipes
 from checkweigher_recording.archive.copying import is_url
+from checkweigher_recording.scratch import remove_abandoned
 from checkweigher_validation.archive.program import other_program, program
 from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.scheduling import LOCAL, on_scheduler
@@ -110,7 +111,10 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int]:
     ) as refused:
         for line in refused:
             print(one_line(line), file=sys.stderr, flush=True)
-        yield arguments.jobs or ALL_CORES
+        try:
+            yield arguments.jobs or ALL_CORES
+        finally:
+            remove_abandoned()  # of processes that an interrupt has ended at their work
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:

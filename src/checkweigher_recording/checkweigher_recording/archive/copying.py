@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
 import shutil
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from checkweigher_recording.bags.bounds import LARGEST_FILE
 from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.scratch import scratch_folder
 
 _MOST_FILES = 1000  # of a bag
 _PIECE = 1 << 20  # bytes
@@ -39,8 +39,8 @@ def local_bag(bag: str) -> Iterator[Path]:
     if not is_url(bag):
         yield Path(bag)
         return
-    with TemporaryDirectory(prefix='checkweigher-') as folder:
-        copy = Path(folder, PurePosixPath(bag.rstrip('/')).name)
+    with scratch_folder() as folder:
+        copy = folder / PurePosixPath(bag.rstrip('/')).name
         with store_errors(bag) as store_of:
             _copy(*store_of(bag), copy)
         try:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path, PurePath
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
@@ -15,6 +14,7 @@ from checkweigher_dsp.input_files import open_input
 from checkweigher_dsp.yaml_files import read_yaml
 from checkweigher_recording.bags.bounds import LARGEST_FILE, LARGEST_RECORD, unpack_zstd
 from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.scratch import scratch_folder
 
 _MOST = 1 << 30  # bytes on the disk
 _SECTION = 'rosbag2_bagfile_information'
@@ -59,8 +59,8 @@ def unpacked(path: Path, information: Mapping[str, Any]) -> Iterator[Path]:
     if compression_mode(information) != 'file':
         yield path
         return
-    with TemporaryDirectory(prefix='checkweigher-') as name:
-        folder, left, names = Path(name), _MOST, []
+    with scratch_folder() as folder:
+        left, names = _MOST, []
         for file in files_of(path, information):
             names.append(file.stem)
             with (
@@ -81,7 +81,7 @@ def unpacked(path: Path, information: Mapping[str, Any]) -> Iterator[Path]:
         try:
             yield folder
         except BagError as error:
-            raise BagError(str(error).replace(name, str(path))) from None
+            raise BagError(str(error).replace(str(folder), str(path))) from None
 
 
 def unpack_message(data: bytes) -> bytes:

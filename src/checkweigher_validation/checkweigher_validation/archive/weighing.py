@@ -10,7 +10,6 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from tempfile import TemporaryDirectory
 import traceback
 
 from joblib import delayed
@@ -24,6 +23,7 @@ from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.recording import Recording
+from checkweigher_recording.scratch import scratch_folder
 from checkweigher_validation.accuracy.results import ErrorSum, ItemResult, weigh_stretches
 from checkweigher_validation.archive.program import Program, host, other_program, program
 from checkweigher_validation.archive.results_file import (
@@ -129,8 +129,8 @@ def weigh_bags(
 
 def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
     """Return what a bag came to, and its Parquet file."""
-    with TemporaryDirectory(prefix='checkweigher-') as folder:
-        path = Path(folder, 'results.parquet')
+    with scratch_folder() as folder:
+        path = folder / 'results.parquet'
 
         def work(stretches: Iterable[Recording]) -> BagSummary:
             tally = _Tally(f'{bag}: ')

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 from deadly_bags import deadly_environment
 from lines import simulated
@@ -188,7 +189,7 @@ def many_bags(folder: Path, count: int) -> Path:
     return folder
 
 
-def begun(bags: Path, output: Path) -> subprocess.Popen[str]:
+def begun(bags: Path | str, output: Path) -> subprocess.Popen[str]:
     """Begin to weigh bags on two processes; return when the first one is done."""
     process = subprocess.Popen(
         [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', bags, '--output', output,
@@ -216,6 +217,31 @@ def test_what_was_broken_off_is_resumed(tmp_path: Path):
         f'{12 * 120} items, {len(there)} bag{"s" * (len(there) > 1)} as before'
     )
     assert len(set(files_of(results).values())) == 1
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_copies_of_bags_go_with_the_command_or_at_the_next_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+):
+    bags, temporary = many_bags(tmp_path / 'bags', 12), tmp_path / 'temporary'
+    temporary.mkdir()
+    monkeypatch.setenv('TMPDIR', str(temporary))
+
+    def copies() -> list[Path]:
+        return list(temporary.glob('checkweigher-*'))
+
+    process = begun(f'file://{bags}', tmp_path / 'results')
+    end = time.monotonic() + PATIENCE
+    while not copies():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+    process.send_signal(number)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
+    if number == signal.SIGKILL:
+        time.sleep(1.0)  # its processes are sent a signal
+        run_command('weigh', BAGS / 'paper_60', '--output', tmp_path / 'next')
+    assert copies() == []
 
 
 def test_a_process_that_is_killed_costs_time_only(tmp_path: Path):
