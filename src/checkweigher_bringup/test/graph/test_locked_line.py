@@ -112,7 +112,8 @@ def test_a_service_of_a_locked_node_is_called_with_the_key_alone(key: Key):
 
 def permit(node: Any, key: Key, service: str, request: Any) -> None:
     signed = announcement(key, service, request).parameters
-    assert call(node, SetParametersAtomically, f'reject/{SETTER}', parameters=signed).result
+    answer = call(node, SetParametersAtomically, f'reject/{SETTER}', parameters=signed)
+    assert answer.result.successful, answer.result.reason
 
 
 def test_a_product_is_selected_with_the_key_alone(key: Key, tmp_path: Path):

@@ -11,9 +11,11 @@ import rclpy
 from rclpy.node import Node
 from running import ROOT
 
+from checkweigher_bringup.running_line import BESIDE
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.access.policy import PAGE_WORK, REPORTER, Rights, rights
+from checkweigher_dsp.ros.services import OF_MACHINE
 
 LANE = 'guarded'
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
@@ -45,7 +47,8 @@ def lasting(node: str, lane: str = LANE) -> Rights:
 
 
 def test_each_node_does_what_its_policy_allows_and_all_of_it(tmp_path: Path):
-    (tmp_path / 'batches').mkdir()
+    for name in ('batches', *OF_MACHINE):
+        (tmp_path / name).mkdir()
     product = {
         'audit_log': str(tmp_path / 'audit.log'),
         'recipes': str(RECIPES),
@@ -54,8 +57,10 @@ def test_each_node_does_what_its_policy_allows_and_all_of_it(tmp_path: Path):
     # Nothing listens there: the services of the outputs are there all the same.
     inputs = {'inputs': 'modbus', 'modbus_inputs.port': 1, 'modbus_inputs.metal': 5}
     driver = {'outputs': 'modbus', 'modbus.port': 1, **inputs}
-    file = parameter_file(tmp_path / 'line.yaml', {'driver': driver, 'product': product})
-    commands = {name: node_command(m, LANE, file) for name, m in ports.NODES.items()}
+    machine = {name: {'folder': str(tmp_path / name)} for name in OF_MACHINE}
+    file = parameter_file(tmp_path / 'line.yaml', {'driver': driver, 'product': product, **machine})
+    modules = {**ports.NODES, **{name: BESIDE[name] for name in OF_MACHINE}}
+    commands = {name: node_command(module, LANE, file) for name, module in modules.items()}
     commands[REPORTER] = node_command('checkweigher_bringup.batch_reporter', LANE)
     with running_processes(commands), spinning() as spinner:
         looker = rclpy.create_node('looker')

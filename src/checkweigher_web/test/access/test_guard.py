@@ -196,6 +196,22 @@ def test_a_socket_is_one_of_its_own_page_and_session(browser: Browser, port: int
     assert open_socket(browser, client)[1].startswith('40{"sid"')
 
 
+@pytest.mark.parametrize('transport', ['polling', 'websocket'])
+def test_a_socket_of_a_page_of_another_site_is_refused(browser: Browser, transport: str):
+    browser.log_in(**{'X-Forwarded-For': f'10.4.0.{len(transport)}'})
+    client = re.findall(r'client_id\W+([\w-]{36})', browser.ask('/').text)[0]
+    query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'
+    path = f'{SOCKET}/?EIO=4&transport={transport}&{query}'
+    upgrade = {
+        'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': '13',
+        'Sec-WebSocket-Key': 'AAAAAAAAAAAAAAAAAAAAAA==',
+    }  # fmt: skip
+    headers = upgrade if transport == 'websocket' else {}
+    for origin in ('https://evil.example', 'null', f'{ORIGIN}.evil.example'):
+        assert browser.ask(path, Origin=origin, **headers).status == 403
+    assert browser.ask(path, Origin=ORIGIN, **headers).status == (101 if headers else 200)
+
+
 def click_of(page: str, client: str, label: str) -> dict[str, object]:
     """Return the event of a button, as the page of a client sends it."""
     parsed = re.search(r'parseElements\(String\.raw`(.*?)`', page, re.DOTALL)
