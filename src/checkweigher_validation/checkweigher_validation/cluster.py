@@ -88,8 +88,9 @@ class Cluster:
                         done.add(future)  # its worker has died since, and another one makes it
                         continue
                     yield numbers.pop(future), result
-        except (Exception, CancelledError) as error:
-            if not type(error).__module__.startswith('distributed.'):
+        except Exception as error:
+            of_dask = type(error).__module__.startswith('distributed.')
+            if not of_dask and not isinstance(error, CancelledError):
                 raise
             text = ' '.join(str(error).split()) or type(error).__name__
             raise ClusterLostError(f'the cluster was lost: {text}') from None
