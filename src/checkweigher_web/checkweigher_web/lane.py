@@ -113,10 +113,14 @@ class Lane:
                     self.statistics = record
                 case FillerFeedback():
                     self.filler = record
-                case StopRequest():
-                    self.stop = record
                 case LoadCell():
                     self.load_cell = record
+            self.version += 1
+
+    def take_stop(self, stop: StopRequest | None) -> None:
+        """Take what the lane says of a stop: the request, or None where it may run."""
+        with self._lock:
+            self.stop = stop
             self.version += 1
 
     def _take_block(self, block: SampleBlock) -> None:

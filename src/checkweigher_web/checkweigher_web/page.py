@@ -154,8 +154,7 @@ class LanePage:
 
     def _show_stop(self) -> None:
         stop = self._lane.stop
-        stopped = stop is not None and stop.reason != ''
-        self._stop.set_text(f'STOP {stop.reason}: {stop.hint}' if stopped and stop else '')
+        self._stop.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
 
     def _update_slowly(self) -> None:
         if self._board is not None:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 from browsers import needs_browser, open_browser
-from persons import SCRIPT, Person, running_line
+from persons import SCRIPT, Person, new_line, running_line
 import yaml
 
 from checkweigher_dsp.production.audit_log import read_log
@@ -133,6 +133,28 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         assert line.noted('ben')[-1] == 'write calibration: done'
         severe = [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE']
         assert not severe
+
+
+@needs_browser
+def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
+    # After the second item nothing passes any more, so nothing asks for the stop again.
+    values = {
+        'driver': {'simulator.masses': [0.2], 'simulator.count': 2},
+        'reject': {'upper_limit': 0.1, 'max_rejects_in_a_row': 2},
+    }
+    with new_line(tmp_path, values) as line, open_browser(tmp_path / 'browser') as browser:
+        person = Person(browser, line)
+        person.log_in('anna')
+
+        def stop() -> str:
+            return person.text('.stop')
+
+        person.until(lambda: stop().startswith('STOP TooManyRejects: '))
+        assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
+        person.until(lambda: not stop())
+        browser.refresh()
+        person.until(lambda: person.text('.decision') == '↑ OVER')
+        assert not stop()
 
 
 @needs_browser
