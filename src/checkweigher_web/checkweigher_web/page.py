@@ -67,9 +67,12 @@ class LanePage:
         with panel('Signal', 'signal'):
             self._about_signal = ui.label('').classes('about')
             self._signal = Figure('signal of the item')
+            self._why_signal = ui.label('').classes('level-ERROR')
             self._marks = ui.element('ol').classes('marks')
             with ui.element('div').classes('row'):
-                self._latest = ui.button('show the latest item', on_click=self._show_latest)
+                # Of a recorded shift that is the one at which its slider stands.
+                latest = 'show this item' if self._board is None else 'show the latest item'
+                self._latest = ui.button(latest, on_click=self.show_latest)
                 self._latest.props('outline no-caps dense padding="xs sm"')
                 if self._keep is not None:
                     keep = ui.button('keep this item', on_click=self._keep_shown)
@@ -119,7 +122,7 @@ class LanePage:
         self._decision.classes(replace=f'decision {verdict.decision.name}')
         self._mass.set_text(grams(verdict.mass, ' g', digits=2))
         self._about.set_text(about(item))
-        self._why.set_text('; '.join(f'{each}: {hint(each)}' for each in verdict.reasons))
+        self._why.set_text(_why(item))
 
     def _show_signal(self, item: Item | None) -> None:
         self._latest.set_visibility(bool(self._chosen))
@@ -129,6 +132,7 @@ class LanePage:
         verdict, signal = item.verdict, self._drawing.signal(item)
         when = clock(verdict.t3 or verdict.t1)
         self._about_signal.set_text(f'item {verdict.item_id} at {when}: {said(verdict)}')
+        self._why_signal.set_text(_why(item))
         self._signal.show(signal.figure)
         if signal.marks != self._marked:
             self._marked = signal.marks
@@ -141,7 +145,8 @@ class LanePage:
         if self._keep is not None and self._signalled is not None:
             await self._keep(self._signalled)
 
-    def _show_latest(self) -> None:
+    def show_latest(self) -> None:
+        """Show the signal of the latest item instead of that of a chosen one."""
         self._choose('')
 
     def _choose(self, key: str) -> None:
@@ -206,3 +211,8 @@ class LanePage:
             self._lines.show(
                 (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in belt.lines
             )
+
+
+def _why(item: Item) -> str:
+    """Return the reasons of an item, each with what to check."""
+    return '; '.join(f'{each}: {hint(each)}' for each in item.verdict.reasons)
