@@ -43,7 +43,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
 
         person.log_in('anna')
         assert 'Calibration' not in person.buttons('.work')
-        person.does('Zero', '✓')
+        assert re.search(r'zeroed at -?[\d.]+ g from', person.does('Zero', '✓'))
         # The diagnostics come from the driver, once a second.
         inactive = 'the driver is inactive'
         assert 'has stopped' in person.does('Stop', '✓')
@@ -90,6 +90,12 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.fill('Reason', 'test weights')
         person.press('Set')
         assert '190 g' in person.result('✓')
+        person.close()
+        person.open('Limits')
+        person.fill('Upper limit', '100')
+        person.fill('Reason', 'test weights')
+        person.press('Set')
+        assert 'the lower limit, 190 g, is above the upper one, 100 g' in person.result('✗')
         person.close()
         entries = read_log(tmp_path / 'audit.log').entries
         changed = [each for each in entries if each.subject.endswith('lower_limit')]
