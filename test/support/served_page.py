@@ -18,10 +18,11 @@ COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '
 @contextmanager
 def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """Serve the page, and give its process and port; without the users of who runs the tests."""
+    environment = {**os.environ, 'XDG_CONFIG_HOME': os.devnull}
+    environment.pop('PYTEST_CURRENT_TEST', None)  # with it NiceGUI compresses nothing
     process = subprocess.Popen(
-        [*COMMAND, *options], stderr=subprocess.PIPE, text=True,
-        env={**os.environ, 'XDG_CONFIG_HOME': os.devnull},
-    )  # fmt: skip
+        [*COMMAND, *options], stderr=subprocess.PIPE, text=True, env=environment
+    )
     try:
         assert process.stderr is not None
         line = process.stderr.readline()

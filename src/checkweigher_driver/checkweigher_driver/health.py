@@ -87,9 +87,8 @@ class DriverWatch:
             hint = 'check its cable, power and parameters, then start the driver again'
             found.append(Concern(Level.ERROR, text, hint))
         elif self._state == 'inactive':
-            found.append(
-                Concern(Level.WARN, 'the driver is inactive', 'activate it: ros2 lifecycle set')
-            )
+            hint = 'activate it: Start on the page, or ros2 lifecycle set'
+            found.append(Concern(Level.WARN, 'the driver is inactive', hint))
         elif self._trouble:
             hint = 'check cable and power; when it is over, call reset_stop_request'
             found.append(Concern(Level.ERROR, self._trouble, hint))

@@ -113,19 +113,30 @@ class Lane:
                     self.statistics = record
                 case FillerFeedback():
                     self.filler = record
-                case StopRequest():
-                    self.stop = record
-                case LoadCell():
+                case LoadCell():  # what a source sends first
                     self.load_cell = record
+                    self._begin_stream()
+            self.version += 1
+
+    def take_stop(self, stop: StopRequest | None) -> None:
+        """Take what the lane says of a stop: the request, or None where it may run."""
+        with self._lock:
+            self.stop = stop
             self.version += 1
 
     def _take_block(self, block: SampleBlock) -> None:
         blocks = self._blocks
         if blocks and block.stamp < blocks[-1].stamp:
-            blocks.clear()  # the source has begun again
+            self._begin_stream()
         blocks.append(block)
         while blocks[0].stamp < block.stamp - self.held * NANOSECONDS:
             blocks.popleft()
+
+    def _begin_stream(self) -> None:
+        """Forget what the source has sent: its stamps may begin again, and would be mixed up."""
+        self._blocks.clear()
+        self._edges.clear()
+        self._references.clear()
 
     def forget_signals(self) -> None:
         """Forget samples and windows: nobody looks, and what comes next would not follow them."""
@@ -191,7 +202,7 @@ class Lane:
         return float((counts.mean() - cell.zero_counts) / cell.counts_per_kg)
 
     def recording(self) -> Recording | None:
-        """Return what is held of samples and edges, from where on there are both; None of none."""
+        """Return what is held of samples and edges, from where on there are both, if anywhere."""
         with self._lock:
             load_cell, blocks = self.load_cell, list(self._blocks)
             edges, references = list(self._edges), list(self._references)
@@ -200,6 +211,8 @@ class Lane:
         begin = blocks[0].stamp
         if len(edges) == _MAX_EDGES:  # those before are forgotten
             begin = max(begin, edges[0].stamp)
+        if blocks[-1].stamp < begin:
+            return None
         events: tuple[Event, ...] = (*blocks, *edges, *references)
         return Recording.from_events(load_cell, (e for e in events if e.stamp >= begin))
 

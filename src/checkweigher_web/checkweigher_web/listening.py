@@ -26,7 +26,8 @@ class _Listener(PortNode):
         super().__init__(name, namespace=f'/{lane.name}')
         for port in listened:
             # What is latched comes at once: the items before the page was there, the load cell.
-            self.subscribe(port, lane.take, qos=port.qos)
+            take = lane.take_stop if port is ports.STOP_REQUEST else lane.take
+            self.subscribe(port, take, qos=port.qos)
 
 
 class Watch:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """All lanes at a glance: a row for each, the worst first, with the way to its page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 import time
@@ -89,6 +89,19 @@ def show_overview(lanes: Overview) -> None:
         table.show((view.texts for view in shown), [f'/lane/{view.name}' for view in shown])
 
     ui.timer(_PERIOD, update)  # from at once
+
+
+def wait_for_lane(name: str, runs: Callable[[], bool]) -> None:
+    """Say that a lane does not run, and load its page when it does."""
+    ui.add_css(STYLE)
+    with ui.element('main').classes('lanes'), panel('Lane'):
+        ui.label(f'no lane {name!r} runs here; this page shows it as soon as it does')
+
+    def look() -> None:
+        if runs():
+            ui.navigate.reload()
+
+    ui.timer(_PERIOD, look)
 
 
 def _headline(shown: Sequence[LaneView]) -> str:

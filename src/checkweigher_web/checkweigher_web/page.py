@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a lane: views that follow what the lane shows."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 import time
 
 from nicegui import ui
 
 from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.status_board import StatusBoard, headline
+from checkweigher_dsp.health.status_board import Row, StatusBoard, headline
 from checkweigher_dsp.records import Statistics
 from checkweigher_web import charts
 from checkweigher_web.drawing import EMPTY, Drawing, row_key
 from checkweigher_web.elements import Figure, ItemList, Table, panel
 from checkweigher_web.lane import Item
+from checkweigher_web.standstill import standstill
 from checkweigher_web.words import about, batch_rules, clock, decided, grams, hint, production, said
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
@@ -48,6 +49,7 @@ class LanePage:
         self._analysed: object = None  # the same, of what is shown once a second
         self._chosen = ''  # key of the item that the viewer has chosen; '' for the latest
         self._signalled: Item | None = None  # the one whose signal is shown
+        self._standstill = ''  # why the lane does not weigh
         self._marked: tuple[str, ...] = ()
         ui.add_css(STYLE)
         ui.colors(primary=charts.DENOISED)
@@ -59,6 +61,7 @@ class LanePage:
 
     def _show_panels(self) -> None:
         with panel('Item', 'item'):
+            self._still = ui.label('').classes('level-ERROR').props('role=status')
             self._decision = ui.label('no item yet').classes('decision NONE')
             self._mass = ui.label('–').classes('mass')
             self._about = ui.label('').classes('about')
@@ -67,9 +70,12 @@ class LanePage:
         with panel('Signal', 'signal'):
             self._about_signal = ui.label('').classes('about')
             self._signal = Figure('signal of the item')
+            self._why_signal = ui.label('').classes('level-ERROR')
             self._marks = ui.element('ol').classes('marks')
             with ui.element('div').classes('row'):
-                self._latest = ui.button('show the latest item', on_click=self._show_latest)
+                # Of a recorded shift that is the one at which its slider stands.
+                latest = 'show this item' if self._board is None else 'show the latest item'
+                self._latest = ui.button(latest, on_click=self.show_latest)
                 self._latest.props('outline no-caps dense padding="xs sm"')
                 if self._keep is not None:
                     keep = ui.button('keep this item', on_click=self._keep_shown)
@@ -116,10 +122,13 @@ class LanePage:
     def _show_item(self, item: Item) -> None:
         verdict = item.verdict
         self._decision.set_text(decided(verdict))
-        self._decision.classes(replace=f'decision {verdict.decision.name}')
+        # What looks like news from two metres has to be some.
+        still = bool(self._standstill)
+        self._decision.classes(replace=f'decision {"NONE" if still else verdict.decision.name}')
         self._mass.set_text(grams(verdict.mass, ' g', digits=2))
+        self._mass.classes(replace='mass still' if still else 'mass')
         self._about.set_text(about(item))
-        self._why.set_text('; '.join(f'{each}: {hint(each)}' for each in verdict.reasons))
+        self._why.set_text(_why(item))
 
     def _show_signal(self, item: Item | None) -> None:
         self._latest.set_visibility(bool(self._chosen))
@@ -127,8 +136,8 @@ class LanePage:
             return
         self._signalled = item
         verdict, signal = item.verdict, self._drawing.signal(item)
-        when = clock(verdict.t3 or verdict.t1)
-        self._about_signal.set_text(f'item {verdict.item_id} at {when}: {said(verdict)}')
+        self._about_signal.set_text(f'item {verdict.item_id} at {_when(item)}: {said(verdict)}')
+        self._why_signal.set_text(_why(item))
         self._signal.show(signal.figure)
         if signal.marks != self._marked:
             self._marked = signal.marks
@@ -141,7 +150,8 @@ class LanePage:
         if self._keep is not None and self._signalled is not None:
             await self._keep(self._signalled)
 
-    def _show_latest(self) -> None:
+    def show_latest(self) -> None:
+        """Show the signal of the latest item instead of that of a chosen one."""
         self._choose('')
 
     def _choose(self, key: str) -> None:
@@ -154,12 +164,17 @@ class LanePage:
 
     def _show_stop(self) -> None:
         stop = self._lane.stop
-        stopped = stop is not None and stop.reason != ''
-        self._stop.set_text(f'STOP {stop.reason}: {stop.hint}' if stopped and stop else '')
+        self._stop.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
 
     def _update_slowly(self) -> None:
         if self._board is not None:
-            self._show_diagnostics(self._board)
+            rows = [
+                row
+                for row in self._board.rows(time.monotonic())
+                if row.node.strip('/').rpartition('/')[0] == self._lane.name
+            ]
+            self._show_standstill(standstill(rows))
+            self._show_diagnostics(rows)
             self._show_belt()
         if self._analysed == self._lane.version:
             return
@@ -188,12 +203,16 @@ class LanePage:
             for each in sorted(counts, key=counts.__getitem__, reverse=True)
         )
 
-    def _show_diagnostics(self, board: StatusBoard) -> None:
-        rows = [
-            row
-            for row in board.rows(time.monotonic())
-            if row.node.strip('/').rpartition('/')[0] == self._lane.name
-        ]
+    def _show_standstill(self, why: str) -> None:
+        """Show why the lane does not weigh, and its latest item as what has been."""
+        if bool(why) != bool(self._standstill):
+            self._again()
+        self._standstill = why
+        items = self._drawing.items() if why else []
+        last = f', last item at {_when(items[0])}' if items else ''
+        self._still.set_text(why + last)
+
+    def _show_diagnostics(self, rows: Sequence[Row]) -> None:
         self._headline.set_text(headline(rows))
         shown = [row for row in rows if row.level != Level.OK]
         self._diagnostics.show(
@@ -207,3 +226,13 @@ class LanePage:
             self._lines.show(
                 (f'{each.frequency:.1f}', grams(each.amplitude), each.guess) for each in belt.lines
             )
+
+
+def _when(item: Item) -> str:
+    """Return when an item was weighed."""
+    return clock(item.verdict.t3 or item.verdict.t1)
+
+
+def _why(item: Item) -> str:
+    """Return the reasons of an item, each with what to check."""
+    return '; '.join(f'{each}: {hint(each)}' for each in item.verdict.reasons)

@@ -48,7 +48,7 @@ class PlaybackPage:
                 for text, forward in (('previous fault', False), ('next fault', True)):
                     _button(text, partial(self._go_to_fault, forward))
                 self._where = ui.label('').classes('where')
-        LanePage(Drawing(self._playback))
+        self._views = LanePage(Drawing(self._playback))
         self._timer = ui.timer(_PERIOD, self._follow)
         self._follow()
 
@@ -66,15 +66,19 @@ class PlaybackPage:
             self._timer.deactivate()
 
     def _moved(self, event: GenericEventArguments) -> None:
-        self._playback.go(int(event.args) - 1)
-        self._show_place()
+        self._go(int(event.args) - 1)
 
     def _step(self, step: int) -> None:
-        self._playback.go(self._playback.place + step)
+        self._go(self._playback.place + step)
+
+    def _go(self, place: int) -> None:
+        self._playback.go(place)
+        self._views.show_latest()
         self._show_place()
 
     def _go_to_fault(self, forward: bool) -> None:
         if self._playback.go_to_fault(forward=forward):
+            self._views.show_latest()
             self._show_place()
         else:
             ui.notify(f'no fault {"after" if forward else "before"} this item')

@@ -30,7 +30,7 @@ from checkweigher_web.drawing import Drawing
 from checkweigher_web.header import header, hint_to_users
 from checkweigher_web.lane import SHOWN
 from checkweigher_web.listening import Watch
-from checkweigher_web.overview import Overview, show_overview
+from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import LanePage
 from checkweigher_web.playback_page import PlaybackPage
 from checkweigher_web.shift import Shift
@@ -176,7 +176,8 @@ def _serve(
 
     def show(name: str) -> None:
         if name not in watch.lanes:
-            ui.label(f'no lane {name!r} runs here')
+            header(access, name, lambda: True)
+            wait_for_lane(name, lambda: name in watch.lanes)
             return
         client = ui.context.client
         client.on_connect(lambda: viewers.update([name]))

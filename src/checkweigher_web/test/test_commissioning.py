@@ -90,6 +90,8 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         # The line weighs by what was trained, and with the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
         ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
+        # The line that has ended asked for a stop, the one in its place says that there is none.
+        ben.until(lambda: not ben.text('.stop'))
         ben.open('Product')
         ben.choose('crisps_150g')
         ben.press('Select')

@@ -3,6 +3,8 @@
 """The overview of all lanes in a real browser, on two lanes of one host that run."""
 
 from collections.abc import Iterator
+from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -113,3 +115,26 @@ def test_everything_can_be_seen_at_any_width(browser: Chrome, port: int):
         until(browser, lambda: not is_cut_off(browser))
         assert shortcomings(browser) == []
         assert all(all(row) for row in lanes_of(browser))
+
+
+def test_a_page_waits_for_its_lane_and_tells_when_that_is_silent(browser: Chrome, tmp_path: Path):
+    params = tmp_path / 'late.yaml'
+    sections = {f'/**/{node}': {'ros__parameters': each} for node, each in VALUES['good'].items()}
+    params.write_text(yaml.safe_dump(sections))
+    words = 'run', '--namespace', 'late', '--params', str(params)
+    with served() as (_, port):
+        browser.get(f'http://127.0.0.1:{port}/lane/late')
+        until(browser, lambda: "no lane 'late' runs here" in text_of(browser, '.panel'))
+        assert text_of(browser, '.head .title') == 'lane late'
+        assert browser.find_element(By.LINK_TEXT, 'All lanes').is_displayed()
+        assert shortcomings(browser) == []
+        line = subprocess.Popen([sys.executable, '-m', 'checkweigher_bringup.cli', *words])
+        try:
+            until(browser, lambda: 'ACCEPT' in text_of(browser, '.decision'))
+            assert 'silent' not in text_of(browser, '.item')
+        finally:
+            line.terminate()
+            line.wait()
+        silent = r'silent for \d+ s, last item at \d\d:\d\d:\d\d'
+        until(browser, lambda: re.search(silent, text_of(browser, '.item')))
+        until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.decision.NONE'))

@@ -137,13 +137,47 @@ def press(browser: Chrome, name: str) -> None:
     browser.execute_script('arguments[0].click()', browser.find_elements(By.XPATH, path)[-1])
 
 
-def test_an_item_of_the_running_line_is_kept(browser: Chrome, port: int, folder: Path):
-    browser.get(f'http://127.0.0.1:{port}/')
-    until(browser, lambda: rows_of(browser))
-    assert 'keep this item' not in text_of(browser, 'main')
+def log_in(browser: Chrome, port: int) -> None:
     browser.get(f'http://127.0.0.1:{port}/login')
     browser.find_element(By.NAME, 'name').send_keys('anna')
     browser.find_element(By.NAME, 'password').send_keys(PASSWORD + Keys.ENTER)
+    until(browser, lambda: 'anna' in text_of(browser, '.head'))
+
+
+def test_an_item_of_a_line_that_stands_is_no_news(browser: Chrome, port: int):
+    def shade() -> str:
+        return str(browser.execute_script('return document.querySelector(".decision").className'))
+
+    def does(name: str) -> None:
+        press(browser, name)
+        until(browser, lambda: text_of(browser, '.dialog h2') == name)
+        press(browser, name)
+        until(browser, lambda: text_of(browser, '.dialog .result').startswith('✓'))
+        press(browser, 'Close')
+        until(browser, lambda: not text_of(browser, '.dialog'))
+
+    log_in(browser, port)
+    until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
+    assert shade().split()[-1] in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
+    does('Stop')
+    until(browser, lambda: shade() == 'decision NONE')
+    number, when = rows_of(browser)[0][:2]
+    said = 'weighing is stopped, last item at '
+    until(browser, lambda: text_of(browser, '.item').split('\n')[1] == said + when)
+    assert f'item {number}' in text_of(browser, '.item')
+    assert shortcomings(browser) == []
+    does('Start')
+    until(browser, lambda: shade() != 'decision NONE')
+    assert 'stopped' not in text_of(browser, '.item')
+
+
+def test_an_item_of_the_running_line_is_kept(browser: Chrome, port: int, folder: Path):
+    log_in(browser, port)
+    press(browser, 'Log out')
+    browser.get(f'http://127.0.0.1:{port}/')
+    until(browser, lambda: rows_of(browser))
+    assert 'keep this item' not in text_of(browser, 'main')
+    log_in(browser, port)
 
     said: list[str] = []
 

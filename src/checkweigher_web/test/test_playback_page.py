@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a recorded shift in a real browser: slider, filter, faults, at any width, by keys."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from served_page import get, served
 
+from checkweigher_dsp.reasons import Reason
 from checkweigher_recording.bags.writing import write_bag
 
 ITEMS, FAULTS = 12, {4: 'Saturation', 8: 'MissingEdge'}
@@ -110,6 +111,34 @@ def test_the_filter_lists_the_faults_alone_and_a_choice_shows_its_signal(page: C
     assert button.get_attribute('aria-label') == 'show item 4'
     button.send_keys(Keys.ENTER)
     until(page, lambda: 'highest value of the converter' in text_of(page, '.marks'))
+    # The other panel is that of the item at the slider.
+    assert f'Saturation: {Reason.SATURATION.hint}' in text_of(page, '.signal')
+    assert 'Saturation' not in text_of(page, '.item')
+
+
+def test_whatever_moves_the_slider_shows_the_item_there(page: Chrome):
+    slider = page.find_element(By.CSS_SELECTOR, '.slider')
+
+    def choose_and(move: Callable[[], object], expected: int) -> None:
+        """Choose item 2 in the list, then see where a move leads from there."""
+        page.find_element(By.CSS_SELECTOR, '[aria-label="show item 2"]').send_keys(Keys.ENTER)
+        shows(2)
+        move()
+        shows(expected)
+        assert text_of(page, '.where').startswith(f'item {expected} of')
+        until(page, lambda: 'show this item' not in text_of(page, '.signal'))
+
+    def shows(number: int) -> None:
+        until(page, lambda: text_of(page, '.signal .about').startswith(f'item {number} at'))
+
+    slider.send_keys(Keys.END)
+    shows(ITEMS)
+    choose_and(lambda: press(page, 'show this item'), ITEMS)
+    choose_and(lambda: press(page, 'previous item'), ITEMS - 1)
+    choose_and(lambda: press(page, 'next item'), ITEMS)
+    choose_and(lambda: press(page, 'previous fault'), 8)
+    choose_and(lambda: slider.send_keys(Keys.ARROW_LEFT), 7)
+    choose_and(lambda: press(page, 'next fault'), 8)
 
 
 def test_everything_can_be_seen_and_has_a_name_at_any_width(page: Chrome):

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -11,7 +12,7 @@ import sys
 
 import pytest
 from running import BAGS, PATIENCE, run_command
-from served_page import get, served
+from served_page import get, get_text, served
 
 
 @pytest.fixture(scope='module')
@@ -87,6 +88,19 @@ def test_a_signal_ends_it_without_a_word(ending: signal.Signals):
         _, errors = process.communicate(timeout=PATIENCE)
         assert errors == ''
         assert process.returncode == 128 + ending
+
+
+def test_a_browser_that_leaves_while_it_loads_is_not_worth_a_word():
+    with served() as (process, port):
+        assets = re.findall(r'"(/_nicegui/[^"]+)"', get_text(port))
+        assert len(assets) > 10
+        for path in assets[:12]:  # what the page may say of them fits into the pipe
+            with socket.create_connection(('127.0.0.1', port), timeout=PATIENCE) as left:
+                left.sendall(f'GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n'.encode())
+        assert get(port).status == 200
+        process.terminate()
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert errors == ''
 
 
 def test_a_page_that_hangs_costs_the_line_nothing(

@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 from browsers import needs_browser, open_browser
-from persons import SCRIPT, Person, running_line
+from persons import SCRIPT, Person, new_line, running_line
 import yaml
 
 from checkweigher_dsp.production.audit_log import read_log
@@ -43,7 +43,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
 
         person.log_in('anna')
         assert 'Calibration' not in person.buttons('.work')
-        person.does('Zero', '✓')
+        assert re.search(r'zeroed at -?[\d.]+ g from', person.does('Zero', '✓'))
         # The diagnostics come from the driver, once a second.
         inactive = 'the driver is inactive'
         assert 'has stopped' in person.does('Stop', '✓')
@@ -91,6 +91,12 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.press('Set')
         assert '190 g' in person.result('✓')
         person.close()
+        person.open('Limits')
+        person.fill('Upper limit', '100')
+        person.fill('Reason', 'test weights')
+        person.press('Set')
+        assert 'the lower limit, 190 g, is above the upper one, 100 g' in person.result('✗')
+        person.close()
         entries = read_log(tmp_path / 'audit.log').entries
         changed = [each for each in entries if each.subject.endswith('lower_limit')]
         assert (changed[-1].who, changed[-1].why) == ('ben', 'test weights')
@@ -133,6 +139,28 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         assert line.noted('ben')[-1] == 'write calibration: done'
         severe = [entry for entry in browser.get_log('browser') if entry['level'] == 'SEVERE']
         assert not severe
+
+
+@needs_browser
+def test_a_stop_is_shown_until_it_is_reset(tmp_path: Path):
+    # After the second item nothing passes any more, so nothing asks for the stop again.
+    values = {
+        'driver': {'simulator.masses': [0.2], 'simulator.count': 2},
+        'reject': {'upper_limit': 0.1, 'max_rejects_in_a_row': 2},
+    }
+    with new_line(tmp_path, values) as line, open_browser(tmp_path / 'browser') as browser:
+        person = Person(browser, line)
+        person.log_in('anna')
+
+        def stop() -> str:
+            return person.text('.stop')
+
+        person.until(lambda: stop().startswith('STOP TooManyRejects: '))
+        assert 'TooManyRejects reset' in person.does('Reset stop', '✓', 'Reset')
+        person.until(lambda: not stop())
+        browser.refresh()
+        person.until(lambda: person.text('.decision') == '↑ OVER')
+        assert not stop()
 
 
 @needs_browser

@@ -25,6 +25,7 @@ class Row:
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
+    silence: float = 0.0  # s, since the node was heard, where that is too long
 
 
 class StatusBoard:
@@ -63,7 +64,7 @@ class StatusBoard:
         for node, (heard, rows) in nodes.items():
             if now - heard > _SILENCE:
                 text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
-                found.append(Row(node, '', Level.STALE, text))
+                found.append(Row(node, '', Level.STALE, text, silence=now - heard))
                 continue
             # The node's own row repeats the worst of the others, but for a warning of this second.
             found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]

@@ -44,6 +44,7 @@ LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
 _SESSION = 'checkweigher.session'  # in the scope of a request
+_UNANSWERED = 'No response returned.'  # what Starlette says of a browser that has left meanwhile
 
 
 class Access:
@@ -120,12 +121,28 @@ class Guard:
         send = _with_headers(send, scope['path'])
         refusal = self._refusal(connection, identifier)
         if refusal is None:
-            await self._app(_bound(scope, identifier), receive, send)
+            await self._pass_on(_bound(scope, identifier), receive, send)
         elif scope['type'] == 'websocket':
             await receive()
             await send({'type': 'websocket.close', 'code': 1008})  # the server answers 403
         else:
             await refusal(scope, receive, send)
+
+    async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Have the application answer, and pass over that it did not where nobody waits for it."""
+        gone = False
+
+        async def noted() -> Message:
+            nonlocal gone
+            message = await receive()
+            gone = gone or message['type'] == 'http.disconnect'
+            return message
+
+        try:
+            await self._app(scope, noted, send)
+        except RuntimeError as error:
+            if not gone or str(error) != _UNANSWERED:
+                raise
 
     def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:
         """Return why a connection is refused, None if it is not."""

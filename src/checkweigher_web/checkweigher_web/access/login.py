@@ -129,7 +129,7 @@ class _Desk:
             throttle.fail(*keys)
             self._log.warning(f'{who}: failed')
             return self._form('Name or password are wrong.', 403)
-        throttle.forget(keys[0])
+        throttle.forget(*keys)
         self._log.info(f'{who}: {user.role.name.lower()}')
         self._access.sessions.end(request.cookies.get(self._access.cookie, ''))
         answer = RedirectResponse('/', 303)

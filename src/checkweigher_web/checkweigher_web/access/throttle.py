@@ -15,7 +15,10 @@ _MOST = 10_000  # keys; names and addresses are chosen by others
 class Throttle:
     """Waits after failures, which double: 1 s after the third in a row, 5 min at most.
 
-    A key is an account or an address. `clock` is in s.
+    A key is an account or an address. A login ends the row of both: at the belt all persons have
+    one address, and the mistakes of a shift would add up. Who has an account of his own could so
+    have his address try the others without a wait, were it not for the row of each of these, which
+    only its own login ends. `clock` is in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,6 +43,7 @@ class Throttle:
         while len(self._failures) > _MOST:
             self._failures.popitem(last=False)
 
-    def forget(self, key: str) -> None:
-        """Forget the failures of a key, which has logged in."""
-        self._failures.pop(key, None)
+    def forget(self, *keys: str) -> None:
+        """Forget the failures of some keys, which have logged in."""
+        for key in keys:
+            self._failures.pop(key, None)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 import math
 from pathlib import Path
+import re
 
 from lifecycle_msgs.msg import State, Transition
 
@@ -20,6 +21,7 @@ from checkweigher_dsp.ros.services import SETTER
 from checkweigher_web.work.services import LaneServices, RefusedError
 
 _MANAGED = 'reject', 'driver'  # in the order in which they start
+_MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _STEPS = {
     State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
     State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE,
@@ -65,8 +67,11 @@ async def new_batch(services: LaneServices, name: str) -> str:
 
 async def zero(services: LaneServices) -> str:
     """Take the next empty belt for the zero."""
-    answer = await services.call(ports.ZERO)
-    return str(answer.message) or 'the zero is set'
+    try:
+        answer = await services.call(ports.ZERO)
+    except RefusedError as error:
+        raise RefusedError(_in_grams(str(error))) from None
+    return _in_grams(str(answer.message)) or 'the zero is set'
 
 
 async def reset_stop(services: LaneServices) -> str:
@@ -107,6 +112,11 @@ async def limits(services: LaneServices) -> Limits:
 
 async def set_limits(services: LaneServices, wanted: Limits) -> str:
     """Set both limits, or none."""
+    if wanted.lower > wanted.upper:  # the node says so in kg
+        raise RefusedError(
+            f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
+            f'{_grams(wanted.upper)}'
+        )
     values = {'lower_limit': wanted.lower, 'upper_limit': wanted.upper}
     await _set(services, 'reject', values)
     return f'the limits are {wanted}'
@@ -165,6 +175,11 @@ async def line_parameters(services: LaneServices) -> LineParameters:
 
 def _grams(limit: float) -> str:
     return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
+
+
+def _in_grams(text: str) -> str:
+    """Return what a node said, with its masses as the page shows them."""
+    return _MASS.sub(lambda found: f'{GRAMS * float(found[1]) + 0.0:g} g', text)  # + 0: never -0
 
 
 async def batch_folder(services: LaneServices) -> Path:

@@ -139,8 +139,7 @@ async def _start(desk: Desk, services: LaneServices) -> None:
 
 async def _reset(desk: Desk, services: LaneServices) -> None:
     stop = desk.lane.stop
-    asked = stop is not None and bool(stop.reason)
-    why = f'{stop.reason}: {stop.hint}. ' if asked and stop else 'No stop is requested. '
+    why = 'No stop is requested. ' if stop is None else f'{stop.reason}: {stop.hint}. '
     text = f'{why}The machine may run again: see that what caused the stop is put right.'
     plan = 'reset stop request', lambda: actions.reset_stop(services)
     ask(desk, Role.OPERATOR, 'Reset stop', text, 'Reset', lambda: plan)

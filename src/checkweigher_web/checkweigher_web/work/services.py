@@ -175,8 +175,9 @@ class LaneServices(PortNode):
     ) -> Outcome:
         """Do something for a person, written down before with its reason and after with its end.
 
-        `action` returns what was done, or raises `RefusedError`. Without an audit log nothing is
-        written; where a lane has had one, nothing is done without it.
+        `action` returns what was done, or raises `RefusedError`; another failure is told of and
+        written down, too. Without an audit log nothing is written; where a lane has had one,
+        nothing is done without it.
         """
         why = f'; reason: {reason}' if reason else ''
         try:
@@ -185,14 +186,18 @@ class LaneServices(PortNode):
             return Outcome(False, f'nothing was done: not in the audit log: {error}')
         acting = _ACTING.set((person, reason))
         try:
-            outcome = Outcome(True, await action())
+            outcome, ending = Outcome(True, await action()), 'done'
         except RefusedError as error:
             outcome = Outcome(False, one_line(error))
+            ending = f'refused: {outcome.text}'
+        except Exception as error:  # a mistake in this program
+            self.fail(error, what)
+            ending = f'failed: {type(error).__name__}: {one_line(error)}'
+            outcome = Outcome(False, f'it {ending}')
         finally:
             _ACTING.reset(acting)
         try:
             await self._tell_who((person, reason), [])
-            ending = 'done' if outcome.done else f'refused: {outcome.text}'
             await self._note(person, f'{what}: {ending}', reason)
         except RefusedError as error:
             return Outcome(

@@ -177,6 +177,14 @@ def test_failures_in_a_row_have_to_wait(browser: Browser):
         assert time.monotonic() < deadline
 
 
+def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: Browser):
+    own = {'X-Forwarded-For': '10.2.0.3'}
+    for number in range(4):  # two failures each time: eight in a row would wait for half a minute
+        for name in (f'somebody{number}', f'nobody{number}'):
+            assert browser.log_in(name, 'wrong horse', **own).status == 403
+        assert browser.log_in('anna', **own).status == 303
+
+
 def open_socket(browser: Browser, client: str) -> tuple[str, str]:
     """Open a socket of a page by Socket.IO's protocol; return its path and the server's answer."""
     query = f'client_id={client}&tab_id=t&document_id=d&implicit_handshake=true'

@@ -33,9 +33,17 @@ def test_an_address_that_tries_many_accounts_waits_and_others_do_not():
         throttle.fail(f'account {number}', 'address 1')
     assert throttle.wait('account 9', 'address 1') == 4
     assert throttle.wait('account 9', 'address 2') == 0
-    throttle.fail('account 9')
-    throttle.forget('account 9')
-    assert throttle.wait('account 9') == 0
+
+
+def test_a_login_ends_the_row_of_its_account_and_address_and_of_no_other_account():
+    throttle = Throttle(Clock())
+    for _ in range(4):
+        throttle.fail('account anna', 'address 1')
+        throttle.fail('account ben', 'address 1')
+    throttle.forget('account anna', 'address 1')
+    assert throttle.wait('account anna', 'address 1') == 0
+    assert throttle.wait('account carl', 'address 1') == 0
+    assert throttle.wait('account ben', 'address 1') == 2
 
 
 def test_names_without_number_do_not_fill_the_memory():

@@ -76,6 +76,50 @@ def test_an_item_whose_signal_is_not_held_is_refused_in_words(recording: Recordi
     assert not list(tmp_path.iterdir())
 
 
+def begun_again(lane: Lane, recording: Recording, hours: int) -> list[SampleBlock]:
+    """Have the source of a lane send the first blocks of a recording, some hours before."""
+    blocks = [
+        replace(each, stamp=each.stamp - hours * 3600 * NANOSECONDS)
+        for each in recording.blocks[:3]
+    ]
+    for block in blocks:
+        lane.take(block)
+    return blocks
+
+
+def test_of_a_source_that_begins_again_nothing_from_before_is_held(
+    recording: Recording, tmp_path: Path
+):
+    lane = held_of(recording)
+    for edge in recording.edges * 3:  # as many as are kept
+        lane.take(edge)
+    item = lane.items()[20]
+    for hours in (1, 2):
+        blocks = begun_again(lane, recording, hours)
+        held = lane.recording()
+        assert held is not None
+        assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
+        with pytest.raises(RefusedError, match='weighed another way'):
+            keep(tmp_path, lane, item)
+    # Nobody looked when it began again: no block came that could show it.
+    lane = held_of(recording)
+    for edge in recording.edges * 3:
+        lane.take(edge)
+    lane.forget_signals()
+    lane.take(recording.load_cell)
+    blocks = begun_again(lane, recording, 1)
+    held = lane.recording()
+    assert held is not None
+    assert (held.blocks, held.edges) == (tuple(blocks), ())
+
+
+def test_nothing_is_held_where_all_edges_are_younger_than_the_samples(recording: Recording):
+    lane = held_of(recording)
+    for edge in recording.edges * 3:
+        lane.take(replace(edge, stamp=edge.stamp + 3600 * NANOSECONDS))
+    assert lane.recording() is None
+
+
 def test_a_recording_begins_where_all_edges_are_held(recording: Recording):
     lane = held_of(recording)
     first = lane.recording()

@@ -1,0 +1,46 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a lane weighs, by the diagnostics of its nodes."""
+
+from types import SimpleNamespace
+
+from checkweigher_dsp.health.findings import Level
+from checkweigher_dsp.health.status_board import StatusBoard
+from checkweigher_dsp.ros.ports import STAGES
+from checkweigher_web.standstill import standstill
+
+
+def status(name: str, **values: object) -> object:
+    pairs = [SimpleNamespace(key=key, value=str(value)) for key, value in values.items()]
+    return SimpleNamespace(name=name, level=bytes([Level.OK]), message='well', values=pairs)
+
+
+def board_of(state: str, *, product: float = 0.0) -> StatusBoard:
+    """Return a board that has heard all nodes at 0 s, and the node product then."""
+    board = StatusBoard()
+    board.add(0.0, [status('driver: Source', source='simulator', state=state)])
+    for node in STAGES:
+        board.add(0.0, [status(f'{node}: Connections')])
+    board.add(product, [status('product: Connections')])
+    return board
+
+
+def test_a_lane_weighs_until_its_driver_says_otherwise():
+    assert standstill(board_of('running').rows(1.0)) == ''
+    assert standstill(board_of('inactive').rows(1.0)) == 'weighing is stopped'
+    assert standstill(board_of('finished').rows(1.0)) == 'weighing has ended, for the source has'
+    assert standstill(board_of('failed').rows(1.0)).endswith('the source has failed')
+
+
+def test_a_lane_of_which_a_node_that_weighs_is_silent_does_not_weigh():
+    board = board_of('running', product=-9.0)
+    assert standstill(board.rows(2.0)) == ''  # the node product only counts
+    assert standstill(board.rows(7.0)) == 'silent for 7 s'
+    board.add(6.0, [status('driver: Source', state='running')])
+    assert standstill(board.rows(7.0)) == 'silent for 7 s'
+
+
+def test_nodes_that_nobody_has_heard_yet_are_no_standstill():
+    board = StatusBoard()
+    board.add(0.0, [status('product: Connections')])
+    assert standstill(board.rows(0.0)) == ''

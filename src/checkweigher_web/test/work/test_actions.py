@@ -1,0 +1,53 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The words of the nodes, as a person at the page reads them."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from checkweigher_web.work import actions
+from checkweigher_web.work.actions import Limits
+from checkweigher_web.work.services import LaneServices, RefusedError
+
+
+class Services:
+    """Services of a lane that answer with a text, or refuse with it."""
+
+    def __init__(self, text: str, *, refuse: bool = False) -> None:
+        self._text, self._refuse = text, refuse
+
+    async def call(self, name: str, **values: object) -> object:
+        if self._refuse:
+            raise RefusedError(self._text)
+        return SimpleNamespace(message=self._text)
+
+
+def zero(text: str, *, refuse: bool = False) -> str:
+    return asyncio.run(actions.zero(cast(LaneServices, Services(text, refuse=refuse))))
+
+
+@pytest.mark.parametrize(
+    ('said', 'read'),
+    [
+        ('zeroed at 0.000066 kg from the zero', 'zeroed at 0.066 g from the zero'),
+        ('zeroed at -0.000000 kg from the zero', 'zeroed at 0 g from the zero'),
+        ('zeroed at -1.500000 kg', 'zeroed at -1500 g'),
+        ('', 'the zero is set'),
+    ],
+)
+def test_the_zero_is_told_in_grams(said: str, read: str):
+    assert zero(said) == read
+
+
+def test_why_there_is_no_zero_is_told_in_grams():
+    with pytest.raises(RefusedError, match=r'reads 123\.456 g, beyond zero_range 20 g: not zeroed'):
+        zero('the belt reads 0.123456 kg, beyond zero_range 0.02 kg: not zeroed', refuse=True)
+
+
+def test_limits_the_wrong_way_round_are_refused_in_grams():
+    services = cast(LaneServices, Services('not asked'))
+    with pytest.raises(RefusedError, match='the lower limit, 200 g, is above the upper one, 100 g'):
+        asyncio.run(actions.set_limits(services, Limits(0.2, 0.1)))
