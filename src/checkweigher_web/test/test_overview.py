@@ -3,6 +3,7 @@
 """The overview of all lanes in a real browser, on two lanes of one host that run."""
 
 from collections.abc import Iterator
+from operator import itemgetter
 from pathlib import Path
 import re
 import subprocess
@@ -79,19 +80,22 @@ def open_overview(browser: Chrome, port: int) -> list[list[str]]:
         if len(rows) < 2:
             browser.get(f'http://127.0.0.1:{port}/')  # only one was found until then
             return []
-        (good,) = (row for row in rows if row[LANE] == 'good')
+        good, ill = sorted(rows, key=itemgetter(LANE))
         # On a busy machine an item may have no mass in time.
         judged, named = sum(map(int, good[COUNTS])), good[PRODUCT] == 'crisps_150g'
-        ill = rows[0][:2] == ['ERROR', 'ill']
-        return rows if ill and judged > 2 and named and good[RATE] != '–' else []
+        stopped = ill[STATE] == 'ERROR'
+        return rows if stopped and judged > 2 and named and good[RATE] != '–' else []
 
     until(browser, weighs)
     return lanes_of(browser)
 
 
 def test_each_lane_has_its_row_the_worst_first(browser: Chrome, port: int):
-    ill, good = open_overview(browser, port)
-    assert (ill[STATE], ill[LANE]) == ('ERROR', 'ill')
+    rows = open_overview(browser, port)
+    good, ill = sorted(rows, key=itemgetter(LANE))
+    assert ill[STATE] == 'ERROR'
+    # On a busy machine a verdict may be late, which is an ERROR of the other lane as well.
+    assert rows[0] == ill or good[STATE] == 'ERROR'
     assert ' → ' in ill[-1]  # what to check
     assert (good[LANE], good[HOST], good[PRODUCT]) == ('good', 'hall', 'crisps_150g')
     assert float(good[RATE]) > 0
