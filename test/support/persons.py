@@ -34,6 +34,16 @@ _WATCH_CLICK = (
     'window.missed = true;'
     'arguments[0].addEventListener("click", () => { window.missed = false }, {once: true});'
 )
+# Of each unit behind a field: whether all of it is beside the text, within the frame.
+_UNITS = (
+    'return [...document.querySelectorAll(".dialog .q-field__suffix")].map(unit => {'
+    '  const field = unit.closest(".q-field__control"), place = unit.getBoundingClientRect();'
+    '  const frame = field.getBoundingClientRect();'
+    '  const text = field.querySelector("input").getBoundingClientRect();'
+    '  return frame.left <= text.left && text.right <= place.left && place.right <= frame.right'
+    '    && frame.top <= place.top && place.bottom <= frame.bottom && place.width > 0;'
+    '});'
+)
 
 
 @dataclass
@@ -167,6 +177,10 @@ class Person:
     def attribute(self, selector: str, name: str) -> str:
         script = 'return document.querySelector(arguments[0])?.getAttribute(arguments[1]) ?? ""'
         return str(self.browser.execute_script(script, selector, name))
+
+    def units(self) -> list[bool]:
+        """Tell of the unit behind each field of the dialog whether it can be seen beside it."""
+        return list(self.browser.execute_script(_UNITS))
 
     def result(self, sign: str) -> str:
         self.until(lambda: self.text('.dialog .result').startswith(sign))

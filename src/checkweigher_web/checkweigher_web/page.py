@@ -68,7 +68,7 @@ class LanePage:
             self._about_signal = ui.label('').classes('about')
             self._signal = Figure('signal of the item')
             self._marks = ui.element('ol').classes('marks')
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 self._latest = ui.button('show the latest item', on_click=self._show_latest)
                 self._latest.props('outline no-caps dense padding="xs sm"')
                 if self._keep is not None:

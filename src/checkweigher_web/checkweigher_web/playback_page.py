@@ -28,7 +28,7 @@ class PlaybackPage:
         self._shift = shift
         self._playback = Playback(shift, name)
         with panel('Recording').classes('playback'):
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 ui.label(name).classes('name')
                 self._progress = ui.label('').props('role=status')
                 if report:
@@ -42,7 +42,7 @@ class PlaybackPage:
             self._slider.on(
                 'input', self._moved, js_handler='event => emit(Number(event.target.value))'
             )
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 for text, step in (('previous item', -1), ('next item', 1)):
                     _button(text, partial(self._step, step))
                 for text, forward in (('previous fault', False), ('next fault', True)):

@@ -91,6 +91,9 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.press('Set')
         assert '190 g' in person.result('✓')
         person.close()
+        person.open('Limits')
+        assert person.units() == [True, True]
+        person.press('Cancel')
         entries = read_log(tmp_path / 'audit.log').entries
         changed = [each for each in entries if each.subject.endswith('lower_limit')]
         assert (changed[-1].who, changed[-1].why) == ('ben', 'test weights')
@@ -101,6 +104,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.close()
 
         person.open('Calibration')
+        assert person.units() == [True, True, True]
         person.fill('Reason', 'new load cell')
         person.press('Write calibration')
         assert 'no load was read' in person.result('✗')
