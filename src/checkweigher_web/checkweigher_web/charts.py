@@ -13,16 +13,17 @@ from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
-    Decision,
     Eye,
     EyeEdge,
     LoadCell,
     Statistics,
+    Verdict,
     WeighWindow,
 )
 from checkweigher_web.empty_belt import Spectrum
 from checkweigher_web.fault_marks import expected_rise, fault_marks
 from checkweigher_web.lane import Item, Stretch
+from checkweigher_web.mass_series import MassSeries
 
 Options = dict[str, Any]
 
@@ -32,6 +33,8 @@ _MAX_POINTS = 1200
 _BINS = 25
 _HIGHEST = 150.0  # Hz, above it no machine shakes a belt
 _LEAD = 0.5  # of t3 - t1, that is shown before t1
+_ABOVE = 4  # of symbols: ECharts puts lines at 3
+_ROOM = 0.05  # beside data and limits, of their range
 
 
 def nothing(text: str) -> Options:
@@ -151,65 +154,79 @@ def _add_eyes(
     figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
 
 
-def histogram(items: Sequence[Item], statistics: Statistics | None) -> Options:
-    """Return how often each mass came, with limits, TU1, TU2 and nominal mass."""
-    masses = masses_of(items)
+def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
+    """Return how often each mass came, with limits, TU1, TU2 and nominal mass.
+
+    The limits are those of the `latest` verdict; the others are shown if the statistics are of the
+    same product and batch.
+    """
+    masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:
-        return nothing('needs two items')
+        return nothing('needs two accepted items of the batch')
     counts, bounds = np.histogram(masses, bins=min(_BINS, max(5, len(masses) // 4)))
-    limits = {
-        'lower': GRAMS * items[0].verdict.lower_limit,
-        'upper': GRAMS * items[0].verdict.upper_limit,
-    }
-    if statistics is not None:
+    limits: dict[str, float] = {}
+    if latest is not None:
+        limits |= {'lower': GRAMS * latest.lower_limit, 'upper': GRAMS * latest.upper_limit}
+    of = series.product, series.batch
+    if statistics is not None and (statistics.product, statistics.batch) == of:
         for name, value in (('TU1', statistics.tu1), ('TU2', statistics.tu2),
                             ('nominal', statistics.nominal)):  # fmt: skip
             limits[name] = GRAMS * (value + statistics.tare)
+    limits = {name: at for name, at in limits.items() if math.isfinite(at)}
     centres = (bounds[:-1] + bounds[1:]) / 2
     bars: Options = {
         'type': 'bar', 'name': 'items', 'barWidth': '95%', 'itemStyle': {'color': DENOISED},
-        'data': np.column_stack([centres, counts]).tolist(),
-        'markLine': _marks({name: at for name, at in limits.items() if math.isfinite(at)}),
+        'data': np.column_stack([centres, counts]).tolist(), 'markLine': _marks(limits),
     }  # fmt: skip
     figure = _figure([bars], 'g', 'items')
-    places = [bounds[0], bounds[-1], *(at for at in limits.values() if math.isfinite(at))]
+    places = [bounds[0], bounds[-1], *limits.values()]
     figure['xAxis'] |= {'min': min(places), 'max': max(places)}
     figure['yAxis'] |= {'min': 0, 'minInterval': 1}
     return figure
 
 
-def masses_of(items: Sequence[Item]) -> NDArray[np.float64]:
-    """Return the masses of the accepted items in the order in which they came, g."""
-    masses = [
-        item.verdict.mass for item in reversed(items) if item.verdict.decision == Decision.ACCEPT
-    ]
-    found = GRAMS * np.array(masses, float)
-    return np.asarray(found[np.isfinite(found)])
+def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) -> Options:
+    """Return the means of the subgroups, or their standard deviations, with their limits.
 
-
-def control_figure(chart: ControlChart | None, *, spread: bool) -> Options:
-    """Return the means of the subgroups, or their standard deviations, with their limits."""
+    A point that breaks a rule has a symbol, which the legend explains. `forgotten` subgroups came
+    before the first.
+    """
     if chart is None:
-        return nothing(f'needs two subgroups of {SUBGROUP} accepted items')
-    number = np.arange(1, len(chart.means) + 1, dtype=float)
+        return nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')
+    name, values, limits = 'mean', chart.means, {
+        'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper
+    }  # fmt: skip
+    rules: Sequence[str] = chart.marks
     if spread:
-        line = _line('s', number, chart.std_devs, DENOISED, width=2)
+        name, values = 's', chart.std_devs
         limits = {'mean': chart.spread, 'limit': chart.spread_upper}
-        marked = chart.std_devs > chart.spread_upper
-    else:
-        line = _line('mean', number, chart.means, DENOISED, width=2)
-        limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
-        marked = np.array([bool(mark) for mark in chart.marks])
-    line['showSymbol'] = True
-    line['data'] = [
-        {'value': point, 'symbolSize': 14, 'symbol': 'diamond', 'itemStyle': {'color': ALARM}}
-        if mark else {'value': point, 'symbolSize': 5}
-        for point, mark in zip(line['data'], marked, strict=True)
-    ]  # fmt: skip
-    line['markLine'] = _marks(limits, axis='yAxis')
-    figure = _figure([line], 'subgroup', 'g')
+        rules = ['beyond the limit' if value > chart.spread_upper else '' for value in values]
+    number = forgotten + np.arange(1, len(values) + 1, dtype=float)
+    line = _line(name, number, values, DENOISED, width=2)
+    line |= {'showSymbol': True, 'symbolSize': 5, 'markLine': _marks(limits, axis='yAxis')}
+    series = [line]
+    for rule in sorted(set(rules) - {''}):
+        broken = np.array([each == rule for each in rules])
+        series.append({
+            'type': 'scatter', 'name': rule, 'symbolSize': 14, 'color': ALARM, 'z': _ABOVE,
+            'itemStyle': {'opacity': 1}, **_symbol(rule),
+            'data': np.column_stack([number[broken], values[broken]]).round(4).tolist(),
+        })  # fmt: skip
+    figure = _figure(series, 'subgroup', 'g')
     figure['xAxis'] |= {'minInterval': 1}
+    low, high = (each(*values, *limits.values()) for each in (min, max))
+    room = _ROOM * ((high - low) or 1.0)
+    figure['yAxis'] |= {'min': low - room, 'max': high + room}
+    figure['yAxis']['axisLabel'] |= {'showMaxLabel': False}
     return figure
+
+
+def _symbol(rule: str) -> Options:
+    """Return the symbol of a broken rule of the control chart."""
+    if rule.startswith('beyond'):
+        return {'symbol': 'diamond'}
+    rotated = {'symbolRotate': 180} if rule.endswith('falling') else {}
+    return {'symbol': 'rect' if rule.endswith('side') else 'triangle', **rotated}
 
 
 def zero_chart(items: Sequence[Item]) -> Options:

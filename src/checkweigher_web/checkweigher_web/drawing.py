@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from nicegui import json
 
 from checkweigher_dsp.production.control_chart import control_chart
+from checkweigher_dsp.records import GRAMS
 from checkweigher_web import charts
 from checkweigher_web.empty_belt import Line, spectrum
 from checkweigher_web.fault_marks import fault_marks
@@ -98,17 +99,20 @@ class Drawing:
 
     def overview(self) -> Overview:
         """Return the figures over the items."""
-        items = self.items()
-        state = items[0].key if items else None
+        items, known = self.items(), self.lane.statistics
+        of = (known.product, known.batch) if known is not None else None
+        state = (items[0].key if items else None), of
         return self._once('overview', state, lambda: self._draw_overview(items))
 
     def _draw_overview(self, items: Sequence[Item]) -> Overview:
-        chart = control_chart(charts.masses_of(items).tolist())
+        series, latest = self.lane.series, items[0].verdict if items else None
+        chart = control_chart([GRAMS * mass for mass in series.masses])
         figures = (
-            charts.histogram(items, self.lane.statistics),
-            charts.control_figure(chart, spread=False), charts.control_figure(chart, spread=True),
+            charts.histogram(series, latest, self.lane.statistics),
+            charts.control_figure(chart, series.forgotten, spread=False),
+            charts.control_figure(chart, series.forgotten, spread=True),
             charts.zero_chart(items),
-        )  # fmt: skip
+        )
         return Overview(*map(json.dumps, figures))
 
     def belt(self) -> Belt | None:
