@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -21,8 +22,8 @@ from checkweigher_dsp.records import (
     WeighWindow,
 )
 from checkweigher_web.empty_belt import Spectrum
-from checkweigher_web.fault_marks import expected_rise, fault_marks
-from checkweigher_web.lane import Item, Stretch
+from checkweigher_web.fault_marks import expected_rise, fault_marks, runs
+from checkweigher_web.lane import Item, Key, Stretch
 from checkweigher_web.mass_series import MassSeries
 
 Options = dict[str, Any]
@@ -229,16 +230,44 @@ def _symbol(rule: str) -> Options:
     return {'symbol': 'rect' if rule.endswith('side') else 'triangle', **rotated}
 
 
-def zero_chart(items: Sequence[Item]) -> Options:
-    """Return the empty belt before each item, as a distance from the zero of calibration."""
-    known = [each.estimate for each in reversed(items) if each.estimate is not None]
-    known = [each for each in known if math.isfinite(each.zero) and each.t1 is not None]
-    if not known:
+def zero_chart(items: Sequence[Item], readings: Mapping[Key, float]) -> Options:
+    """Return the empty belt before each item, as a distance from the zero of calibration.
+
+    Where the zero could not be trusted the time is marked with that reason, and the empty belt is
+    shown as it was read, kg by the key of the item, if it was.
+    """
+    timed = [each for each in reversed(items) if each.verdict.t1 is not None]
+    out = [Reason.ZERO_OUT_OF_RANGE in each.verdict.reasons for each in timed]
+    zeros = np.array(
+        [math.nan if each.estimate is None else each.estimate.zero for each in timed], float
+    )
+    shown = np.isfinite(zeros) | out
+    if not shown.any():
         return nothing('no item yet')
-    first = known[0].t1 or 0
-    time = np.array([((each.t1 or 0) - first) / NANOSECONDS for each in known])
-    zero = GRAMS * np.array([each.zero for each in known])
-    return _figure([_line('zero', time, zero, DENOISED, width=2)], 's', 'g')
+    zeros, out = GRAMS * zeros[shown], np.array(out)[shown]
+    timed = [each for each, is_shown in zip(timed, shown, strict=True) if is_shown]
+    stamps = np.array([each.verdict.t1 for each in timed], np.int64)
+    time = (stamps - stamps[0]) / NANOSECONDS
+    line = _line('zero', time, zeros, DENOISED, width=2)
+    line['data'] = [[at, None if math.isnan(zero) else zero] for at, zero in line['data']]
+    # From the last item before to the first one after.
+    spans = [(time[max(begin - 1, 0)], time[min(end, len(time) - 1)]) for begin, end in runs(out)]
+    name = Reason.ZERO_OUT_OF_RANGE.value
+    line['markArea'] = {
+        'silent': True, 'itemStyle': {'color': ALARM, 'opacity': 0.15}, 'label': {'color': ALARM},
+        'data': [[{'name': name, 'xAxis': begin}, {'xAxis': end}] for begin, end in spans],
+    }  # fmt: skip
+    series = [line]
+    read = GRAMS * np.array([readings.get(each.key, math.nan) for each in timed])
+    known = np.isfinite(read)
+    if known.any():
+        series.append({
+            'type': 'scatter', 'name': f'as read, {name}', 'symbol': 'diamond', 'symbolSize': 10,
+            'color': ALARM, 'data': np.column_stack([time[known], read[known]]).round(4).tolist(),
+        })  # fmt: skip
+    figure = _figure(series, 's', 'g')
+    figure['xAxis'] |= {'min': time[0], 'max': time[-1]}
+    return figure
 
 
 def spectrum_chart(found: Spectrum | None) -> Options:

@@ -104,6 +104,12 @@ def fault_marks(item: Item, stretch: Stretch, load_cell: LoadCell) -> list[Mark]
     return marks
 
 
+def empty_reading(item: Item, stretch: Stretch, load_cell: LoadCell) -> float:
+    """Return what the empty belt read before an item, kg from the zero of calibration, or NaN."""
+    found = _empty_belt(Scene(item, stretch, load_cell))
+    return math.nan if found is None else found[2]
+
+
 def expected_rise(item: Item, stretch: Stretch, load_cell: LoadCell) -> Expected | None:
     """Return the load as it should rise by the eyes; None unless the rise contradicts them."""
     scene = Scene(item, stretch, load_cell)
@@ -191,7 +197,7 @@ def _chatter(scene: Scene) -> Iterator[Mark]:
         lengths = np.diff(stamps)
         blocked = lengths[[edge.blocked for edge in edges[:-1]]]
         longest = blocked.max() if len(blocked) else lengths.max()
-        for begin, end in _runs(lengths < _FLICKER * longest):
+        for begin, end in runs(lengths < _FLICKER * longest):
             span = 1e-6 * (stamps[end] - stamps[begin])
             text = f'{_EYES[eye]}: switches {end - begin + 1} times in {span:.1f} ms'
             yield Mark(text, int(stamps[begin]), int(stamps[end]))
@@ -238,7 +244,7 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
     for name, outside in (
         ('lowest', counts <= cell.min_counts), ('highest', counts >= cell.max_counts)
     ):  # fmt: skip
-        for begin, end in _runs(outside):
+        for begin, end in runs(outside):
             text = f'{end - begin} samples at the {name} value of the converter'
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
@@ -256,15 +262,23 @@ def _load(scene: Scene, text: str) -> Iterator[Mark]:
         yield Mark(text.format(load=GRAMS * float(np.mean(load)), capacity=capacity), *rest)
 
 
-def _zero(scene: Scene) -> Iterator[Mark]:
+def _empty_belt(scene: Scene) -> tuple[int, int, float] | None:
+    """Return the time before an item in which the belt was empty, ns, and its reading, kg."""
     begin, end = int(scene.stretch.time[0]), scene.times.get('t1')
+    if end is None:
+        return None
     # Of the belt since the item before has left.
-    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if end and edge.stamp < end]
+    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if edge.stamp < end]
     begin = max([begin, *left])
-    empty = scene.between(begin, end) if end is not None else np.zeros(0)
-    if end is not None and len(empty):
-        reading = GRAMS * float(np.mean(empty))
-        text = f'the empty belt reads {reading:+.1f} g from the zero of calibration'
+    empty = scene.between(begin, end)
+    return (begin, end, float(np.mean(empty))) if len(empty) else None
+
+
+def _zero(scene: Scene) -> Iterator[Mark]:
+    found = _empty_belt(scene)
+    if found is not None:
+        begin, end, reading = found
+        text = f'the empty belt reads {GRAMS * reading:+.1f} g from the zero of calibration'
         yield Mark(text, begin, end)
 
 
@@ -307,7 +321,7 @@ def _rise(scene: Scene) -> RiseLag:
     )  # fmt: skip
 
 
-def _runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return begin and end of each run of true values."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
