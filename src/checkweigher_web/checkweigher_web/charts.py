@@ -15,14 +15,13 @@ from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
     Eye,
-    EyeEdge,
     LoadCell,
     Statistics,
     Verdict,
     WeighWindow,
 )
 from checkweigher_web.empty_belt import Spectrum
-from checkweigher_web.fault_marks import expected_rise, fault_marks, runs
+from checkweigher_web.fault_marks import EDGES, Scene, expected_rise, fault_marks, runs
 from checkweigher_web.lane import Item, Key, Stretch
 from checkweigher_web.mass_series import MassSeries
 
@@ -84,7 +83,8 @@ def _window_chart(item: Item, window: WeighWindow) -> Options:
 
 def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options:
     """Return the raw signal around an item with what broke marked, above what the eyes saw."""
-    origin = int(stretch.time[0]) if item.verdict.t1 is None else item.verdict.t1
+    known = Scene(item, stretch, load_cell).times
+    since, origin = next(iter(known.items()), ('the first sample', int(stretch.time[0])))
 
     def place(stamp: Any) -> Any:
         return (stamp - origin) / 1e6
@@ -112,47 +112,73 @@ def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options
     }
     figure = _figure(series, '', 'g')
     begin, end = place(stretch.time[0]), place(stretch.time[-1])
-    missing = {m.eye: place(m.begin) for m in marks if m.eye is not None}
+    missing = {mark.edge: place(mark.begin) for mark in marks if mark.edge}
     begin, end = min([begin, *missing.values()]), max([end, *missing.values()])
-    _add_eyes(figure, [(each, place(each.stamp)) for each in stretch.edges], begin, end, missing)
+    _add_axis_of_eyes(figure, begin, end, f'ms after {since}')
+    for eye, color in ((Eye.INFEED, DENOISED), (Eye.OUTFEED, LEVEL)):
+        seen = [(place(each.stamp), each.blocked) for each in stretch.edges if each.eye == eye]
+        lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
+        # What begins with an edge that clears has been blocked before, or the one that lacks is it.
+        begun = 't1' if eye == Eye.INFEED else 't3'
+        was_seen = begun in known or begun in missing
+        figure['series'] += _eye_series(eye, color, seen, lost, (begin, end), was_seen=was_seen)
+    names = [each['name'] for each in figure['series'] if 'xAxisIndex' not in each]
+    figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
     return figure
 
 
-def _add_eyes(
-    figure: Options, edges: Sequence[tuple[EyeEdge, float]], begin: float, end: float,
-    missing: Mapping[Eye, float],
-) -> None:  # fmt: skip
-    """Put a row for each eye below a figure: a bar while it was blocked, a cross for no edge."""
+def _add_axis_of_eyes(figure: Options, begin: float, end: float, name: str) -> None:
+    """Put rows for the eyes below a figure, from `begin` to `end`."""
     upper, lower = figure['xAxis'] | {'min': begin, 'max': end}, dict(figure['xAxis'])
-    lower |= {'min': begin, 'max': end, 'gridIndex': 1, 'name': 'ms after the first edge'}
+    lower |= {'min': begin, 'max': end, 'gridIndex': 1, 'name': name}
     upper |= {'axisLabel': {'show': False}}
     rows = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1,
             'axisTick': {'show': False}}  # fmt: skip
     figure['grid'] = [{'left': 80, 'right': 30, 'top': 40, 'bottom': 110},
                       {'left': 80, 'right': 30, 'height': 50, 'bottom': 45}]  # fmt: skip
     figure['xAxis'], figure['yAxis'] = [upper, lower], [figure['yAxis'], rows]
-    for eye, color in ((Eye.INFEED, DENOISED), (Eye.OUTFEED, LEVEL)):
-        row = 1 if eye == Eye.INFEED else 0
-        points: list[list[float | None]] = []
-        for edge, at in [each for each in edges if each[0].eye == eye]:
-            # A lasting state that no edge began was there before, or its edge is missing.
-            points += [] if edge.blocked else [[begin, row]] if not points else []
-            points += [[at, row]] if edge.blocked else [[at, row], [None, None]]
-        if points and points[-1][0] is not None:
-            points.append([end, row])
-        figure['series'].append({
-            'type': 'line', 'name': f'{eye.name.lower()} eye blocked', 'xAxisIndex': 1,
-            'yAxisIndex': 1, 'showSymbol': False, 'color': color, 'data': points,
-            'lineStyle': {'width': 12, 'cap': 'butt'}, 'silent': True, 'connectNulls': False,
+
+
+def _eye_series(
+    eye: Eye, color: str, seen: Sequence[tuple[float, bool]], lost: Mapping[str, float],
+    shown: tuple[float, float], *, was_seen: bool,
+) -> list[Options]:  # fmt: skip
+    """Return the row of an eye: a bar while it was blocked, a diamond for an edge that it missed.
+
+    The edges are given by their times, those that were `seen` with whether they block. A bar that
+    begins or ends at one that was not seen is dashed.
+    """
+    edges = [(at, blocks, True) for at, blocks in seen]
+    edges += [(at, EDGES[name][1], False) for name, at in lost.items()]
+    row, begin = (1.0 if eye == Eye.INFEED else 0.0), (shown[0], was_seen)
+    bars: dict[bool, list[list[float | None]]] = {True: [], False: []}  # by whether they were seen
+    since = begin if edges and not min(edges)[1] else None  # blocked, and whether that was seen
+    for at, blocks, is_seen in sorted(edges):
+        if blocks:
+            since = since or (at, is_seen)
+        elif since is not None:
+            bars[since[1] and is_seen] += [[since[0], row], [at, row], [None, None]]
+            since = None
+    if since is not None:
+        bars[since[1]] += [[since[0], row], [shown[1], row]]
+    own = {'xAxisIndex': 1, 'yAxisIndex': 1, 'silent': True}
+    name = f'{eye.name.lower()} eye blocked'
+    series: list[Options] = [{
+        'type': 'line', 'name': name, 'showSymbol': False, 'color': color, 'data': bars[True],
+        'lineStyle': {'width': 12, 'cap': 'butt'}, 'connectNulls': False, **own,
+    }]  # fmt: skip
+    if bars[False]:
+        style = {'width': 12, 'cap': 'butt', 'type': [6, 4], 'opacity': 0.6}
+        series.append(series[0] | {
+            'name': f'{name}, as expected', 'data': bars[False], 'lineStyle': style,
         })  # fmt: skip
-        if eye in missing:
-            figure['series'].append({
-                'type': 'scatter', 'name': 'missing edge', 'xAxisIndex': 1, 'yAxisIndex': 1,
-                'symbol': 'diamond', 'symbolSize': 16, 'color': ALARM, 'silent': True,
-                'data': [[missing[eye], row]],
-            })  # fmt: skip
-    names = [each['name'] for each in figure['series'] if 'xAxisIndex' not in each]
-    figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
+    if lost:
+        series.append({
+            'type': 'scatter', 'name': 'missing edge', 'symbol': 'diamond', 'symbolSize': 16,
+            'color': ALARM, 'z': _ABOVE, 'itemStyle': {'opacity': 1},
+            'data': [[at, row] for at in lost.values()], **own,
+        })  # fmt: skip
+    return series
 
 
 def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:

@@ -32,13 +32,13 @@ EDGES = {
 class Mark:
     """A place in the signal, `begin` to `end` in ns, and what is wrong there.
 
-    A moment has equal ends. `eye` is that of an edge that was expected there and did not come.
+    A moment has equal ends. `edge` is the one of `EDGES` that was expected there and did not come.
     """
 
     text: str
     begin: int
     end: int
-    eye: Eye | None = None
+    edge: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +132,7 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
         eye, blocked = EDGES[name]
         text = f'{_EYES[eye]}: {name} is missing, it did not {"block" if blocked else "clear"}'
         if name in expected:
-            yield Mark(f'{text}; expected here', expected[name], expected[name], eye)
+            yield Mark(f'{text}; expected here', expected[name], expected[name], name)
         elif scene.times:
             last = max(scene.times.values())
             yield Mark(f'{text} after this', last, last)
