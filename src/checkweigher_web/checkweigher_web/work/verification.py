@@ -206,10 +206,10 @@ def _asked(step: Step) -> str:
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
-    """Yield the verifications that have a report, with their verdicts."""
+    """Yield the verifications that have a report, each by its name and with its verdict."""
     for folder in folders:
         try:
             verdict = json.loads((folder / 'report.json').read_bytes())['verdict']
         except (OSError, ValueError, KeyError, TypeError):
             continue
-        yield folder.name, f' {verdict}'
+        yield folder.name, f'{folder.name} {verdict}'
