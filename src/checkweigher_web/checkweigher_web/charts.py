@@ -34,6 +34,8 @@ _BINS = 25
 _HIGHEST = 150.0  # Hz, above it no machine shakes a belt
 _LEAD = 0.5  # of t3 - t1, that is shown before t1
 _ABOVE = 4  # of symbols: ECharts puts lines at 3
+# Of a figure on a phone, and of its labels, px.
+_NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
 _ROOM = 0.05  # beside data and limits, of their range
 
 
@@ -203,11 +205,12 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
     centres = (bounds[:-1] + bounds[1:]) / 2
     bars: Options = {
         'type': 'bar', 'name': 'items', 'barWidth': '95%', 'itemStyle': {'color': DENOISED},
-        'data': np.column_stack([centres, counts]).tolist(), 'markLine': _marks(limits),
+        'data': np.column_stack([centres, counts]).tolist(),
     }  # fmt: skip
     figure = _figure([bars], 'g', 'items')
     places = [bounds[0], bounds[-1], *limits.values()]
     figure['xAxis'] |= {'min': min(places), 'max': max(places)}
+    _mark_apart(figure, limits)
     figure['yAxis'] |= {'min': 0, 'minInterval': 1}
     return figure
 
@@ -303,9 +306,9 @@ def spectrum_chart(found: Spectrum | None) -> Options:
     shown = found.frequencies <= _HIGHEST
     amplitudes = GRAMS * found.amplitudes[shown]
     line = _line('amplitude', found.frequencies[shown], amplitudes, DENOISED, width=1)
-    line['markLine'] = _marks({f'{each.frequency:.0f}': each.frequency for each in found.lines})
     figure = _figure([line], 'Hz', 'g')
     figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}
+    _mark_apart(figure, {f'{each.frequency:.0f}': each.frequency for each in found.lines})
     return figure
 
 
@@ -328,6 +331,25 @@ def _marks(places: dict[str, float], axis: str = 'xAxis') -> Options:
         'label': {'formatter': '{b}', 'color': '#333333'},
         'data': [{'name': name, axis: place} for name, place in places.items()],
     }  # fmt: skip
+
+
+def _mark_apart(figure: Options, places: Mapping[str, float]) -> None:
+    """Mark places on the x axis of a figure, one label above the other where they would touch.
+
+    By the width that the figure has on a phone: nothing tells how wide it will be.
+    """
+    axis = figure['xAxis']
+    scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)
+    marks, ends = _marks(dict(sorted(places.items(), key=lambda each: each[1]))), list[float]()
+    for mark in marks['data']:
+        half = _CHARACTER * (len(mark['name']) + 1) / 2
+        at = scale * (mark['xAxis'] - axis['min'])
+        free = [level for level, end in enumerate(ends) if end <= at - half]
+        level = free[0] if free else len(ends)
+        ends[level : level + 1] = [at + half]
+        mark['label'] = {'distance': _LABEL_DISTANCE + _LABEL_HEIGHT * level}
+    figure['series'][0]['markLine'] = marks
+    figure['grid']['top'] += _LABEL_HEIGHT * max(len(ends) - 1, 0)
 
 
 def _figure(series: list[Options], x_name: str, y_name: str) -> Options:

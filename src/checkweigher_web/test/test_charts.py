@@ -19,6 +19,7 @@ from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web import charts
+from checkweigher_web.empty_belt import Line, Spectrum
 from checkweigher_web.lane import Item
 from checkweigher_web.mass_series import MassSeries
 
@@ -69,6 +70,37 @@ def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them
         assert sum(count for _, count in bars['data']) == 3
         marks = {mark['name']: mark['xAxis'] for mark in bars['markLine']['data']}
         assert marks == pytest.approx(lines)
+
+
+def labels_of(figure: charts.Options, width: int) -> list[tuple[float, float, float]]:
+    """Return left and right end and height of each label of a figure of a width, px."""
+    axis, found = figure['xAxis'], []
+    scale = width / (axis['max'] - axis['min'])
+    for mark in figure['series'][0]['markLine']['data']:
+        at, half = scale * (mark['xAxis'] - axis['min']), 3.2 * len(mark['name'])
+        found.append((at - half, at + half, mark['label']['distance']))
+    return found
+
+
+def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: Item):
+    series = MassSeries(masses=(0.148, 0.152))
+    verdict = replace(item.verdict, lower_limit=0.1465, upper_limit=0.1582)
+    statistics = ProductionStatistics(Product('', nominal=0.15, tu1=0.1455, tu2=0.141)).summary()
+    lines = tuple(Line(at, 1e-3, '') for at in (31.0, 39.0, 50.0, 100.0))
+    spectrum = Spectrum(np.arange(200.0), np.ones(200), lines)
+    for figure, count in (
+        (charts.histogram(series, verdict, statistics), 5), (charts.spectrum_chart(spectrum), 4),
+    ):  # fmt: skip
+        for width in (200, 350, 700):
+            labels = sorted(labels_of(figure, width))
+            assert len(labels) == count
+            for k, (_, right, height) in enumerate(labels):
+                for left, _, other in labels[k + 1 :]:
+                    assert right < left or abs(height - other) >= 12
+        # They are above the bars, below the edge of the figure.
+        assert max(height for *_, height in labels) + 12 <= figure['grid']['top']
+    (_, _, highest), *_ = sorted(labels_of(figure, 200), key=lambda label: -label[2])
+    assert highest < 30  # 50 and 100 Hz have room beside the others
 
 
 def control_figures(masses: list[float]) -> tuple[ControlChart, charts.Options, charts.Options]:
