@@ -207,7 +207,7 @@ def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics
         'type': 'bar', 'name': 'items', 'barWidth': '95%', 'itemStyle': {'color': DENOISED},
         'data': np.column_stack([centres, counts]).tolist(),
     }  # fmt: skip
-    figure = _figure([bars], 'g', 'items')
+    figure = _figure([bars], 'gross, g', 'items')
     places = [bounds[0], bounds[-1], *limits.values()]
     figure['xAxis'] |= {'min': min(places), 'max': max(places)}
     _mark_apart(figure, limits)
@@ -242,7 +242,7 @@ def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) 
             'itemStyle': {'opacity': 1}, **_symbol(rule),
             'data': np.column_stack([number[broken], values[broken]]).round(4).tolist(),
         })  # fmt: skip
-    figure = _figure(series, 'subgroup', 'g')
+    figure = _figure(series, 'subgroup', 'g' if spread else 'gross, g')
     figure['xAxis'] |= {'minInterval': 1}
     low, high = (each(*values, *limits.values()) for each in (min, max))
     room = _ROOM * ((high - low) or 1.0)

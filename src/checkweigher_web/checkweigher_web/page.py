@@ -19,7 +19,7 @@ from checkweigher_web.words import about, batch_rules, clock, decided, grams, hi
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
 _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
-_HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict'
+_HEADS = 'item', 'time', 'gross, g', '± g', 'reference g', 'verdict'
 _REASON_HEADS = 'items', 'reason', 'what to check'
 _STATUS_HEADS = 'level', 'node', 'what is, and what to check'
 STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')

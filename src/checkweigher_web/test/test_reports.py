@@ -37,7 +37,7 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
         # 152 g, 2 g too much: each step goes down.
-        anna.until(lambda: 'filler correction g -' in ' '.join(anna.text('.production').split()))
+        anna.until(lambda: 'filler correction, g -' in ' '.join(anna.text('.production').split()))
         for batch in (BATCH, 'L2'):
             anna.open('New batch')
             anna.fill('Batch', batch)
