@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
@@ -228,7 +229,7 @@ def _length(scene: Scene) -> Iterator[Mark]:
 def _short_window(scene: Scene) -> Iterator[Mark]:
     rest = scene.span('t2', 't3')
     if rest is not None:
-        yield Mark(f'fully on the belt for {len(scene.between(*rest))} samples', *rest)
+        yield Mark(f'fully on the belt for {counted(len(scene.between(*rest)), "sample")}', *rest)
 
 
 def _lost_samples(scene: Scene) -> Iterator[Mark]:
@@ -236,7 +237,7 @@ def _lost_samples(scene: Scene) -> Iterator[Mark]:
     for place in np.flatnonzero(np.diff(time) > _GAP * period):
         begin, end = int(time[place]), int(time[place + 1])
         count = round((end - begin) / period) - 1
-        yield Mark(f'{count} samples lost in {1e-6 * (end - begin):.1f} ms', begin, end)
+        yield Mark(f'{counted(count, "sample")} lost in {1e-6 * (end - begin):.1f} ms', begin, end)
 
 
 def _saturation(scene: Scene) -> Iterator[Mark]:
@@ -245,7 +246,7 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
         ('lowest', counts <= cell.min_counts), ('highest', counts >= cell.max_counts)
     ):  # fmt: skip
         for begin, end in runs(outside):
-            text = f'{end - begin} samples at the {name} value of the converter'
+            text = f'{counted(end - begin, "sample")} at the {name} value of the converter'
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
 

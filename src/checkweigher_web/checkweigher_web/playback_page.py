@@ -8,6 +8,7 @@ from functools import partial
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import panel
@@ -59,7 +60,8 @@ class PlaybackPage:
         self._slider.props['max'] = max(count, 1)
         self._slider.update()
         length = (shift.end - shift.begin) / NANOSECONDS
-        text = f'{count} items, {len(shift.faults)} faults in {length / 60:.1f} min'
+        known = f'{counted(count, "item")}, {counted(len(shift.faults), "fault")}'
+        text = f'{known} in {length / 60:.1f} min'
         self._progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
         self._show_place()
         if whole:

@@ -9,6 +9,7 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_dsp.ros import ports
 from checkweigher_validation.verification.plan import (
@@ -147,7 +148,7 @@ class Guide:
             self._found.set_text(f'the plan: {error}')
             self._table.show([])
             return
-        self._found.set_text(f'{len(steps)} steps')
+        self._found.set_text(counted(len(steps), 'step'))
         self._table.show((step.name, _asked(step)) for step in steps)
 
     # What is done
