@@ -80,7 +80,7 @@ def main() -> None:
         write_bag(bag, recording.load_cell, recording)
         with served('--bag', str(bag)) as (_, port), open_browser(Path(folder) / 'c') as page:
             page.get(f'http://127.0.0.1:{port}/')
-            until(page, lambda: f'{COUNT} items' in text_of(page, '.row'))
+            until(page, lambda: f'{COUNT} items' in text_of(page, '.in-a-row'))
             for shot in SHOTS:
                 shoot(page, *shot)
 

@@ -34,6 +34,24 @@ _WATCH_CLICK = (
     'window.missed = true;'
     'arguments[0].addEventListener("click", () => { window.missed = false }, {once: true});'
 )
+# Of each unit behind a field: whether all of it is beside the text, within the frame.
+_UNITS = (
+    'return [...document.querySelectorAll(".dialog .q-field__suffix")].map(unit => {'
+    '  const field = unit.closest(".q-field__control"), place = unit.getBoundingClientRect();'
+    '  const frame = field.getBoundingClientRect();'
+    '  const text = field.querySelector("input").getBoundingClientRect();'
+    '  return frame.left <= text.left && text.right <= place.left && place.right <= frame.right'
+    '    && frame.top <= place.top && place.bottom <= frame.bottom && place.width > 0;'
+    '});'
+)
+# Of what is in the body of the dialog: whether it ends before the padding of the dialog.
+_WITHIN = (
+    'const dialog = document.querySelector(".dialog");'
+    'const edge = dialog.getBoundingClientRect().right'
+    '  - parseFloat(getComputedStyle(dialog).paddingRight);'
+    'return [...dialog.querySelectorAll(".fields > *")].filter(each => each.checkVisibility())'
+    '  .map(each => each.getBoundingClientRect().right <= edge + 0.5);'
+)
 
 
 @dataclass
@@ -167,6 +185,19 @@ class Person:
     def attribute(self, selector: str, name: str) -> str:
         script = 'return document.querySelector(arguments[0])?.getAttribute(arguments[1]) ?? ""'
         return str(self.browser.execute_script(script, selector, name))
+
+    def units(self) -> list[bool]:
+        """Tell of the unit behind each field of the dialog whether it can be seen beside it."""
+        return list(self.browser.execute_script(_UNITS))
+
+    def fits(self, width: int) -> bool:
+        """Tell whether what is in the dialog stays within it in a window of a width, px."""
+        size = self.browser.get_window_size()
+        self.browser.set_window_size(width, size['height'])
+        self.until(lambda: self.browser.execute_script('return window.innerWidth') == width)
+        within = self.browser.execute_script(_WITHIN)
+        self.browser.set_window_size(size['width'], size['height'])
+        return len(within) > 0 and all(within)
 
     def result(self, sign: str) -> str:
         self.until(lambda: self.text('.dialog .result').startswith(sign))

@@ -19,5 +19,14 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
     )
 
 
+def counted(count: int, name: str) -> str:
+    """Return how many there are of something: its name is that of one, with an s for more.
+
+    >>> counted(1, 'gap'), counted(0, 'gap')
+    ('1 gap', '0 gaps')
+    """
+    return f'{count} {name}{"" if count == 1 else "s"}'
+
+
 def _escaped(character: str) -> str:
     return character.encode('unicode_escape').decode('ascii')

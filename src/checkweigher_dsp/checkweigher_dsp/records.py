@@ -399,7 +399,7 @@ class Statistics:
     `length_faults` and `speed_faults` are items outside the ranges of the recipe; `tu1` and `tu2`
     are those of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean above `nominal`),
     `below_tu1`, which has those below TU2 as well, `below_tu2` and `share_below_tu1` (0..1) are of
-    the accepted items. `throughput` is in 1/min, between the first and the last item. The recipe
+    the accepted items. `throughput` is in 1/min, of the items since the stream began. The recipe
     allows a share of `tu1_quota` below TU1 in a batch, NaN without that rule, and with `mean_value`
     no mean below nominal.
     """

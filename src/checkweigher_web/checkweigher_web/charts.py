@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
-    Decision,
     Eye,
-    EyeEdge,
     LoadCell,
     Statistics,
+    Verdict,
     WeighWindow,
 )
 from checkweigher_web.empty_belt import Spectrum
-from checkweigher_web.fault_marks import expected_rise, fault_marks
-from checkweigher_web.lane import Item, Stretch
+from checkweigher_web.fault_marks import EDGES, Scene, expected_rise, fault_marks, runs
+from checkweigher_web.lane import Item, Key, Stretch
+from checkweigher_web.mass_series import MassSeries
 
 Options = dict[str, Any]
 
@@ -32,6 +33,10 @@ _MAX_POINTS = 1200
 _BINS = 25
 _HIGHEST = 150.0  # Hz, above it no machine shakes a belt
 _LEAD = 0.5  # of t3 - t1, that is shown before t1
+_ABOVE = 4  # of symbols: ECharts puts lines at 3
+# Of a figure on a phone, and of its labels, px.
+_NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
+_ROOM = 0.05  # beside data and limits, of their range
 
 
 def nothing(text: str) -> Options:
@@ -80,7 +85,8 @@ def _window_chart(item: Item, window: WeighWindow) -> Options:
 
 def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options:
     """Return the raw signal around an item with what broke marked, above what the eyes saw."""
-    origin = int(stretch.time[0]) if item.verdict.t1 is None else item.verdict.t1
+    known = Scene(item, stretch, load_cell).times
+    since, origin = next(iter(known.items()), ('the first sample', int(stretch.time[0])))
 
     def place(stamp: Any) -> Any:
         return (stamp - origin) / 1e6
@@ -108,120 +114,189 @@ def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options
     }
     figure = _figure(series, '', 'g')
     begin, end = place(stretch.time[0]), place(stretch.time[-1])
-    missing = {m.eye: place(m.begin) for m in marks if m.eye is not None}
+    missing = {mark.edge: place(mark.begin) for mark in marks if mark.edge}
     begin, end = min([begin, *missing.values()]), max([end, *missing.values()])
-    _add_eyes(figure, [(each, place(each.stamp)) for each in stretch.edges], begin, end, missing)
+    _add_axis_of_eyes(figure, begin, end, f'ms after {since}')
+    for eye, color in ((Eye.INFEED, DENOISED), (Eye.OUTFEED, LEVEL)):
+        seen = [(place(each.stamp), each.blocked) for each in stretch.edges if each.eye == eye]
+        lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
+        # What begins with an edge that clears has been blocked before, or the one that lacks is it.
+        begun = 't1' if eye == Eye.INFEED else 't3'
+        was_seen = begun in known or begun in missing
+        figure['series'] += _eye_series(eye, color, seen, lost, (begin, end), was_seen=was_seen)
+    names = [each['name'] for each in figure['series'] if 'xAxisIndex' not in each]
+    figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
     return figure
 
 
-def _add_eyes(
-    figure: Options, edges: Sequence[tuple[EyeEdge, float]], begin: float, end: float,
-    missing: Mapping[Eye, float],
-) -> None:  # fmt: skip
-    """Put a row for each eye below a figure: a bar while it was blocked, a cross for no edge."""
+def _add_axis_of_eyes(figure: Options, begin: float, end: float, name: str) -> None:
+    """Put rows for the eyes below a figure, from `begin` to `end`."""
     upper, lower = figure['xAxis'] | {'min': begin, 'max': end}, dict(figure['xAxis'])
-    lower |= {'min': begin, 'max': end, 'gridIndex': 1, 'name': 'ms after the first edge'}
+    lower |= {'min': begin, 'max': end, 'gridIndex': 1, 'name': name}
     upper |= {'axisLabel': {'show': False}}
     rows = {'type': 'category', 'data': ['outfeed eye', 'infeed eye'], 'gridIndex': 1,
             'axisTick': {'show': False}}  # fmt: skip
     figure['grid'] = [{'left': 80, 'right': 30, 'top': 40, 'bottom': 110},
                       {'left': 80, 'right': 30, 'height': 50, 'bottom': 45}]  # fmt: skip
     figure['xAxis'], figure['yAxis'] = [upper, lower], [figure['yAxis'], rows]
-    for eye, color in ((Eye.INFEED, DENOISED), (Eye.OUTFEED, LEVEL)):
-        row = 1 if eye == Eye.INFEED else 0
-        points: list[list[float | None]] = []
-        for edge, at in [each for each in edges if each[0].eye == eye]:
-            # A lasting state that no edge began was there before, or its edge is missing.
-            points += [] if edge.blocked else [[begin, row]] if not points else []
-            points += [[at, row]] if edge.blocked else [[at, row], [None, None]]
-        if points and points[-1][0] is not None:
-            points.append([end, row])
-        figure['series'].append({
-            'type': 'line', 'name': f'{eye.name.lower()} eye blocked', 'xAxisIndex': 1,
-            'yAxisIndex': 1, 'showSymbol': False, 'color': color, 'data': points,
-            'lineStyle': {'width': 12, 'cap': 'butt'}, 'silent': True, 'connectNulls': False,
+
+
+def _eye_series(
+    eye: Eye, color: str, seen: Sequence[tuple[float, bool]], lost: Mapping[str, float],
+    shown: tuple[float, float], *, was_seen: bool,
+) -> list[Options]:  # fmt: skip
+    """Return the row of an eye: a bar while it was blocked, a diamond for an edge that it missed.
+
+    The edges are given by their times, those that were `seen` with whether they block. A bar that
+    begins or ends at one that was not seen is dashed.
+    """
+    edges = [(at, blocks, True) for at, blocks in seen]
+    edges += [(at, EDGES[name][1], False) for name, at in lost.items()]
+    row, begin = (1.0 if eye == Eye.INFEED else 0.0), (shown[0], was_seen)
+    bars: dict[bool, list[list[float | None]]] = {True: [], False: []}  # by whether they were seen
+    since = begin if edges and not min(edges)[1] else None  # blocked, and whether that was seen
+    for at, blocks, is_seen in sorted(edges):
+        if blocks:
+            since = since or (at, is_seen)
+        elif since is not None:
+            bars[since[1] and is_seen] += [[since[0], row], [at, row], [None, None]]
+            since = None
+    if since is not None:
+        bars[since[1]] += [[since[0], row], [shown[1], row]]
+    own = {'xAxisIndex': 1, 'yAxisIndex': 1, 'silent': True}
+    name = f'{eye.name.lower()} eye blocked'
+    series: list[Options] = [{
+        'type': 'line', 'name': name, 'showSymbol': False, 'color': color, 'data': bars[True],
+        'lineStyle': {'width': 12, 'cap': 'butt'}, 'connectNulls': False, **own,
+    }]  # fmt: skip
+    if bars[False]:
+        style = {'width': 12, 'cap': 'butt', 'type': [6, 4], 'opacity': 0.6}
+        series.append(series[0] | {
+            'name': f'{name}, as expected', 'data': bars[False], 'lineStyle': style,
         })  # fmt: skip
-        if eye in missing:
-            figure['series'].append({
-                'type': 'scatter', 'name': 'missing edge', 'xAxisIndex': 1, 'yAxisIndex': 1,
-                'symbol': 'diamond', 'symbolSize': 16, 'color': ALARM, 'silent': True,
-                'data': [[missing[eye], row]],
-            })  # fmt: skip
-    names = [each['name'] for each in figure['series'] if 'xAxisIndex' not in each]
-    figure['legend'] = {'show': len(names) > 1, 'top': 0, 'data': names}
+    if lost:
+        series.append({
+            'type': 'scatter', 'name': 'missing edge', 'symbol': 'diamond', 'symbolSize': 16,
+            'color': ALARM, 'z': _ABOVE, 'itemStyle': {'opacity': 1},
+            'data': [[at, row] for at in lost.values()], **own,
+        })  # fmt: skip
+    return series
 
 
-def histogram(items: Sequence[Item], statistics: Statistics | None) -> Options:
-    """Return how often each mass came, with limits, TU1, TU2 and nominal mass."""
-    masses = masses_of(items)
+def histogram(series: MassSeries, latest: Verdict | None, statistics: Statistics | None) -> Options:
+    """Return how often each mass came, with limits, TU1, TU2 and nominal mass.
+
+    The limits are those of the `latest` verdict; the others are shown if the statistics are of the
+    same product and batch.
+    """
+    masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:
-        return nothing('needs two items')
+        return nothing('needs two accepted items of the batch')
     counts, bounds = np.histogram(masses, bins=min(_BINS, max(5, len(masses) // 4)))
-    limits = {
-        'lower': GRAMS * items[0].verdict.lower_limit,
-        'upper': GRAMS * items[0].verdict.upper_limit,
-    }
-    if statistics is not None:
+    limits: dict[str, float] = {}
+    if latest is not None:
+        limits |= {'lower': GRAMS * latest.lower_limit, 'upper': GRAMS * latest.upper_limit}
+    of = series.product, series.batch
+    if statistics is not None and (statistics.product, statistics.batch) == of:
         for name, value in (('TU1', statistics.tu1), ('TU2', statistics.tu2),
                             ('nominal', statistics.nominal)):  # fmt: skip
             limits[name] = GRAMS * (value + statistics.tare)
+    limits = {name: at for name, at in limits.items() if math.isfinite(at)}
     centres = (bounds[:-1] + bounds[1:]) / 2
     bars: Options = {
         'type': 'bar', 'name': 'items', 'barWidth': '95%', 'itemStyle': {'color': DENOISED},
         'data': np.column_stack([centres, counts]).tolist(),
-        'markLine': _marks({name: at for name, at in limits.items() if math.isfinite(at)}),
     }  # fmt: skip
-    figure = _figure([bars], 'g', 'items')
-    places = [bounds[0], bounds[-1], *(at for at in limits.values() if math.isfinite(at))]
+    figure = _figure([bars], 'gross, g', 'items')
+    places = [bounds[0], bounds[-1], *limits.values()]
     figure['xAxis'] |= {'min': min(places), 'max': max(places)}
+    _mark_apart(figure, limits)
     figure['yAxis'] |= {'min': 0, 'minInterval': 1}
     return figure
 
 
-def masses_of(items: Sequence[Item]) -> NDArray[np.float64]:
-    """Return the masses of the accepted items in the order in which they came, g."""
-    masses = [
-        item.verdict.mass for item in reversed(items) if item.verdict.decision == Decision.ACCEPT
-    ]
-    found = GRAMS * np.array(masses, float)
-    return np.asarray(found[np.isfinite(found)])
+def control_figure(chart: ControlChart | None, forgotten: int, *, spread: bool) -> Options:
+    """Return the means of the subgroups, or their standard deviations, with their limits.
 
-
-def control_figure(chart: ControlChart | None, *, spread: bool) -> Options:
-    """Return the means of the subgroups, or their standard deviations, with their limits."""
+    A point that breaks a rule has a symbol, which the legend explains. `forgotten` subgroups came
+    before the first.
+    """
     if chart is None:
-        return nothing(f'needs two subgroups of {SUBGROUP} accepted items')
-    number = np.arange(1, len(chart.means) + 1, dtype=float)
+        return nothing(f'needs two subgroups of {SUBGROUP} accepted items of the batch')
+    name, values, limits = 'mean', chart.means, {
+        'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper
+    }  # fmt: skip
+    rules: Sequence[str] = chart.marks
     if spread:
-        line = _line('s', number, chart.std_devs, DENOISED, width=2)
+        name, values = 's', chart.std_devs
         limits = {'mean': chart.spread, 'limit': chart.spread_upper}
-        marked = chart.std_devs > chart.spread_upper
-    else:
-        line = _line('mean', number, chart.means, DENOISED, width=2)
-        limits = {'lower': chart.lower, 'mean': chart.centre, 'upper': chart.upper}
-        marked = np.array([bool(mark) for mark in chart.marks])
-    line['showSymbol'] = True
-    line['data'] = [
-        {'value': point, 'symbolSize': 14, 'symbol': 'diamond', 'itemStyle': {'color': ALARM}}
-        if mark else {'value': point, 'symbolSize': 5}
-        for point, mark in zip(line['data'], marked, strict=True)
-    ]  # fmt: skip
-    line['markLine'] = _marks(limits, axis='yAxis')
-    figure = _figure([line], 'subgroup', 'g')
+        rules = ['beyond the limit' if value > chart.spread_upper else '' for value in values]
+    number = forgotten + np.arange(1, len(values) + 1, dtype=float)
+    line = _line(name, number, values, DENOISED, width=2)
+    line |= {'showSymbol': True, 'symbolSize': 5, 'markLine': _marks(limits, axis='yAxis')}
+    series = [line]
+    for rule in sorted(set(rules) - {''}):
+        broken = np.array([each == rule for each in rules])
+        series.append({
+            'type': 'scatter', 'name': rule, 'symbolSize': 14, 'color': ALARM, 'z': _ABOVE,
+            'itemStyle': {'opacity': 1}, **_symbol(rule),
+            'data': np.column_stack([number[broken], values[broken]]).round(4).tolist(),
+        })  # fmt: skip
+    figure = _figure(series, 'subgroup', 'g' if spread else 'gross, g')
     figure['xAxis'] |= {'minInterval': 1}
+    low, high = (each(*values, *limits.values()) for each in (min, max))
+    room = _ROOM * ((high - low) or 1.0)
+    figure['yAxis'] |= {'min': low - room, 'max': high + room}
+    figure['yAxis']['axisLabel'] |= {'showMaxLabel': False}
     return figure
 
 
-def zero_chart(items: Sequence[Item]) -> Options:
-    """Return the empty belt before each item, as a distance from the zero of calibration."""
-    known = [each.estimate for each in reversed(items) if each.estimate is not None]
-    known = [each for each in known if math.isfinite(each.zero) and each.t1 is not None]
-    if not known:
+def _symbol(rule: str) -> Options:
+    """Return the symbol of a broken rule of the control chart."""
+    if rule.startswith('beyond'):
+        return {'symbol': 'diamond'}
+    rotated = {'symbolRotate': 180} if rule.endswith('falling') else {}
+    return {'symbol': 'rect' if rule.endswith('side') else 'triangle', **rotated}
+
+
+def zero_chart(items: Sequence[Item], readings: Mapping[Key, float]) -> Options:
+    """Return the empty belt before each item, as a distance from the zero of calibration.
+
+    Where the zero could not be trusted the time is marked with that reason, and the empty belt is
+    shown as it was read, kg by the key of the item, if it was.
+    """
+    timed = [each for each in reversed(items) if each.verdict.t1 is not None]
+    out = [Reason.ZERO_OUT_OF_RANGE in each.verdict.reasons for each in timed]
+    zeros = np.array(
+        [math.nan if each.estimate is None else each.estimate.zero for each in timed], float
+    )
+    shown = np.isfinite(zeros) | out
+    if not shown.any():
         return nothing('no item yet')
-    first = known[0].t1 or 0
-    time = np.array([((each.t1 or 0) - first) / NANOSECONDS for each in known])
-    zero = GRAMS * np.array([each.zero for each in known])
-    return _figure([_line('zero', time, zero, DENOISED, width=2)], 's', 'g')
+    zeros, out = GRAMS * zeros[shown], np.array(out)[shown]
+    timed = [each for each, is_shown in zip(timed, shown, strict=True) if is_shown]
+    stamps = np.array([each.verdict.t1 for each in timed], np.int64)
+    time = (stamps - stamps[0]) / NANOSECONDS
+    line = _line('zero', time, zeros, DENOISED, width=2)
+    line['data'] = [[at, None if math.isnan(zero) else zero] for at, zero in line['data']]
+    # From the last item before to the first one after.
+    spans = [(time[max(begin - 1, 0)], time[min(end, len(time) - 1)]) for begin, end in runs(out)]
+    name = Reason.ZERO_OUT_OF_RANGE.value
+    line['markArea'] = {
+        'silent': True, 'itemStyle': {'color': ALARM, 'opacity': 0.15}, 'label': {'color': ALARM},
+        'data': [[{'name': name, 'xAxis': begin}, {'xAxis': end}] for begin, end in spans],
+    }  # fmt: skip
+    series = [line]
+    read = GRAMS * np.array([readings.get(each.key, math.nan) for each in timed])
+    known = np.isfinite(read)
+    if known.any():
+        series.append({
+            'type': 'scatter', 'name': f'as read, {name}', 'symbol': 'diamond', 'symbolSize': 10,
+            'color': ALARM, 'data': np.column_stack([time[known], read[known]]).round(4).tolist(),
+        })  # fmt: skip
+    figure = _figure(series, 's', 'g')
+    figure['xAxis'] |= {'min': time[0], 'max': time[-1]}
+    return figure
 
 
 def spectrum_chart(found: Spectrum | None) -> Options:
@@ -231,9 +306,9 @@ def spectrum_chart(found: Spectrum | None) -> Options:
     shown = found.frequencies <= _HIGHEST
     amplitudes = GRAMS * found.amplitudes[shown]
     line = _line('amplitude', found.frequencies[shown], amplitudes, DENOISED, width=1)
-    line['markLine'] = _marks({f'{each.frequency:.0f}': each.frequency for each in found.lines})
     figure = _figure([line], 'Hz', 'g')
     figure['xAxis'] |= {'min': 0, 'max': min(_HIGHEST, float(found.frequencies[-1]))}
+    _mark_apart(figure, {f'{each.frequency:.0f}': each.frequency for each in found.lines})
     return figure
 
 
@@ -256,6 +331,25 @@ def _marks(places: dict[str, float], axis: str = 'xAxis') -> Options:
         'label': {'formatter': '{b}', 'color': '#333333'},
         'data': [{'name': name, axis: place} for name, place in places.items()],
     }  # fmt: skip
+
+
+def _mark_apart(figure: Options, places: Mapping[str, float]) -> None:
+    """Mark places on the x axis of a figure, one label above the other where they would touch.
+
+    By the width that the figure has on a phone: nothing tells how wide it will be.
+    """
+    axis = figure['xAxis']
+    scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)
+    marks, ends = _marks(dict(sorted(places.items(), key=lambda each: each[1]))), list[float]()
+    for mark in marks['data']:
+        half = _CHARACTER * (len(mark['name']) + 1) / 2
+        at = scale * (mark['xAxis'] - axis['min'])
+        free = [level for level, end in enumerate(ends) if end <= at - half]
+        level = free[0] if free else len(ends)
+        ends[level : level + 1] = [at + half]
+        mark['label'] = {'distance': _LABEL_DISTANCE + _LABEL_HEIGHT * level}
+    figure['series'][0]['markLine'] = marks
+    figure['grid']['top'] += _LABEL_HEIGHT * max(len(ends) - 1, 0)
 
 
 def _figure(series: list[Options], x_name: str, y_name: str) -> Options:

@@ -11,9 +11,11 @@ from typing import Any, TypeVar
 from nicegui import json
 
 from checkweigher_dsp.production.control_chart import control_chart
+from checkweigher_dsp.reasons import Reason
+from checkweigher_dsp.records import GRAMS
 from checkweigher_web import charts
 from checkweigher_web.empty_belt import Line, spectrum
-from checkweigher_web.fault_marks import fault_marks
+from checkweigher_web.fault_marks import empty_reading, fault_marks
 from checkweigher_web.lane import Item, Key, Lane
 from checkweigher_web.shift import Playback
 from checkweigher_web.words import clock, grams, said
@@ -60,6 +62,7 @@ class Drawing:
         self._made: dict[Hashable, tuple[object, Any]] = {}
         self._signals: dict[Key, Signal] = {}
         self._version: object = None  # of the lane, for `_signals`
+        self._readings: dict[Key, float] = {}  # of the empty belt before items, kg
         self._belt_due = -math.inf  # s
 
     def _once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
@@ -98,18 +101,37 @@ class Drawing:
 
     def overview(self) -> Overview:
         """Return the figures over the items."""
-        items = self.items()
-        state = items[0].key if items else None
+        items, known = self.items(), self.lane.statistics
+        of = (known.product, known.batch) if known is not None else None
+        state = (items[0].key if items else None), of
         return self._once('overview', state, lambda: self._draw_overview(items))
 
     def _draw_overview(self, items: Sequence[Item]) -> Overview:
-        chart = control_chart(charts.masses_of(items).tolist())
+        series, latest = self.lane.series, items[0].verdict if items else None
+        chart = control_chart([GRAMS * mass for mass in series.masses])
         figures = (
-            charts.histogram(items, self.lane.statistics),
-            charts.control_figure(chart, spread=False), charts.control_figure(chart, spread=True),
-            charts.zero_chart(items),
-        )  # fmt: skip
+            charts.histogram(series, latest, self.lane.statistics),
+            charts.control_figure(chart, series.forgotten, spread=False),
+            charts.control_figure(chart, series.forgotten, spread=True),
+            charts.zero_chart(items, self._read_empty_belts(items)),
+        )
         return Overview(*map(json.dumps, figures))
+
+    def _read_empty_belts(self, items: Sequence[Item]) -> dict[Key, float]:
+        """Return what the belt read before the items whose zero could not be trusted, kg, or NaN.
+
+        It is read when they come: the samples of a lane are soon gone.
+        """
+        known, cell = self._readings, self.lane.load_cell
+        self._readings = {}
+        for item in items:
+            if cell is None or Reason.ZERO_OUT_OF_RANGE not in item.verdict.reasons:
+                continue
+            if item.key not in known:
+                stretch = self.lane.with_signals(item).stretch
+                known[item.key] = empty_reading(item, stretch, cell) if stretch else math.nan
+            self._readings[item.key] = known[item.key]
+        return self._readings
 
     def belt(self) -> Belt | None:
         """Return the spectrum of the empty belt, None before the load cell is known."""

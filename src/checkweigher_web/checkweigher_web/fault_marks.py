@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
@@ -32,13 +33,13 @@ EDGES = {
 class Mark:
     """A place in the signal, `begin` to `end` in ns, and what is wrong there.
 
-    A moment has equal ends. `eye` is that of an edge that was expected there and did not come.
+    A moment has equal ends. `edge` is the one of `EDGES` that was expected there and did not come.
     """
 
     text: str
     begin: int
     end: int
-    eye: Eye | None = None
+    edge: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,12 @@ def fault_marks(item: Item, stretch: Stretch, load_cell: LoadCell) -> list[Mark]
     return marks
 
 
+def empty_reading(item: Item, stretch: Stretch, load_cell: LoadCell) -> float:
+    """Return what the empty belt read before an item, kg from the zero of calibration, or NaN."""
+    found = _empty_belt(Scene(item, stretch, load_cell))
+    return math.nan if found is None else found[2]
+
+
 def expected_rise(item: Item, stretch: Stretch, load_cell: LoadCell) -> Expected | None:
     """Return the load as it should rise by the eyes; None unless the rise contradicts them."""
     scene = Scene(item, stretch, load_cell)
@@ -126,7 +133,7 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
         eye, blocked = EDGES[name]
         text = f'{_EYES[eye]}: {name} is missing, it did not {"block" if blocked else "clear"}'
         if name in expected:
-            yield Mark(f'{text}; expected here', expected[name], expected[name], eye)
+            yield Mark(f'{text}; expected here', expected[name], expected[name], name)
         elif scene.times:
             last = max(scene.times.values())
             yield Mark(f'{text} after this', last, last)
@@ -191,7 +198,7 @@ def _chatter(scene: Scene) -> Iterator[Mark]:
         lengths = np.diff(stamps)
         blocked = lengths[[edge.blocked for edge in edges[:-1]]]
         longest = blocked.max() if len(blocked) else lengths.max()
-        for begin, end in _runs(lengths < _FLICKER * longest):
+        for begin, end in runs(lengths < _FLICKER * longest):
             span = 1e-6 * (stamps[end] - stamps[begin])
             text = f'{_EYES[eye]}: switches {end - begin + 1} times in {span:.1f} ms'
             yield Mark(text, int(stamps[begin]), int(stamps[end]))
@@ -222,7 +229,7 @@ def _length(scene: Scene) -> Iterator[Mark]:
 def _short_window(scene: Scene) -> Iterator[Mark]:
     rest = scene.span('t2', 't3')
     if rest is not None:
-        yield Mark(f'fully on the belt for {len(scene.between(*rest))} samples', *rest)
+        yield Mark(f'fully on the belt for {counted(len(scene.between(*rest)), "sample")}', *rest)
 
 
 def _lost_samples(scene: Scene) -> Iterator[Mark]:
@@ -230,7 +237,7 @@ def _lost_samples(scene: Scene) -> Iterator[Mark]:
     for place in np.flatnonzero(np.diff(time) > _GAP * period):
         begin, end = int(time[place]), int(time[place + 1])
         count = round((end - begin) / period) - 1
-        yield Mark(f'{count} samples lost in {1e-6 * (end - begin):.1f} ms', begin, end)
+        yield Mark(f'{counted(count, "sample")} lost in {1e-6 * (end - begin):.1f} ms', begin, end)
 
 
 def _saturation(scene: Scene) -> Iterator[Mark]:
@@ -238,8 +245,8 @@ def _saturation(scene: Scene) -> Iterator[Mark]:
     for name, outside in (
         ('lowest', counts <= cell.min_counts), ('highest', counts >= cell.max_counts)
     ):  # fmt: skip
-        for begin, end in _runs(outside):
-            text = f'{end - begin} samples at the {name} value of the converter'
+        for begin, end in runs(outside):
+            text = f'{counted(end - begin, "sample")} at the {name} value of the converter'
             yield Mark(text, int(time[begin]), int(time[end - 1]))
 
 
@@ -256,15 +263,23 @@ def _load(scene: Scene, text: str) -> Iterator[Mark]:
         yield Mark(text.format(load=GRAMS * float(np.mean(load)), capacity=capacity), *rest)
 
 
-def _zero(scene: Scene) -> Iterator[Mark]:
+def _empty_belt(scene: Scene) -> tuple[int, int, float] | None:
+    """Return the time before an item in which the belt was empty, ns, and its reading, kg."""
     begin, end = int(scene.stretch.time[0]), scene.times.get('t1')
+    if end is None:
+        return None
     # Of the belt since the item before has left.
-    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if end and edge.stamp < end]
+    left = [edge.stamp for edge in scene.edges_of(Eye.OUTFEED) if edge.stamp < end]
     begin = max([begin, *left])
-    empty = scene.between(begin, end) if end is not None else np.zeros(0)
-    if end is not None and len(empty):
-        reading = GRAMS * float(np.mean(empty))
-        text = f'the empty belt reads {reading:+.1f} g from the zero of calibration'
+    empty = scene.between(begin, end)
+    return (begin, end, float(np.mean(empty))) if len(empty) else None
+
+
+def _zero(scene: Scene) -> Iterator[Mark]:
+    found = _empty_belt(scene)
+    if found is not None:
+        begin, end, reading = found
+        text = f'the empty belt reads {GRAMS * reading:+.1f} g from the zero of calibration'
         yield Mark(text, begin, end)
 
 
@@ -307,7 +322,7 @@ def _rise(scene: Scene) -> RiseLag:
     )  # fmt: skip
 
 
-def _runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return begin and end of each run of true values."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]

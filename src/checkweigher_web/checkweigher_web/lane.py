@@ -30,6 +30,7 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_recording.recording import Event, Recording
 from checkweigher_validation.accuracy.results import ResultJoiner
+from checkweigher_web.mass_series import MassSeries
 
 MAX_ITEMS = 500
 _MAX_WINDOWS = 50
@@ -84,6 +85,7 @@ class Lane:
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.load_cell: LoadCell | None = None
+        self.series = MassSeries()
         self._lock = threading.Lock()
         self._verdicts: deque[Verdict] = deque(maxlen=MAX_ITEMS)
         self._estimates: OrderedDict[Key, MassEstimate] = OrderedDict()
@@ -101,6 +103,7 @@ class Lane:
                     return
                 case Verdict():
                     self._verdicts.append(record)
+                    self.series = self.series.with_item(record)
                 case MassEstimate():
                     _remember(self._estimates, record, MAX_ITEMS)
                 case WeighWindow():

@@ -11,6 +11,7 @@ from nicegui import ui
 
 from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.health.status_board import LaneRow, by_lane
+from checkweigher_dsp.printable import counted
 from checkweigher_web.elements import Table, panel
 from checkweigher_web.lane import Lane
 from checkweigher_web.listening import Watch
@@ -108,4 +109,4 @@ def _headline(shown: Sequence[LaneView]) -> str:
     if not shown:
         return 'no lane runs yet; is the line running, and in this ROS_DOMAIN_ID?'
     well = sum(view.texts[0] == Level.OK.name for view in shown)
-    return f'{len(shown)} lanes, {well} of them well'
+    return f'{counted(len(shown), "lane")}, {well} of them well'

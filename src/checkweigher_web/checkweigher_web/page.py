@@ -20,7 +20,7 @@ from checkweigher_web.words import about, batch_rules, clock, decided, grams, hi
 
 _PERIOD = 0.1  # s; what comes in between is shown at once
 _SLOW_PERIOD = 1.0  # s, of what nobody reads faster
-_HEADS = 'item', 'time', 'mass g', '± g', 'reference g', 'verdict'
+_HEADS = 'item', 'time', 'gross, g', '± g', 'reference g', 'verdict'
 _REASON_HEADS = 'items', 'reason', 'what to check'
 _STATUS_HEADS = 'level', 'node', 'what is, and what to check'
 STYLE = Path(__file__).with_name('page.css').read_text(encoding='utf-8')
@@ -72,7 +72,7 @@ class LanePage:
             self._signal = Figure('signal of the item')
             self._why_signal = ui.label('').classes('level-ERROR')
             self._marks = ui.element('ol').classes('marks')
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 # Of a recorded shift that is the one at which its slider stands.
                 latest = 'show this item' if self._board is None else 'show the latest item'
                 self._latest = ui.button(latest, on_click=self.show_latest)

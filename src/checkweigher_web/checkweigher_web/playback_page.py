@@ -8,6 +8,7 @@ from functools import partial
 from nicegui import ui
 from nicegui.events import GenericEventArguments
 
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import panel
@@ -28,7 +29,7 @@ class PlaybackPage:
         self._shift = shift
         self._playback = Playback(shift, name)
         with panel('Recording').classes('playback'):
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 ui.label(name).classes('name')
                 self._progress = ui.label('').props('role=status')
                 if report:
@@ -42,7 +43,7 @@ class PlaybackPage:
             self._slider.on(
                 'input', self._moved, js_handler='event => emit(Number(event.target.value))'
             )
-            with ui.element('div').classes('row'):
+            with ui.element('div').classes('in-a-row'):
                 for text, step in (('previous item', -1), ('next item', 1)):
                     _button(text, partial(self._step, step))
                 for text, forward in (('previous fault', False), ('next fault', True)):
@@ -59,7 +60,8 @@ class PlaybackPage:
         self._slider.props['max'] = max(count, 1)
         self._slider.update()
         length = (shift.end - shift.begin) / NANOSECONDS
-        text = f'{count} items, {len(shift.faults)} faults in {length / 60:.1f} min'
+        known = f'{counted(count, "item")}, {counted(len(shift.faults), "fault")}'
+        text = f'{known} in {length / 60:.1f} min'
         self._progress.set_text(text if whole else f'weighing: {shift.progress:.0%}, {text}')
         self._show_place()
         if whole:

@@ -36,6 +36,7 @@ from checkweigher_web.lane import (
     span_of,
     stretch_of,
 )
+from checkweigher_web.mass_series import MassSeries
 
 _BELT = 20 * NANOSECONDS  # before an item, in which the empty belt is looked for
 _AROUND = NANOSECONDS  # of a window, whose stamp is that of the eyes: its samples lie within
@@ -222,6 +223,14 @@ class Playback:
         for item in self.shift.items[: self.place + 1]:
             counts.add(item.verdict)
         return counts.summary()
+
+    @property
+    def series(self) -> MassSeries:
+        """Masses of the shift until now."""
+        found = MassSeries()
+        for item in self.shift.items[: self.place + 1]:
+            found = found.with_item(item.verdict)
+        return found
 
     def empty_belt(self) -> NDArray[np.float64]:
         """Return the longest stretch without an item before this one, (n,) kg."""

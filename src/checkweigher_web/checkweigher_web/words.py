@@ -29,7 +29,7 @@ def said(verdict: Verdict) -> str:
 def about(item: Item) -> str:
     """Return what is known of an item beside its mass."""
     verdict, known = item.verdict, item.estimate
-    parts = [f'item {verdict.item_id}']
+    parts = [f'item {verdict.item_id}', *(['gross'] if math.isfinite(verdict.mass) else [])]
     if math.isfinite(verdict.std_dev):
         parts.append(f'± {GRAMS * verdict.std_dev:.2f} g')
     if known is not None:
@@ -54,8 +54,8 @@ def production(
         ('items', str(known.items)), ('accepted', str(known.accepted)),
         ('under', str(known.under)), ('over', str(known.over)), ('faults', str(known.faults)),
         *((name, str(count)) for name, count in reasons),
-        ('mean g', grams(known.mean)), ('std dev g', grams(known.std_dev)),
-        ('giveaway g', grams(known.giveaway)),
+        ('net mean, g', grams(known.mean)), ('std dev, g', grams(known.std_dev)),
+        ('giveaway, g', grams(known.giveaway)),
         ('below TU1', str(known.below_tu1)), ('below TU2', str(known.below_tu2)),
         ('items/min', number(known.throughput, 1)), *_correction(known, filler),
     ]  # fmt: skip
@@ -65,7 +65,7 @@ def _correction(known: Statistics, filler: FillerFeedback | None) -> list[tuple[
     if filler is None or filler.product != known.product:  # of the product before
         return []
     text = f'{GRAMS * filler.correction:+.3f}, at a median of {grams(filler.median)}'
-    return [('filler correction g', f'{text}; limited' if filler.limited else text)]
+    return [('filler correction, g', f'{text}; limited' if filler.limited else text)]
 
 
 def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[tuple[str, str]]:
@@ -85,9 +85,9 @@ def batch_rules(statistics: Statistics | None, latest: Verdict | None) -> list[t
     if tally.key != (known.product, known.batch):  # nothing has passed yet
         tally = BatchTally(known.product, known.batch)
     return [
-        ('mean at least nominal', _mean_rule(known, tally)),
-        (f'share below TU1, {grams(known.tu1)} g', _tu1_rule(known, tally)),
-        (f'none below TU2, {grams(known.tu2)} g', _kept(not known.below_tu2)
+        ('net mean at least nominal', _mean_rule(known, tally)),
+        (f'share below TU1, {grams(known.tu1)} g net', _tu1_rule(known, tally)),
+        (f'none below TU2, {grams(known.tu2)} g net', _kept(not known.below_tu2)
          + f'{known.below_tu2} accepted'),
     ]  # fmt: skip
 

@@ -10,13 +10,18 @@ import pytest
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.production.control_chart import ControlChart, control_chart
+from checkweigher_dsp.production.recipes import Product
+from checkweigher_dsp.production.statistics import ProductionStatistics
 from checkweigher_dsp.records import Decision
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web import charts
+from checkweigher_web.empty_belt import Line, Spectrum
 from checkweigher_web.lane import Item
+from checkweigher_web.mass_series import MassSeries
 
 
 @pytest.fixture(scope='module')
@@ -49,11 +54,92 @@ def test_the_signal_has_the_mass_its_interval_and_the_edges(item: Item, recordin
     assert list(marks.values()) == pytest.approx([0, 100, 200, 300], rel=0.02)
 
 
-def test_the_histogram_counts_the_accepted_items_alone(item: Item):
-    light = replace(item, verdict=replace(item.verdict, decision=Decision.UNDER, mass=0.01))
-    heavier = replace(item, verdict=replace(item.verdict, mass=item.verdict.mass + 1e-3))
-    (bars,) = charts.histogram([item, light, heavier, heavier], None)['series']
-    assert sum(count for _, count in bars['data']) == 3
+def test_the_histogram_counts_the_accepted_items_alone_with_what_belongs_to_them(item: Item):
+    light = replace(item.verdict, decision=Decision.UNDER, mass=0.01)
+    heavier = replace(item.verdict, mass=item.verdict.mass + 1e-3, lower_limit=0.06)
+    series = MassSeries()
+    for verdict in (item.verdict, light, heavier, heavier):
+        series = series.with_item(verdict)
+    own = ProductionStatistics(Product('', nominal=0.07, tu1=0.065)).summary()
+    for statistics, lines in (
+        (own, {'lower': 60, 'TU1': 65, 'nominal': 70}),
+        (replace(own, product='of the next item'), {'lower': 60}),
+        (None, {'lower': 60}),
+    ):
+        (bars,) = charts.histogram(series, heavier, statistics)['series']
+        assert sum(count for _, count in bars['data']) == 3
+        marks = {mark['name']: mark['xAxis'] for mark in bars['markLine']['data']}
+        assert marks == pytest.approx(lines)
+
+
+def labels_of(figure: charts.Options, width: int) -> list[tuple[float, float, float]]:
+    """Return left and right end and height of each label of a figure of a width, px."""
+    axis, found = figure['xAxis'], []
+    scale = width / (axis['max'] - axis['min'])
+    for mark in figure['series'][0]['markLine']['data']:
+        at, half = scale * (mark['xAxis'] - axis['min']), 3.2 * len(mark['name'])
+        found.append((at - half, at + half, mark['label']['distance']))
+    return found
+
+
+def test_labels_of_limits_and_lines_do_not_touch_on_a_phone_or_elsewhere(item: Item):
+    series = MassSeries(masses=(0.148, 0.152))
+    verdict = replace(item.verdict, lower_limit=0.1465, upper_limit=0.1582)
+    statistics = ProductionStatistics(Product('', nominal=0.15, tu1=0.1455, tu2=0.141)).summary()
+    lines = tuple(Line(at, 1e-3, '') for at in (31.0, 39.0, 50.0, 100.0))
+    spectrum = Spectrum(np.arange(200.0), np.ones(200), lines)
+    for figure, count in (
+        (charts.histogram(series, verdict, statistics), 5), (charts.spectrum_chart(spectrum), 4),
+    ):  # fmt: skip
+        for width in (200, 350, 700):
+            labels = sorted(labels_of(figure, width))
+            assert len(labels) == count
+            for k, (_, right, height) in enumerate(labels):
+                for left, _, other in labels[k + 1 :]:
+                    assert right < left or abs(height - other) >= 12
+        # They are above the bars, below the edge of the figure.
+        assert max(height for *_, height in labels) + 12 <= figure['grid']['top']
+    (_, _, highest), *_ = sorted(labels_of(figure, 200), key=lambda label: -label[2])
+    assert highest < 30  # 50 and 100 Hz have room beside the others
+
+
+def control_figures(masses: list[float]) -> tuple[ControlChart, charts.Options, charts.Options]:
+    chart = control_chart(masses)
+    assert chart is not None
+    figures = (charts.control_figure(chart, 3, spread=spread) for spread in (False, True))
+    return chart, *figures
+
+
+def test_the_control_chart_says_which_rule_a_subgroup_breaks():
+    spread = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    levels = [0, 0, 0, 9, 0, *[-0.1] * 6]
+    groups = [level + spread for level in levels] + [4 * spread]
+    chart, means, spreads = control_figures(np.concatenate(groups).tolist())
+    assert chart.marks == ('', '', '', 'beyond the limits', *[''] * 6, *['7 on one side'] * 2)
+    # Three subgroups came before.
+    assert [point[0] for point in series_of(means)['mean']['data']] == list(range(4, 16))
+    assert series_of(means)['beyond the limits']['data'] == [[7, 9]]
+    on_one_side = series_of(means)['7 on one side']['data']
+    assert [at for at, _ in on_one_side] == [14, 15]
+    assert series_of(spreads)['beyond the limit']['data'] == [
+        [15, pytest.approx(chart.std_devs[-1], abs=1e-4)]
+    ]
+    for figure in (means, spreads):
+        assert figure['legend']['show']
+    symbols = {name: each['symbol'] for name, each in series_of(means).items() if 'symbol' in each}
+    assert len(set(symbols.values())) == len(symbols) == 2
+
+
+@pytest.mark.parametrize('spread', [False, True])
+def test_the_limits_of_a_calm_control_chart_can_be_seen(spread: bool):
+    random = np.random.default_rng(2)
+    masses = 150 + 0.5 * random.standard_normal(40)
+    figure = control_figures(masses.tolist())[1 + spread]
+    axis, line = figure['yAxis'], figure['series'][0]
+    limits = [mark['yAxis'] for mark in line['markLine']['data']]
+    assert max(y for _, y in line['data']) < max(limits)  # what is to be shown beside the data
+    for value in (*limits, *(y for _, y in line['data'])):
+        assert axis['min'] < value < axis['max']
 
 
 def test_what_came_before_the_page_was_open_says_so(item: Item):

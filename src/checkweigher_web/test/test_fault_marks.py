@@ -69,19 +69,44 @@ def during(line: Recording, begin: str, end: str) -> Callable[[int], bool]:
     return lambda stamp: edges[begin].stamp <= stamp < edges[end].stamp
 
 
-@pytest.mark.parametrize(
-    ('lost', 'eye', 'after_t1'),
-    [('t1', Eye.INFEED, 0), ('t2', Eye.INFEED, LENGTH), ('t3', Eye.OUTFEED, TRANSIT)],
-)
+LOST = [('t1', Eye.INFEED, 0), ('t2', Eye.INFEED, LENGTH), ('t3', Eye.OUTFEED, TRANSIT)]
+
+
+@pytest.mark.parametrize(('lost', 'eye', 'after_t1'), LOST)
 def test_a_missing_edge_is_marked_where_it_was_expected(
     line: Recording, lost: str, eye: Eye, after_t1: int
 ):
     edges = edges_of(line, BROKEN)
     marks = marks_of(without_edges(line, edges[lost]), Reason.MISSING_EDGE)
     (mark,) = [each for each in marks if lost in each.text]
-    assert mark.eye == eye
+    assert mark.edge == lost
     assert mark.begin == mark.end == pytest.approx(edges['t1'].stamp + after_t1, abs=5 * MS)
     assert f'{eye.name.lower()} eye' in mark.text
+
+
+@pytest.mark.parametrize(('lost', 'eye', 'after_t1'), LOST)
+def test_an_eye_that_missed_an_edge_was_blocked_as_expected_and_nowhere_else(
+    line: Recording, lost: str, eye: Eye, after_t1: int
+):
+    edges = edges_of(line, BROKEN)
+    item = broken_item(lane_of(without_edges(line, edges[lost])), Reason.MISSING_EDGE)
+    figure = signal_chart(item, line.load_cell)
+    series = {each['name']: each for each in figure['series']}
+    first = 't2' if lost == 't1' else 't1'
+    assert figure['xAxis'][1]['name'] == f'ms after {first}'
+    origin = edges[first].stamp
+    name = f'{eye.name.lower()} eye blocked, as expected'
+    ends = [at for at, _ in series[name]['data'] if at is not None]
+    names = ('t3', 't4') if eye == Eye.OUTFEED else ('t1', 't2')
+    expected = [(edges[each].stamp - origin) / MS for each in names]
+    assert ends == pytest.approx(expected, abs=5)
+    # Of the item before or after at most, which passed the eye whole.
+    for each in (series[f'{side} eye blocked'] for side in ('infeed', 'outfeed')):
+        whole = np.array([at for at, _ in each['data'] if at is not None]).reshape(-1, 2)
+        assert np.all(np.diff(whole) < 1.1 * LENGTH / MS)
+    (diamond,) = series['missing edge']['data']
+    assert diamond[0] == pytest.approx((edges[lost].stamp - origin) / MS, abs=5)
+    assert series['missing edge']['z'] > 3 >= series[name].get('z', 3)
 
 
 def test_of_two_products_the_time_is_marked_in_which_both_are_there(line: Recording):
@@ -211,7 +236,7 @@ def test_a_missing_edge_without_any_known_speed_is_said_without_a_place(line: Re
     edges = edges_of(line, 0)
     marks = marks_of(without_edges(line, edges['t3']), Reason.MISSING_EDGE)
     (mark,) = [each for each in marks if 't3' in each.text]
-    assert mark.eye is None
+    assert mark.edge == ''
     assert 'after this' in mark.text
 
 

@@ -59,7 +59,7 @@ def port(bag: Path, report: Path) -> Iterator[int]:
 def opened(port: int, browser: Chrome) -> Chrome:
     """Open the page once for all tests."""
     browser.get(f'http://127.0.0.1:{port}/')
-    until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.row'))
+    until(browser, lambda: f'{ITEMS} items, {len(FAULTS)} faults' in text_of(browser, '.in-a-row'))
     return browser
 
 

@@ -16,6 +16,7 @@ RECIPE = {
     'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True,
     'filler': {'max_correction': 0.004, 'subgroup': 2},
 }  # fmt: skip
+BATCH = '.L 1/2'  # a name that is no name of a file, and begins as a hidden one
 VALUES = {'driver': {'simulator.masses': [0.152]}}
 
 
@@ -36,19 +37,19 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna.until(lambda: '% of at most 2.5 %' in anna.text('.production'))
         anna.until(lambda: 'g of 150.000 g; an item may lack' in anna.text('.production'))
         # 152 g, 2 g too much: each step goes down.
-        anna.until(lambda: 'filler correction g -' in ' '.join(anna.text('.production').split()))
-        for batch in ('L 1/2', 'L2'):
+        anna.until(lambda: 'filler correction, g -' in ' '.join(anna.text('.production').split()))
+        for batch in (BATCH, 'L2'):
             anna.open('New batch')
             anna.fill('Batch', batch)
             anna.press('Begin')
             anna.result('✓')
             anna.close()
-        report = machine / 'batches' / 'L 1%2F2.html'
+        report = machine / 'batches' / '.L 1%2F2.html'
         anna.until(report.exists)
 
         def listed() -> bool:
             anna.open('Batch reports')
-            found = 'L 1%2F2' in anna.text('.dialog .reports')
+            found = f'{BATCH}:' in anna.text('.dialog .reports')
             if not found:
                 anna.close()
             return found
@@ -56,11 +57,11 @@ def test_a_batch_has_its_rules_on_the_page_and_its_report_when_it_has_ended(tmp_
         anna.until(listed)
         links = browser.find_elements(By.CSS_SELECTOR, '.dialog .reports a')
         of_batch = [str(each.get_attribute('href')) for each in links]
-        (link,) = (each for each in of_batch if 'L%201%252F2.html' in each)
+        (link,) = (each for each in of_batch if '.L%201%252F2.html' in each)
         address = link.partition(str(line.port))[2]
         assert get_text(line.port, address) == report.read_text()
         assert get(line.port, address.replace('.html', '.json')).status == 200
-        assert get(line.port, address.replace('L%201%252F2', 'none')).status == 404
+        assert get(line.port, address.replace('.L%201%252F2', 'none')).status == 404
         assert errors_of(browser) == []
         log = machine / 'audit.log'
         anna.until(lambda: any(each.kind == 'report' for each in read_log(log).entries))

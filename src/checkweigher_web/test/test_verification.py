@@ -59,6 +59,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         ben.until(lambda: 'ACCEPT' in ben.text('.decision'))
         ben.open('Verification')
         take_plan(ben, tmp_path / 'plan.yaml')
+        assert ben.fits(390)
         ben.press('Begin')
         for step in ('warm_up_zero_0', 'warm_up_0', 'warm_up_zero_0.02', 'warm_up_0.02', 'zero_1'):
             ben.makes(step)

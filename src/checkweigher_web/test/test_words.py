@@ -3,13 +3,15 @@
 """The rules for a batch in the words of the page."""
 
 from dataclasses import replace
+import math
 
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.production.statistics import ProductionStatistics
 from checkweigher_dsp.records import Decision, FillerFeedback, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_web.words import batch_rules, production
+from checkweigher_web.lane import Item
+from checkweigher_web.words import about, batch_rules, production
 
 PLAIN = Product('crisps', 0.150, tu1=0.14325, tu2=0.1365)
 RULED = replace(PLAIN, tu1_quota=0.025, mean_value=True)
@@ -52,6 +54,15 @@ def test_an_item_that_fits_the_quota_is_announced_and_is_accepted():
     assert judged(*[0.152] * 38, 0.140)[-1].reasons == ('TU1Quota',)
 
 
+def test_masses_say_whether_they_have_the_packaging_in_them():
+    statistics, verdict = ProductionStatistics(replace(RULED, tare=0.01)), judged(0.161)[0]
+    statistics.add(verdict)
+    found = dict(production(statistics.summary(), None))
+    assert (found['net mean, g'], found['giveaway, g']) == ('151.000', '1.000')
+    assert about(Item(verdict)) == 'item 1, gross'
+    assert about(Item(replace(verdict, mass=math.nan))) == 'item 1'
+
+
 def test_a_recipe_without_the_rules_shows_what_came():
     accepted = [Verdict(n, None, Decision.ACCEPT, mass=0.11 + 0.02 * n) for n in (1, 2)]
     assert shown(PLAIN, accepted) == [
@@ -63,7 +74,7 @@ def test_a_recipe_without_the_rules_shows_what_came():
 def test_counts_of_another_batch_are_none_of_this_one():
     statistics = ProductionStatistics(RULED).summary('L2')
     found = batch_rules(statistics, judged(0.152)[-1])
-    assert found[0] == ('mean at least nominal', 'nothing accepted yet')
+    assert found[0] == ('net mean at least nominal', 'nothing accepted yet')
     assert batch_rules(None, None) == []
     assert batch_rules(ProductionStatistics().summary(), None) == []
 
@@ -71,7 +82,7 @@ def test_counts_of_another_batch_are_none_of_this_one():
 def test_the_correction_of_the_filler_is_shown_for_the_product_that_it_is_of():
     statistics = ProductionStatistics(PLAIN).summary('L1')
     told = FillerFeedback(1, 'crisps', 10, 10, 0.150, 0.147, 0.0015, 0.0025)
-    name = 'filler correction g'
+    name = 'filler correction, g'
     assert dict(production(statistics, told))[name] == '+2.500, at a median of 147.000'
     limited = replace(told, correction=-0.004, limited=True)
     assert dict(production(statistics, limited))[name] == '-4.000, at a median of 147.000; limited'

@@ -145,8 +145,8 @@ def test_what_is_wrong_with_the_signal_is_told_with_what_to_check(spinner: Spinn
         elif isinstance(event, SampleBlock) and event is not lost:
             samples.publish(to_message(ports.LOAD_CELL_SAMPLES, event))
 
-    hint = told.wait('segmenter: Samples', Level.WARN, '10 samples lost in 1 gaps')
-    assert 'QoS depth' in hint
+    hint = told.wait('segmenter: Samples', Level.WARN, '10 samples lost in 1 gap in')
+    assert 'network' in hint
     told.wait('segmenter: Zero', Level.WARN, 'the zero has used 83 % of zero_range')
     hint = told.wait('segmenter: Belt noise', Level.WARN, 'above max_belt_noise of 0.01 g')
     assert re.search(r'strongest at \d+\.\d Hz', hint)
@@ -198,7 +198,7 @@ def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner:
             stamp = START + number * NANOSECONDS + step * NANOSECONDS // 10
             eyes.publish(to_message(ports.PHOTO_EYES, EyeEdge(stamp, eye, blocked)))
 
-    hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after their reject time')
+    hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after the reject time')
     assert 'actuator_delay' in hint
     hint = told.wait('reject: Line', Level.ERROR, 'no mass came of the last 3 items')
     assert hint == 'identifier is not there: start it'
@@ -271,7 +271,7 @@ def test_the_status_shows_the_worst_first_and_who_is_silent():
         ('OK', 'a/reject', 'Items'),
         ('OK', 'a/segmenter', 'Items'),
     ]
-    assert headline(board.rows(12.5)) == '1 silent, 1 errors, 1 warnings, 4 well'
+    assert headline(board.rows(12.5)) == '1 silent, 1 error, 1 warning, 4 well'
     assert ('STALE', 'a/segmenter', '') in shown(13.5)
 
 

@@ -3,6 +3,7 @@
 """The product node over real DDS: recipes of a running line."""
 
 from collections.abc import Iterator
+import math
 from pathlib import Path
 
 from graph import wait_for
@@ -33,6 +34,8 @@ def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinne
     counted = line.statistics[-1]
     assert (counted.product, counted.accepted, counted.under) == ('crisps', 1, 1)
     assert counted.giveaway == pytest.approx(0.148 - 0.154, rel=1e-9)
+    # Each item came after a load_cell/info, with which a stream begins.
+    assert math.isnan(counted.throughput)
 
 
 def test_a_product_of_a_wrong_length_is_a_fault_and_is_counted(spinner: Spinner, tmp_path: Path):

@@ -15,6 +15,7 @@ from checkweigher_dsp.health.findings import (
     RecentValues,
     conclude,
 )
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 
@@ -74,7 +75,8 @@ class FaultWatch:
             'faults_lately': self._items.failed,
             **self._reasons,
         }
-        well = f'{self._items.failed} faults in the last {len(self._items)} items'
+        faults, items = counted(self._items.failed, 'fault'), counted(len(self._items), 'item')
+        well = f'{faults} in the last {items}'
         return conclude('Items', well, failures(self._items, 'were faults'), values)
 
 
@@ -208,7 +210,8 @@ class VerdictWatch:
         }
         found = []
         if deadlines and len(self._late):
-            text = f'{len(self._late)} verdicts came after their reject time in the last minute'
+            late = counted(len(self._late), 'verdict')
+            text = f'{late} came after the reject time in the last minute'
             hint = 'check the load on this machine, rejector_distance and actuator_delay'
             found.append(Concern(Level.ERROR, text, hint))
         elif deadlines and self._margin.smallest < verdict_margin:

@@ -10,6 +10,7 @@ import numpy as np
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
 from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds, LearningParameters
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import GRAMS
 
 _HINT = 'look at what was changed: belt, rollers, feet; then call forget_learned to learn it'
@@ -34,13 +35,13 @@ def learning_finding(
     text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by what was learned'
     if not weighing:
         most = max((kind.items for kind in known.kinds), default=0)
-        text = f'{most} items seen, {parameters.fewest} are needed at a speed and length'
+        text = f'{counted(most, "item")} seen, {parameters.fewest} are needed at a speed and length'
     return conclude('Learning', text, concerns, values)
 
 
 def describe(kind: ItemKind) -> str:
     """Return what was learned of one speed and length, in words."""
-    text = f'{kind.items} items'
+    text = counted(kind.items, 'item')
     taught = kind.fit
     if taught is None:
         return text if kind.change is None else f'{text}; {kind.change}'

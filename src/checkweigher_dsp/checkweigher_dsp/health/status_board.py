@@ -8,7 +8,7 @@ import threading
 from typing import Any
 
 from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.printable import counted, one_line
 from checkweigher_dsp.records import Decision
 from checkweigher_dsp.ros.ports import NODES, STAGES
 
@@ -126,5 +126,10 @@ def headline(rows: Iterable[Row]) -> str:
     counts = dict.fromkeys(reversed(Level), 0)
     for row in rows:
         counts[row.level] += 1
-    names = {Level.STALE: 'silent', Level.ERROR: 'errors', Level.WARN: 'warnings', Level.OK: 'well'}
-    return ', '.join(f'{count} {names[level]}' for level, count in counts.items())
+    texts = {
+        Level.STALE: f'{counts[Level.STALE]} silent',
+        Level.ERROR: counted(counts[Level.ERROR], 'error'),
+        Level.WARN: counted(counts[Level.WARN], 'warning'),
+        Level.OK: f'{counts[Level.OK]} well',
+    }
+    return ', '.join(texts[level] for level in counts)

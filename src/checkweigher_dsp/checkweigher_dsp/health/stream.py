@@ -9,6 +9,7 @@ import numpy as np
 
 from checkweigher_dsp.health.clock import MAX_INBOX, RATE_SPAN, SHORTEST_SPAN, ClockWatch
 from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # s, in which a line starts
@@ -19,22 +20,25 @@ _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye while the other shows none
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
-_COUNTED = (_GAPS, _LOST, _AGAIN, _RESTARTS, _SATURATED)  # of the blocks
+# What is counted of the blocks, by what one of it is.
+_COUNTED = {
+    _GAPS: 'gap', _LOST: 'sample', _AGAIN: 'block', _RESTARTS: 'time', _SATURATED: 'sample'
+}  # fmt: skip
 _WARNINGS = {
     _GAPS: (
-        '{samples_lost} samples lost in {gaps} gaps',
-        'check the load on the machine, the cable and the QoS depth',
+        '{samples_lost} lost in {gaps}',
+        'check the load on the machine, cable and network',
     ),
     _AGAIN: (
-        '{blocks_doubled_or_late} blocks came twice or too late',
+        '{blocks_doubled_or_late} came twice or too late',
         'check whether two drivers run, and the network between driver and segmenter',
     ),
     _RESTARTS: (
-        'the source started again {source_restarts} times',
+        'the source started again {source_restarts}',
         'check the power of the load cell, and whether two drivers run',
     ),
     _SATURATED: (
-        '{samples_saturated} samples at the limit of the converter',
+        '{samples_saturated} at the limit of the converter',
         'check overload and load-cell wiring',
     ),
 }
@@ -134,9 +138,10 @@ class SampleWatch:
             text = 'no samples have come' if age == math.inf else f'no samples for {age:.1f} s'
             hint = 'check that the driver runs, and the cable and power of the load cell'
             found.append(Concern(Level.ERROR, text, hint))
+        numbers = {what: counted(lately[what], name) for what, name in _COUNTED.items()}
         for what, (text, hint) in _WARNINGS.items():
             if lately[what]:
-                text = f'{text.format(**lately)} in the last minute'
+                text = f'{text.format(**numbers)} in the last minute'
                 found.append(Concern(Level.WARN, text, hint))
         rate, nominal = self.clock.sample_rate, self.load_cell.sample_rate
         if abs(rate - nominal) > _RATE_TOLERANCE * nominal:

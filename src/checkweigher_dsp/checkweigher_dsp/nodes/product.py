@@ -28,6 +28,7 @@ from checkweigher_dsp.production.statistics import ProductionRecord
 from checkweigher_dsp.records import (
     NANOSECONDS,
     BatchResult,
+    LoadCell,
     MassEstimate,
     StopRequest,
     Verdict,
@@ -106,6 +107,7 @@ class ProductNode(StageNode[ProductParameters]):
             qos=ports.VERDICT.qos if self.parameters.batch_folder else None,
         )  # fmt: skip
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
+        self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         self._serve()
         if self.parameters.batch_folder:
             self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
@@ -143,7 +145,6 @@ class ProductNode(StageNode[ProductParameters]):
     def _audit_others(self) -> None:
         """Write down what other nodes of the line change."""
         self.create_service(RecordChange, ports.RECORD_CHANGE, self._audit.on_change)
-        self.subscribe(ports.LOAD_CELL_INFO, self._audit.on_load_cell)
         self.subscribe(ports.ZERO_SETTING, self._audit.on_zero_setting)
         own_group = MutuallyExclusiveCallbackGroup()
         self.create_timer(_POLL_PERIOD, self._read_started, callback_group=own_group)
@@ -290,6 +291,12 @@ class ProductNode(StageNode[ProductParameters]):
     def _on_stop_request(self, request: StopRequest | None) -> None:
         if self._record is not None and request is not None:
             self._record.write('stop', {'time': self._time(), **asdict(request)})
+
+    def _on_load_cell(self, load_cell: LoadCell) -> None:
+        """Take note of a stream that begins."""
+        self._production.begin_stream()
+        if self._log is not None:
+            self._audit.on_load_cell(load_cell)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if self._production.current.add_estimate(estimate):

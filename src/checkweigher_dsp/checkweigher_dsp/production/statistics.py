@@ -12,11 +12,14 @@ import math
 
 from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.production.recipes import Product
+from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_dsp.signal.running_moments import RunningMoments
 
 _MINUTE = 60 * NANOSECONDS
+# Such a verdict may come when the next stream has begun.
+_OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
 
 
 class ProductionStatistics:
@@ -32,20 +35,32 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # kg, of the accepted items that have one
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._first: int | None = None  # t3, ns
+        self._stamp: int | None = None  # the largest t3, ns
+        self._first: int | None = None  # t3 since the stream began, ns
         self._last: int | None = None
-        self._timed = 0
+        self._timed = 0  # since then
 
     def add(self, verdict: Verdict) -> None:
         """Count one item."""
         self._decisions[verdict.decision] += 1
         self._reasons.update(set(verdict.reasons))
         if verdict.t3 is not None:
-            self._timed += 1
-            self._first = verdict.t3 if self._first is None else min(self._first, verdict.t3)
-            self._last = verdict.t3 if self._last is None else max(self._last, verdict.t3)
+            self._stamp = verdict.t3 if self._stamp is None else max(self._stamp, verdict.t3)
+            if _OF_STREAM_BEFORE.isdisjoint(verdict.reasons):
+                self._add_time(verdict.t3)
         if verdict.decision == Decision.ACCEPT and math.isfinite(verdict.mass):
             self._add_mass(verdict.mass - (self.product.tare if self.product else 0.0))
+
+    def begin_stream(self) -> None:
+        """Measure the throughput anew: a stream that begins need not go on by the same clock."""
+        self._first = self._last = None
+        self._timed = 0
+
+    def _add_time(self, t3: int) -> None:
+        if self._first is None or self._last is None:
+            self._first = self._last = t3
+        self._first, self._last = min(self._first, t3), max(self._last, t3)
+        self._timed += 1
 
     def _add_mass(self, mass: float) -> None:
         self._masses.add(mass)
@@ -70,7 +85,7 @@ class ProductionStatistics:
         product = self.product or Product('', math.nan)
         mean, count = self._masses.mean, self._masses.count
         return Statistics(
-            stamp=self._last,
+            stamp=self._stamp,
             product=product.name,
             batch=batch,
             items=self._decisions.total(),
@@ -100,7 +115,7 @@ class ProductionStatistics:
         )
 
     def _throughput(self) -> float:
-        """Return the items in a minute between the first and the last one, NaN below two."""
+        """Return the items in a minute since the stream began, NaN below two."""
         if self._first is None or self._last is None or self._last == self._first:
             return math.nan
         return (self._timed - 1) * _MINUTE / (self._last - self._first)
@@ -157,6 +172,11 @@ class ProductionRecord:
     def has_batch(self, batch: str) -> bool:
         """Tell whether anything was counted for a batch, or it is the present one."""
         return batch == self.batch or any(name == batch for _, name in self._all)
+
+    def begin_stream(self) -> None:
+        """Measure the throughput of every product in every batch anew."""
+        for each in self._all.values():
+            each.begin_stream()
 
     def reset(self) -> None:
         """Count this product in this batch from 0."""

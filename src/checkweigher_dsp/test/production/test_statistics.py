@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statistics of production against numbers worked by hand and against the statistics module."""
 
+from dataclasses import replace
 import math
 import statistics
 
@@ -87,6 +88,24 @@ def test_throughput_counts_the_distances_between_items_in_the_time_of_the_sample
         counted.add(verdict(0.1, t3=START + number * 6 * NANOSECONDS // 10))
     counted.add(verdict(math.nan, Decision.FAULT, t3=None))
     assert counted.summary().throughput == pytest.approx(100.0, rel=EXACT)
+
+
+@pytest.mark.parametrize('later', [-3600, 0, 5, 3600])
+def test_the_throughput_is_that_of_the_stream_whatever_its_clock(crisps: Product, later: int):
+    record = ProductionRecord()
+    record.product = crisps
+    for number in range(20):
+        record.add(verdict(0.1, t3=START + number * 6 * NANOSECONDS // 10))
+    record.begin_stream()
+    assert math.isnan(record.summary().throughput)
+    # The last item of the stream before is told of when the next one has begun.
+    ended = ('StreamEnded',)
+    record.add(replace(verdict(math.nan, Decision.FAULT, t3=START), reasons=ended))
+    for number in range(5):
+        record.add(verdict(0.1, t3=START + later * NANOSECONDS + number * NANOSECONDS))
+    found = record.summary()
+    assert found.throughput == pytest.approx(60.0, rel=EXACT)
+    assert found.items == 26
 
 
 def test_an_item_of_another_length_is_counted_and_one_of_unknown_length_is_not(crisps: Product):

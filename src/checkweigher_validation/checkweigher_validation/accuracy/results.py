@@ -10,7 +10,7 @@ from itertools import chain
 import math
 
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.printable import counted, one_line
 from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
@@ -205,7 +205,7 @@ class ErrorSum(RunningMoments):
 def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
     """Return one line on all items: how many had each decision, and the errors in g."""
     count = sum(decisions.values())
-    parts = [f'{count} item{"" if count == 1 else "s"}']
+    parts = [counted(count, 'item')]
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]
     if errors.count:
         parts.append(f'mean error {errors.mean:+.3f} g')

@@ -8,6 +8,7 @@ from dataclasses import asdict, fields, replace
 from io import StringIO
 from pathlib import Path
 
+from checkweigher_dsp.printable import counted
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 from checkweigher_validation.archive.results_file import BagSummary, read_origin
 from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
@@ -124,11 +125,7 @@ class ResultsFolder:
             writer.writerow([each.bag, name, *values.values(), each.problem])
         write_whole(self._path / SUMMARY, text.getvalue())
         items = sum(each.summary.items for each in done if each.summary)
-        parts = [_bags(len(done)), f'{self.hours:.2f} h of signal', f'{items} items']
-        parts += [f'{_bags(self.kept)} as before'] if self.kept else []
-        parts += [f'{_bags(self.broken)} passed over'] if self.broken else []
+        parts = [counted(len(done), 'bag'), f'{self.hours:.2f} h of signal', counted(items, 'item')]
+        parts += [f'{counted(self.kept, "bag")} as before'] if self.kept else []
+        parts += [f'{counted(self.broken, "bag")} passed over'] if self.broken else []
         return ', '.join(parts)
-
-
-def _bags(count: int) -> str:
-    return f'{count} bag{"" if count == 1 else "s"}'

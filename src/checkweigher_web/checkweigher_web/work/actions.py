@@ -12,6 +12,7 @@ from lifecycle_msgs.msg import State, Transition
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.production.recipes import Product, RecipeError, read_recipes
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
@@ -62,7 +63,7 @@ async def select_product(services: LaneServices, name: str) -> str:
 async def new_batch(services: LaneServices, name: str) -> str:
     """Begin a batch."""
     answer = await services.call('new_batch', batch=name)
-    return f'batch {name} has begun; the one before had {answer.finished.items} items'
+    return f'batch {name} has begun; the one before had {counted(answer.finished.items, "item")}'
 
 
 async def zero(services: LaneServices) -> str:

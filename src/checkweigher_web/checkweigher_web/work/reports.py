@@ -5,7 +5,7 @@
 import asyncio
 from collections.abc import Iterable
 from pathlib import Path
-from urllib.parse import quote, urlencode
+from urllib.parse import quote, unquote, urlencode
 
 from fastapi import FastAPI, HTTPException, Response
 from nicegui import ui
@@ -42,21 +42,22 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
 
 def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | None:
     """Return the file of a report by its address, None of none."""
-    if name.startswith('.') or '/' in name or '\0' in name:
+    if '/' in name or '\0' in name:
         return None
     if kind == BATCH and services.batch_folder is not None:
         beside = services.batch_folder / f'{name}{SUFFIX}'
         return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
-    if kind == VERIFICATION and services.verification is not None:
+    # Of a batch even '..' is a part of the name of a file, here it would be a folder above.
+    if kind == VERIFICATION and services.verification is not None and name not in ('.', '..'):
         return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
     return None
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports, each given by its name and what is known of it."""
+    """Show links to reports, each given by its name in the address and what is shown for it."""
     for name, text in reports:
         with ui.element('li'):
-            ui.label(f'{name}{text}: ')
+            ui.label(f'{text}: ')
             for ending in _KINDS:
                 address = f'/reports/{kind}/{quote(name, safe="")}.{ending}'
                 ui.link(ending.upper(), f'{address}?{urlencode({"lane": lane})}', new_tab=True)
@@ -74,5 +75,6 @@ async def batch_reports(desk: Desk, services: LaneServices) -> None:
             'batch_reporter runs, as with run --folder.'
         )
         with ui.element('ol').classes('reports'):
-            list_reports(desk.lane.name, BATCH, ((path.stem, '') for path in records[:_MANY]))
+            stems = (path.stem for path in records[:_MANY])
+            list_reports(desk.lane.name, BATCH, ((stem, unquote(stem)) for stem in stems))
     dialog.closing.set_text('Close')

@@ -9,6 +9,7 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_dsp.ros import ports
 from checkweigher_validation.verification.plan import (
@@ -147,7 +148,7 @@ class Guide:
             self._found.set_text(f'the plan: {error}')
             self._table.show([])
             return
-        self._found.set_text(f'{len(steps)} steps')
+        self._found.set_text(counted(len(steps), 'step'))
         self._table.show((step.name, _asked(step)) for step in steps)
 
     # What is done
@@ -206,10 +207,10 @@ def _asked(step: Step) -> str:
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:
-    """Yield the verifications that have a report, with their verdicts."""
+    """Yield the verifications that have a report, each by its name and with its verdict."""
     for folder in folders:
         try:
             verdict = json.loads((folder / 'report.json').read_bytes())['verdict']
         except (OSError, ValueError, KeyError, TypeError):
             continue
-        yield folder.name, f' {verdict}'
+        yield folder.name, f'{folder.name} {verdict}'

@@ -1,0 +1,47 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The masses of histogram and control chart are of one product and batch, in lasting subgroups."""
+
+from checkweigher_dsp.production.control_chart import SUBGROUP
+from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_web.lane import MAX_ITEMS, Lane
+from checkweigher_web.mass_series import MAX_MASSES, MassSeries
+
+
+def verdict(number: int, decision: Decision = Decision.ACCEPT, batch: str = 'L1') -> Verdict:
+    """Return a verdict on an item whose mass in kg is its number."""
+    return Verdict(number, number, decision, mass=float(number), product='crisps', batch=batch)
+
+
+def groups_of(series: MassSeries) -> dict[int, tuple[float, ...]]:
+    """Return the masses of each whole subgroup by its number, from 0."""
+    count = len(series.masses) // SUBGROUP
+    return {
+        series.forgotten + k: series.masses[k * SUBGROUP : (k + 1) * SUBGROUP] for k in range(count)
+    }
+
+
+def test_an_item_stays_in_its_subgroup_however_many_come_after_it():
+    lane, groups = Lane(''), dict[int, tuple[float, ...]]()
+    for number in range(2 * MAX_MASSES + 3):
+        # Rejected ones shift nothing either, though they push others out of the list of items.
+        if number % 7 == 0:
+            lane.take(verdict(10_000 + number, Decision.UNDER))
+        lane.take(verdict(number))
+        for group, masses in groups_of(lane.series).items():
+            assert groups.setdefault(group, masses) == masses
+    assert len(lane.items()) == MAX_ITEMS
+    assert groups[0] == (0.0, 1.0, 2.0, 3.0, 4.0)
+    assert len(groups) == (2 * MAX_MASSES + 3) // SUBGROUP
+    assert MAX_MASSES <= len(lane.series.masses) < MAX_MASSES + SUBGROUP
+
+
+def test_another_batch_or_product_begins_anew():
+    series = MassSeries()
+    for number in range(8):
+        series = series.with_item(verdict(number))
+    series = series.with_item(verdict(8, Decision.FAULT, 'L2'))
+    assert (series.product, series.batch, series.masses) == ('crisps', 'L2', ())
+    for number in range(9, 15):
+        series = series.with_item(verdict(number, batch='L2'))
+    assert groups_of(series) == {0: (9.0, 10.0, 11.0, 12.0, 13.0)}
