@@ -38,7 +38,8 @@ class TestBags:
         assert 'there is no such' in refused(command, tmp_path / 'nothing')
 
     def test_a_folder_that_is_no_bag(self, command: str, tmp_path: Path):
-        assert 'not a bag' in refused(command, tmp_path)
+        expected = 'no bag in this folder' if command == 'weigh' else 'not a bag'
+        assert expected in refused(command, tmp_path)
 
     def test_a_file_that_is_no_bag(self, command: str):
         assert 'not a bag' in refused(command, __file__)

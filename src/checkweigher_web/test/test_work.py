@@ -92,7 +92,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         assert '190 g' in person.result('✓')
         person.close()
         person.open('Limits')
-        assert person.units() == [True, True]
+        person.until(lambda: person.units() == [True, True])  # the dialog has opened
         person.fill('Upper limit', '100')
         person.fill('Reason', 'test weights')
         person.press('Set')
@@ -108,7 +108,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         person.close()
 
         person.open('Calibration')
-        assert person.units() == [True, True, True]
+        person.until(lambda: person.units() == [True, True, True])
         person.fill('Reason', 'new load cell')
         person.press('Write calibration')
         assert 'no load was read' in person.result('✗')

@@ -150,7 +150,7 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
             wait_for(lambda: line.driver._outputs.ready, 'the end of the trouble')
             line.verdict_after(time.time_ns())  # nothing changes by itself
             assert plc.state(RELEASE) is False
-            assert line.reset()
+            wait_for(line.reset, 'the reset')  # it is refused while a trouble lasts
             wait_for(lambda: plc.state(RELEASE) is True, 'the release after the reset')
             wait_for(lambda: line.stops[-1].state == StopRequest.RUN, 'the end of the request')
             verdict = line.verdict_after(time.time_ns())
