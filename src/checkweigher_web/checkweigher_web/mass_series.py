@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The masses in histogram and control chart: those of one product in one batch."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from checkweigher_dsp.production.control_chart import SUBGROUP
@@ -15,8 +15,8 @@ MAX_MASSES = 500
 class MassSeries:
     """Masses of the accepted items since product and batch last changed, the latest of them.
 
-    The subgroups of a control chart are counted from the first item. So of more than `MAX_MASSES` a
-    whole subgroup is forgotten at once: an item stays in its own, whatever comes after.
+    The first item begins the first subgroup of the control chart. A series longer than `MAX_MASSES`
+    drops whole subgroups, so each item stays in its subgroup.
 
     Attributes
     ----------
@@ -35,16 +35,11 @@ class MassSeries:
 
     def with_item(self, verdict: Verdict) -> 'MassSeries':
         """Return the series with the next item, by its verdict."""
-        product, batch, masses, forgotten = (
-            verdict.product,
-            verdict.batch,
-            self.masses,
-            self.forgotten,
-        )
-        if (product, batch) != (self.product, self.batch):
-            masses, forgotten = (), 0
+        same = (verdict.product, verdict.batch) == (self.product, self.batch)
+        before = self if same else MassSeries(verdict.product, verdict.batch)
+        masses, forgotten = before.masses, before.forgotten
         if verdict.decision is Decision.ACCEPT and math.isfinite(verdict.mass):
             masses = *masses, verdict.mass
         if len(masses) >= MAX_MASSES + SUBGROUP:
             masses, forgotten = masses[SUBGROUP:], forgotten + 1
-        return MassSeries(product, batch, masses, forgotten)
+        return replace(before, masses=masses, forgotten=forgotten)

@@ -52,7 +52,7 @@ class ProductionStatistics:
             self._add_mass(verdict.mass - (self.product.tare if self.product else 0.0))
 
     def begin_stream(self) -> None:
-        """Measure the throughput anew: a stream that begins need not go on by the same clock."""
+        """Measure the throughput from now on: a new stream may have another clock."""
         self._first = self._last = None
         self._timed = 0
 
@@ -174,7 +174,7 @@ class ProductionRecord:
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
-        """Measure the throughput of every product in every batch anew."""
+        """Measure the throughput of all products and batches from now on."""
         for each in self._all.values():
             each.begin_stream()
 

@@ -157,7 +157,7 @@ class EyeItems:
         return any(stamp in self._stamps for stamp in stamps)
 
     def is_entry_unseen(self, estimate: MassEstimate) -> bool:
-        """Tell whether an item is on the belt of which the segmenter has missed the t1."""
+        """Tell whether the eyes saw t1 of an item on the belt, and the segmenter missed it."""
         if self._tracker is None or estimate.t2 is None:
             return False
         if estimate.t1 is not None or estimate.t3 is not None:

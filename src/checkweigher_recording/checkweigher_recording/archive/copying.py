@@ -67,7 +67,7 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
-            # For http whatever went wrong is a file that was not found.
+            # The HTTP file system of fsspec reports every failure as a file that was not found.
             cause = ' '.join(str(error.__cause__ or '').split())
             missing = not cause or getattr(error.__cause__, 'status', None) == HTTPStatus.NOT_FOUND
             text = 'there is no such file or folder' if missing else cause

@@ -52,11 +52,11 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
 
 
 def result_names(found: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for the results of each bag of `find_bags`: its place there, and below that.
+    """Return a name for the results of each bag of `find_bags`: its place, then its path below.
 
-    A place has its own name, and folders above it only as far as bags of several places would have
-    the same name. So names stay when bags are added. The parts of a name are separated by slashes;
-    no two are the same.
+    Names begin with the last part of the place. If two bags would share a name, all names begin
+    with more of the folders above. So names stay when bags are added. Slashes separate the parts
+    of a name; no two names are the same.
     """
     parts = {bag: _parts(bag) for bag in found}
     above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}

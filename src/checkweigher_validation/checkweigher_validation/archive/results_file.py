@@ -91,9 +91,8 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
 def _value(column: Column, result: ItemResult) -> Any:
     """Return the value of a result as pyarrow takes it; None if it is not known."""
     value = column.value(result)
-    return (
-        Decimal(value).scaleb(-9) if column.kind is ColumnType.TIME and value is not None else value
-    )
+    is_time = column.kind is ColumnType.TIME and value is not None
+    return Decimal(value).scaleb(-9) if is_time else value
 
 
 def _batches(results: Iterable[ItemResult]) -> Iterator[list[ItemResult]]:

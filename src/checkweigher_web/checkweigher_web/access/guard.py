@@ -129,7 +129,7 @@ class Guard:
             await refusal(scope, receive, send)
 
     async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Have the application answer, and pass over that it did not where nobody waits for it."""
+        """Call the application; ignore a missing answer if the browser has left."""
         gone = False
 
         async def noted() -> Message:

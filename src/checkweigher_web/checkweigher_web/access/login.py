@@ -38,10 +38,10 @@ class Log(Protocol):
     """What takes lines of the log: a logger of rclpy, whose class is not public."""
 
     def info(self, message: str, /) -> object:
-        """Take what went as it should."""
+        """Log a message."""
 
     def warning(self, message: str, /, **throttle: float) -> object:
-        """Take what somebody should look into, at most once in `throttle_duration_sec` seconds."""
+        """Log a warning, at most once in `throttle_duration_sec` seconds."""
 
 
 def logout_form(token: str) -> str:

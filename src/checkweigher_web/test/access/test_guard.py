@@ -180,7 +180,7 @@ def test_failures_in_a_row_have_to_wait(browser: Browser):
 def test_what_others_mistyped_at_the_same_address_is_over_with_a_login(browser: Browser):
     own = {'X-Forwarded-For': '10.2.0.3'}
     for number in range(4):  # two failures each time: eight in a row would wait for half a minute
-        for name in (f'somebody{number}', f'nobody{number}'):
+        for name in (f'first{number}', f'second{number}'):
             assert browser.log_in(name, 'wrong horse', **own).status == 403
         assert browser.log_in('anna', **own).status == 303
 

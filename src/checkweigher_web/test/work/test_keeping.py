@@ -101,7 +101,7 @@ def test_of_a_source_that_begins_again_nothing_from_before_is_held(
         assert (held.blocks, held.edges, held.references) == (tuple(blocks), (), ())
         with pytest.raises(RefusedError, match='weighed another way'):
             keep(tmp_path, lane, item)
-    # Nobody looked when it began again: no block came that could show it.
+    # No page was open when the source began again, so no block came that could show it.
     lane = held_of(recording)
     for edge in recording.edges * 3:
         lane.take(edge)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An address gives a report, whatever the name of the batch, and no file beside the reports."""
+"""The address of a report works for every name of a batch and reaches no other file."""
 
 from collections.abc import Iterator
 from pathlib import Path
