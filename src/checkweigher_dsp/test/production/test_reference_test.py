@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reference test of 76/211/EEC, Annex II, against its tables and numbers worked by hand."""
+"""The reference test by both sampling plans, against their tables and numbers worked by hand."""
 
 import math
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import hypergeom
 from scipy.stats import t as student
 
-from checkweigher_dsp.production.reference_test import reference_test
+from checkweigher_dsp.production.reference_test import SamplingPlan, reference_test
 
 # 100 g: TU1 95.5 g, TU2 91 g.
 GOOD, DEFECTIVE, FAR_BELOW = 0.101, 0.0954, 0.0905
@@ -53,6 +53,50 @@ def test_the_plan_is_that_of_the_directive(
     found = reference_test(few, 0.1, seed=7)
     assert [each.count for each in found.samples] == [first]
     assert not found.contents_passed
+
+
+@pytest.mark.parametrize(
+    ('size', 'count', 'accept', 'k'),
+    [
+        (100, 50, 3, 0.379),
+        (500, 50, 3, 0.379),
+        (501, 80, 5, 0.295),
+        (3_200, 80, 5, 0.295),
+        (3_201, 125, 7, 0.234),
+    ],
+)
+def test_single_sampling_decides_by_one_sample(size: int, count: int, accept: int, k: float):
+    def tested(masses: np.ndarray):
+        return reference_test(masses, 0.1, seed=7, plan=SamplingPlan.SINGLE)
+
+    masses = np.full(size, GOOD)
+    found = tested(masses)
+    assert (len(found.drawn), found.mean_count, found.k, found.passed) == (count, count, k, True)
+    assert k == pytest.approx(student.ppf(0.995, count - 1) / math.sqrt(count), abs=5e-4)
+    order = list(found.drawn)
+    masses[order[:accept]] = DEFECTIVE
+    assert tested(masses).contents_passed
+    masses[order[0]] = FAR_BELOW  # below TU2: one is too many
+    assert not tested(masses).contents_passed
+    masses[order[: accept + 1]] = DEFECTIVE
+    found = tested(masses)
+    assert [(each.count, each.reject) for each in found.samples] == [(count, accept + 1)]
+    assert not found.contents_passed
+
+
+def test_single_sampling_agrees_with_published_examples():
+    # Guide to the Average Quantity System in Australia, Table 3: 125 of 3,500 packs of butter of
+    # 500 g, two of them between 470 g and 485 g; 50 of 148 bags of potatoes of 3 kg, one below
+    # 2.91 kg; each mean is above nominal.
+    drawn = reference_test([0.5] * 3_500, 0.5, plan=SamplingPlan.SINGLE).drawn
+    butter = np.full(3_500, 0.5015)
+    butter[list(drawn[:2])] = 0.484
+    assert reference_test(butter, 0.5, plan=SamplingPlan.SINGLE).passed
+    drawn = reference_test([3.0] * 148, 3.0, plan=SamplingPlan.SINGLE).drawn
+    potatoes = np.full(148, 3.1)
+    potatoes[drawn[0]] = 2.9
+    found = reference_test(potatoes, 3.0, plan=SamplingPlan.SINGLE)
+    assert (len(found.drawn), found.mean_passed, found.contents_passed) == (50, True, False)
 
 
 def test_the_mean_is_held_to_a_limit_that_its_spread_lowers():

@@ -18,7 +18,11 @@ from checkweigher_dsp.production.prepackages import (
     judge_batch,
 )
 from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.production.reference_test import ReferenceTest, reference_test
+from checkweigher_dsp.production.reference_test import (
+    ReferenceTest,
+    SamplingPlan,
+    reference_test,
+)
 from checkweigher_dsp.records import Decision
 from checkweigher_validation.batch.batch import Batch, Part
 
@@ -57,8 +61,8 @@ class PartFigures:
         return self.mean - self.product.nominal
 
 
-def figures_of(part: Part, seed: int) -> PartFigures:
-    """Return the figures of a product in a batch; `seed` draws the reference test."""
+def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) -> PartFigures:
+    """Return the figures of a product in a batch; `seed` draws the reference test by a plan."""
     accepted = [item for item in part.items if item.decision is Decision.ACCEPT]
     masses = np.array([item.mass for item in accepted])
     nominal = part.product.nominal
@@ -77,7 +81,7 @@ def figures_of(part: Part, seed: int) -> PartFigures:
         counts=counts,
         chart=control_chart(masses.tolist()),
         judgement=judge_batch(masses, nominal) if judged else None,
-        reference=reference_test(masses.tolist(), nominal, seed) if judged else None,
+        reference=reference_test(masses.tolist(), nominal, seed, plan) if judged else None,
     )
 
 
@@ -122,7 +126,8 @@ def _part_as_json(part: PartFigures) -> dict[str, Any]:
         share = part.judgement.share_below_tu1
         made['rules'] = asdict(part.judgement) | {'share_below_tu1': share}
     if part.reference is not None:
-        made['reference_test'] = asdict(part.reference)
+        plan = part.reference.plan.value
+        made['reference_test'] = asdict(part.reference) | {'plan': plan}
     known: dict[str, Any] = _known(made)
     return known
 

@@ -12,6 +12,7 @@ import pytest
 from checkweigher_dsp.production.audit_log import Entry
 from checkweigher_dsp.production.batch_record import RecordError, RecordWriter
 from checkweigher_dsp.production.recipes import make_product
+from checkweigher_dsp.production.reference_test import SamplingPlan
 from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import Decision, FillerFeedback, StopRequest, Verdict
 from checkweigher_validation.batch.batch import Batch, BatchError, read_csv, read_record
@@ -68,6 +69,9 @@ def test_the_figures_of_a_record_are_those_of_its_items(record: Path):
     assert (part.judgement.below_tu1, part.judgement.passed) == (1, True)
     assert part.reference is not None
     assert (part.reference.batch_size, part.reference.samples[0].count) == (118, 30)
+    single = figures_of(batch.parts[0], 1, SamplingPlan.SINGLE).reference
+    assert single is not None
+    assert (single.samples[0].count, single.mean_count) == (50, 50)
 
 
 def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(record: Path):
@@ -79,7 +83,8 @@ def test_the_page_and_the_json_have_everything_and_nothing_of_it_is_markup(recor
     assert [each.sequence for each in batch.changes] == [2]
     parts = [figures_of(each, seed=1) for each in batch.parts]
     made = json.loads(json.dumps(as_json(batch, parts), allow_nan=False))
-    assert made['products'][0]['reference_test']['k'] == 0.503
+    test = made['products'][0]['reference_test']
+    assert (test['plan'], test['k']) == ('double', 0.503)
     assert made['products'][0]['control_chart']['centre'] == pytest.approx(0.101, abs=2e-4)
     assert (made['stops'][0]['reason'], made['filler'][0]['step']) == ('TooManyRejects', -5e-4)
     assert [each['sequence'] for each in made['changes']] == [2]

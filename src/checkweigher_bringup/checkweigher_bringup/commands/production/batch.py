@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Report on a batch: what passed, the packers' rules and the reference test of 76/211/EEC."""
+"""Report on a batch: what passed, the packers' rules of 76/211/EEC and the reference test."""
 
 import argparse
 from collections.abc import Iterator
@@ -30,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='audit log with the changes; default the one that the record names')  # fmt: skip
     add('--seed', type=int, default=1, metavar='S',
         help='draws the samples of the reference test; default 1')  # fmt: skip
+    add('--sampling', choices=('double', 'single'), default='double',
+        help='plan of the reference test: double of 76/211/EEC (30, 50 or 80, and as many again) '
+             'or single of OIML R 87 (50, 80 or 125); default double')  # fmt: skip
     of_product = parser.add_argument_group('the product, which a record has itself').add_argument
     of_product('--nominal', type=float, metavar='G', help='nominal weight of the contents, g')
     of_product('--tare', type=float, default=0.0, metavar='G', help='of the packaging, g')
@@ -49,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_bringup.output import check_output_file
     from checkweigher_dsp.printable import one_line
+    from checkweigher_dsp.production.reference_test import SamplingPlan
     from checkweigher_recording.whole_file import is_stream
     from checkweigher_validation.batch.batch import InLog
     from checkweigher_validation.batch.figures import figures_of
@@ -61,7 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: must not be below 0')
     batch = _read(arguments)
-    parts = [figures_of(part, arguments.seed) for part in batch.parts]
+    plan = SamplingPlan(arguments.sampling)
+    parts = [figures_of(part, arguments.seed, plan) for part in batch.parts]
     for line in _lines(batch, parts):
         print(one_line(line))
     write_report(batch, parts, arguments.html, arguments.json)
@@ -164,10 +169,12 @@ def _judgement(part: 'PartFigures') -> Iterator[str]:
         f'{rules.below_tu2} {_word(rules.tu2_passed)}'
     )
     last = test.samples[-1]
+    below_tu2 = f', {test.below_tu2} below TU2, none allowed' if test.tu2_decides else ''
     yield (
-        f'  reference test: {last.defective} of {last.count} below TU1, at most {last.accept}: '
-        f'{_word(test.contents_passed)}; mean of {test.mean_count} {GRAMS * test.mean:.3f} g, at '
-        f'least {GRAMS * test.mean_limit:.3f} g: {_word(test.mean_passed)}'
+        f'  reference test, {test.plan.value} sampling: {last.defective} of {last.count} below '
+        f'TU1, at most {last.accept}{below_tu2}: {_word(test.contents_passed)}; mean of '
+        f'{test.mean_count} {GRAMS * test.mean:.3f} g, at least {GRAMS * test.mean_limit:.3f} g: '
+        f'{_word(test.mean_passed)}'
     )
 
 

@@ -24,7 +24,7 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     of_csv = run_command('batch', masses, '--nominal', 130, '--json', from_csv)
     assert (of_bag.returncode, of_csv.returncode) == (0, 0), of_bag.stderr + of_csv.stderr
     assert 'batch paper_60, batch: 25 items: 25 ACCEPT' in of_bag.stdout
-    assert 'reference test: ' in of_bag.stdout
+    assert 'reference test, double sampling: ' in of_bag.stdout
     assert of_bag.stdout.splitlines()[1:] == of_csv.stdout.splitlines()[1:]
     ours, theirs = (json.loads(path.read_text()) for path in (from_bag, from_csv))
     # 25 items: 5 each of 74.5 g to 254.5 g; TU1 of 130 g is 124.15 g.
