@@ -25,6 +25,7 @@ class: XIII
 e_g: 0.1
 min_g: 60
 max_g: 600
+prepackages_g: [100]
 operator: A. Tester
 place: hall 3
 environment: 21 degC

@@ -13,15 +13,17 @@ categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats
 errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
 2006/154, Schedule 5, Table 2, and the least Min of Y(a) and Y(b) in UK SI 2003/2761, Schedule 1.
 Quoted from memory and not checked against the text of R 51 are the errors of category Y in motion
-in service and the rows of the standard deviation above 300 g.
+in service and the rows of the standard deviation above 300 g. What a class may check is from the
+German FPackV of 2020, Annex 7, 1 b; its table of the largest e by nominal quantity is not here.
 
 Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
 and does not say that a machine conforms.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
+from checkweigher_dsp.production.prepackages import tolerable_negative_error
 from checkweigher_dsp.records import GRAMS
 from checkweigher_validation.accuracy.errors import ConditionResult
 
@@ -72,6 +74,8 @@ _STD_DEV_ROWS = (
     (15.0, _CONSTANT, 8e-3, 10e-3),
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
+
+_SUITABLE_SHARE = 1 / 5  # of the tolerable negative error, for the error of the scale in service
 
 # Load in kg up to which so many weighings are the least.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
@@ -228,6 +232,48 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
             f'Min: {GRAMS * minimum:g} g is below {GRAMS * least:g} g, the least of class {name}: '
             f'{_LEAST_MINIMUM[name]} e'
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Suitability:
+    """A class against what a scale may err that checks prepackages of a nominal quantity; kg."""
+
+    nominal: float
+    tolerable_negative_error: float
+    max_error: float  # of the class in service at the nominal quantity, NaN above its range
+
+    @property
+    def allowed_error(self) -> float:
+        """Largest error in service of a scale that may check them."""
+        return _SUITABLE_SHARE * self.tolerable_negative_error
+
+    @property
+    def suitable(self) -> bool:
+        """Whether a scale of the class may check them."""
+        return self.max_error <= self.allowed_error * _ON_BOUND
+
+
+def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
+    """Hold a class to a fifth of the tolerable negative error of prepackages.
+
+    Parameters
+    ----------
+    accuracy_class : AccuracyClass
+        Its limits in service count, whatever the occasion.
+    nominal : float
+        kg.
+
+    Raises
+    ------
+    ValueError
+        If 76/211/EEC has no limits for `nominal`.
+
+    References
+    ----------
+    FPackV of 18 November 2020 (BGBl. I 2020, 2504), Annex 7, 1 b.
+    """
+    in_service = replace(accuracy_class, in_service=True)
+    return Suitability(nominal, tolerable_negative_error(nominal), in_service.max_error(nominal))
 
 
 def weighings_required(mass: float) -> int:

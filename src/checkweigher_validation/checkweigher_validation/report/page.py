@@ -3,7 +3,7 @@
 """The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -11,7 +11,11 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from checkweigher_dsp.production import prepackages
-from checkweigher_validation.accuracy.classes import AccuracyClass, weighings_required
+from checkweigher_validation.accuracy.classes import (
+    AccuracyClass,
+    suitability,
+    weighings_required,
+)
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
@@ -43,7 +47,8 @@ def render(
     accuracy_class : AccuracyClass
         Class whose limits the conditions are held to.
     nominal : float, optional
-        kg, nominal quantity of prepackages whose limits are to be shown.
+        kg, nominal quantity of prepackages whose limits are to be shown, and whether a scale of
+        the class may check them.
 
     Raises
     ------
@@ -61,9 +66,10 @@ def render(
         looks=list(looks_of(evaluation.estimators).values()),
         levels=[f'{100 * level:.0f} %' for level in content.LEVELS],
         prepackage=None if nominal is None else prepackages.limits(nominal),
+        suitable=None if nominal is None else suitability(accuracy_class, nominal),
         accuracy_pictures=accuracy_pictures, signal_pictures=signal_pictures,
         speed_label=content.speed_label, mass_label=content.mass_label, grams=content.grams,
-        weighings_required=weighings_required, in_service=replace(accuracy_class, in_service=True),
+        weighings_required=weighings_required,
     )  # fmt: skip
 
 

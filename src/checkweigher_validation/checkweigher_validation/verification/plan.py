@@ -14,11 +14,14 @@ import math
 import re
 from typing import cast
 
+from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.yaml_files import parse_yaml
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
+    Suitability,
     check_range,
+    suitability,
     weighings_required,
 )
 
@@ -82,6 +85,7 @@ class Plan:
     accuracy_class: AccuracyClass
     minimum: float  # Min, kg
     maximum: float  # Max, kg
+    prepackages: tuple[Suitability, ...]  # those that it is to check, each found suitable
     operator: str
     place: str
     environment: str
@@ -211,6 +215,7 @@ def _plan(section: _Section) -> Plan:
         accuracy_class=accuracy_class,
         minimum=minimum,
         maximum=maximum,
+        prepackages=_prepackages(section, accuracy_class, maximum),
         operator=section.text('operator'),
         place=section.text('place'),
         environment=section.text('environment'),
@@ -256,6 +261,28 @@ def _check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) 
         check_range(accuracy_class, minimum, maximum)
     except ValueError as error:
         raise PlanError(f'e_g, min_g, max_g: {error}') from None
+
+
+def _prepackages(
+    section: _Section, accuracy_class: AccuracyClass, maximum: float
+) -> tuple[Suitability, ...]:
+    key = 'prepackages_g'
+    found = []
+    for value in section.list_of(key) if section.has(key) else ():
+        nominal = _number(key, value, GRAMS * SMALLEST, GRAMS * LARGEST) / GRAMS
+        if nominal > maximum * _ROUNDING:
+            raise PlanError(f'{key}: {value:g} g is above Max, {GRAMS * maximum:g} g')
+        one = suitability(accuracy_class, nominal)
+        if not one.suitable:
+            raise PlanError(
+                f'{key}: {value:g} g may be checked by a scale whose error in service is at most '
+                f'{GRAMS * one.allowed_error:.3g} g (FPackV, Annex 7); that of '
+                f'{accuracy_class.name} with e = {GRAMS * accuracy_class.interval:g} g is '
+                f'{GRAMS * one.max_error:.3g} g'
+            )
+        found.append(one)
+    _check_distinct(key, [f'{GRAMS * one.nominal:g}' for one in found])
+    return tuple(found)
 
 
 def _masses(section: _Section) -> dict[str, Mass]:

@@ -49,6 +49,9 @@ _SOURCES = (
     'Numbers of weighings by load (60, 30, 20, 10), warm-up times, zero within 0.25 e and 0.5 e, '
     'a third of Max for eccentricity, near Min and near Max, a third of the limit for reference '
     'masses: OIML R 51-1:2006 from memory; its text was not at hand.',
+    'What prepackages a scale may check: the error of its class in service is at most a fifth of '
+    'the tolerable negative error; German FPackV of 2020, Annex 7, 1 b (public text). Its table of '
+    'the largest e by nominal quantity was not at hand.',
     'A pass without a mass fails its step; what counts as close to Min, to Max and to a third: '
     'rules of this program.',
 )
@@ -86,6 +89,15 @@ def report_of(procedure: Procedure) -> Values:
             'max_g': _grams(plan.maximum),
             'text': str(own),
         },
+        'prepackages': [
+            {
+                'nominal_g': _grams(each.nominal),
+                'tolerable_negative_error_g': _grams(each.tolerable_negative_error),
+                'allowed_error_g': _grams(each.allowed_error),
+                'max_error_in_service_g': _grams(each.max_error),
+            }
+            for each in plan.prepackages
+        ],
         'operator': plan.operator,
         'place': plan.place,
         'environment': plan.environment,

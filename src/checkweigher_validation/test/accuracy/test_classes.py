@@ -15,6 +15,7 @@ from checkweigher_validation.accuracy.classes import (
     check_range,
     judge,
     smallest_interval,
+    suitability,
     weighings_required,
 )
 
@@ -292,3 +293,30 @@ def test_a_range_that_no_class_allows_is_refused_with_the_rule(
         return
     with pytest.raises(ValueError, match=re.escape(complaint)):
         check_range(own, minimum * 1e-3, maximum * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ('name', 'interval', 'nominal', 'max_error', 'allowed'),
+    [
+        ('XIII', 1e-3, 0.25, 1e-3, 1.8e-3),  # up to 500 e in service 1 e; TNE 9 g
+        ('XIII', 1e-3, 0.1, 1e-3, 0.9e-3),  # TNE 4.5 g
+        ('XIII', 1e-3, 1.0, 2e-3, 3e-3),  # 500 to 2000 e: 2 e; TNE 15 g
+        ('XIII', 2e-3, 0.75, 2e-3, 3e-3),
+        ('Y(a)', 1e-3, 0.25, 1.5e-3, 1.8e-3),
+        ('Y(a)', 2e-3, 0.25, 3e-3, 1.8e-3),
+        ('XIIII', 5e-3, 5.5, math.nan, 16.5e-3),  # above 1000 e
+    ],
+)
+def test_a_class_checks_prepackages_of_five_times_its_error_in_service(
+    name: str, interval: float, nominal: float, max_error: float, allowed: float
+):
+    found = suitability(AccuracyClass(name, interval=interval), nominal)
+    assert found.max_error == pytest.approx(max_error, nan_ok=True)
+    assert found.allowed_error == pytest.approx(allowed)
+    assert found.suitable == (max_error <= allowed)
+
+
+def test_a_class_whose_error_is_just_a_fifth_is_suitable():
+    # TNE of 500 g is 15 g; 250 e in service 1 e; e = 3 g is none of a nameplate, but worked easily.
+    assert suitability(AccuracyClass('XIII', interval=3e-3), 0.5).suitable
+    assert not suitability(AccuracyClass('XIII', interval=3.001e-3), 0.5).suitable

@@ -199,8 +199,11 @@ def test_the_limits_of_the_class_are_those_of_table_2(page):
     ]
 
 
-def test_the_limits_of_prepackages_are_there_if_asked_for(page, make_evaluation):
+def test_the_limits_of_prepackages_are_there_if_asked_for(page, text, make_evaluation):
     assert ['6.75 g', '143.25 g', '136.50 g'] in table_with(page, 'TU1')
+    assert '<strong>suitable</strong>' in text
+    of_one_gram = AccuracyClass('XIII', interval=1e-3)  # errs by 1 g in service, a fifth is 0.9 g
+    assert '<strong>NOT suitable</strong>' in render(make_evaluation(), of_one_gram, nominal=0.1)
     assert 'Prepackages' not in render(make_evaluation(speeds=(1.0,)))
     with pytest.raises(ValueError, match='for which the directive has limits'):
         render(make_evaluation(), nominal=20.0)

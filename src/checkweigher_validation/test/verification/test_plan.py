@@ -15,6 +15,8 @@ def test_the_example_is_a_plan_in_si_with_weighings_by_load():
     assert [load.mass for load in plan.masses] == pytest.approx([0.0745, 0.1945, 0.5])
     assert {passes.speed for passes in plan.passes} == {0.5, 1.0}
     assert {passes.count for passes in plan.passes} == {60}
+    assert [each.nominal for each in plan.prepackages] == pytest.approx([0.25, 0.5])
+    assert all(each.suitable for each in plan.prepackages)
     heavier = read_plan(
         EXAMPLE.replace('mass_g: 500.00', 'mass_g: 5000')
         .replace('max_g: 600', 'max_g: 6000')
@@ -46,6 +48,15 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('e_g: 0.1 ', 'e_g: 5 ', 'e: 5 g is 120 times in a Max of 600 g, in class XIII it is'),
         ('e_g: 0.1 ', 'e_g: 10 ', 'so at least 500 times'),
         ('max_g: 600', 'max_g: 50', 'min_g: 60 is not above 0 and below max_g'),
+        ('[250, 500]', '[700]', 'prepackages_g: 700 g is above Max, 600 g'),
+        ('[250, 500]', '[500, 500]', 'prepackages_g: 500 is there twice'),
+        ('[250, 500]', '[2]', 'prepackages_g: 2 is not in 5..10000'),
+        (
+            '[250, 500]',
+            '[5]',
+            'prepackages_g: 5 g may be checked by a scale whose error in service is at most '
+            '0.09 g (FPackV, Annex 7); that of XIII with e = 0.1 g is 0.1 g',
+        ),
         ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
         ('loads: [small,', 'loads: [large,', 'loads: large is there twice'),

@@ -96,6 +96,12 @@ def test_values_are_in_grams_and_utc_and_name_what_was_verified(report: dict[str
         'speed_m_per_min': 60.0, 'reasons': [],
     }  # fmt: skip
     assert first['passes'][3]['mass_g'] is None
+    assert report['prepackages'] == [
+        {
+            'nominal_g': 100.0, 'tolerable_negative_error_g': 4.5, 'allowed_error_g': 0.9,
+            'max_error_in_service_g': 0.2,
+        }
+    ]  # fmt: skip
     assert report['verdict'] == 'failed'  # no pass on the left lane
     assert report['digests']['bag'] == 64 * '3'
     assert 'not type-approved' in report['statement']
@@ -107,7 +113,15 @@ def test_the_page_shows_every_reading_and_needs_nothing_else(report: dict[str, A
     assert page == render_verification(report)
     for step in report['steps']:
         assert step['name'] in page
-    for text in ('FAILED'.lower(), '74.530', '+0.030', 'Unknown', 'no &lt;weights&gt;', 64 * '3'):
+    for text in (
+        'FAILED'.lower(),
+        'FPackV',
+        '74.530',
+        '+0.030',
+        'Unknown',
+        'no &lt;weights&gt;',
+        64 * '3',
+    ):
         assert text in page, text
     for reason in (*report['departures'], *report['not_done'], report['statement']):
         assert reason.split('<')[0] in page
