@@ -1,6 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""How the nodes find each other: profiles for Fast DDS, made for the environment of the process.
+"""How the nodes find and hear each other: profiles for Fast DDS, made for each environment.
+
+Nodes receive by UDP alone, on one computer too. By the shared memory of Fast DDS 2.14.5 the largest
+messages of a node came no more after some 30 kills of the processes that read them (compare
+eProsima/Fast-DDS issue 5469).
 
 Without multicast Fast DDS calls on an address at the ports of its first four participants alone.
 With a fifth and a sixth process on a computer, these two would never find each other.
@@ -19,7 +23,7 @@ _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
-_PLACE = '  <!-- participant -->\n'
+_PLACE = '      <!-- peers -->\n'
 
 
 def set_profiles() -> None:
@@ -56,7 +60,7 @@ def _written(text: str) -> Path:
 def profiles(environment: Mapping[str, str]) -> str:
     """Return the profiles as XML, with the ports to be called on where there is no multicast."""
     text = _PACKAGED.read_text(encoding='utf-8')
-    return text.replace(_PLACE, _participant(peers(environment)))
+    return text.replace(_PLACE, _initial_peers(peers(environment)))
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
@@ -79,18 +83,12 @@ def _is_ipv4(text: str) -> bool:
         return False
 
 
-def _participant(called: list[tuple[str, int]]) -> str:
+def _initial_peers(called: list[tuple[str, int]]) -> str:
     if not called:
         return ''
     locators = ''.join(
-        f'          <locator><udpv4><port>{port}</port><address>{address}</address></udpv4>'
+        f'        <locator><udpv4><port>{port}</port><address>{address}</address></udpv4>'
         '</locator>\n'
         for address, port in called
     )
-    return (
-        '  <participant profile_name="checkweigher_participant" is_default_profile="true">\n'
-        '    <rtps><builtin><initialPeersList>\n'
-        f'{locators}'
-        '    </initialPeersList></builtin></rtps>\n'
-        '  </participant>\n'
-    )
+    return f'      <builtin><initialPeersList>\n{locators}      </initialPeersList></builtin>\n'

@@ -1,5 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -41,13 +42,30 @@ def test_named_hosts_are_called_on_as_well():
 
 def test_where_there_is_multicast_nobody_is_called_on():
     assert not peers({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})
-    assert 'locator' not in profiles({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})
+    assert 'initialPeersList' not in profiles({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})
 
 
 def test_the_profiles_are_xml():
     root = ElementTree.fromstring(profiles(LOCAL))
-    assert sum(each.tag.endswith('}locator') for each in root.iter()) == PARTICIPANTS
+    called = next(each for each in root.iter() if each.tag.endswith('}initialPeersList'))
+    assert len(called) == PARTICIPANTS
     assert sum(each.tag.endswith('}subscriber') for each in root) == 1
+
+
+@pytest.mark.parametrize('discovery_range', ['LOCALHOST', 'SUBNET'])
+def test_a_process_hears_nothing_by_memory_that_others_can_lose(discovery_range: str):
+    words = [sys.executable, '-c', NODE, '0', '1']
+    environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery_range}
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as node:
+        assert node.stdin is not None
+        assert node.stdout is not None
+        assert node.stdout.readline() == 'all\n'
+        opened = [str(each.readlink()) for each in Path(f'/proc/{node.pid}/fd').iterdir()]
+        node.stdin.close()
+    assert any('socket' in each for each in opened)
+    assert not [each for each in opened if 'fastrtps_port' in each]
 
 
 def test_who_has_profiles_keeps_them(monkeypatch: pytest.MonkeyPatch):
