@@ -3,7 +3,7 @@
 """A verification and its files: the plan, what is verified, the procedure, the report."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import hashlib
 from importlib.metadata import version
 import json
@@ -22,7 +22,7 @@ from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning, write_parameter_file
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.audit_log import AuditError, read_log
+from checkweigher_dsp.production.audit_log import AuditError, Entry, read_log
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.whole_file import check_new, output_error, write_whole
 from checkweigher_validation.archive.program import program_digest
@@ -31,6 +31,8 @@ from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
 
 _LONGEST = 80  # characters of a value in a sentence
+# Kinds of entries that make it another machine; the zero is a step.
+_CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
 _PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
 
 
@@ -86,7 +88,9 @@ class _IdentityOnDisk:
     def __init__(self, file: Path, audit: Path | None) -> None:
         self._file = file
         self._audit = audit
-        self._known = dict[str, object](_audit_digests(audit))
+        digests, entries = _read_audit(audit)
+        self._known = dict[str, object](digests)
+        self._entries = len(entries)  # before the first step
         self._values: NodeValues = {}
 
     def at_begin(self, values: NodeValues, how: str) -> str:
@@ -104,7 +108,9 @@ class _IdentityOnDisk:
     def at_end(self, values: NodeValues) -> str:
         changes = list(_changes(self._values, values))
         try:  # the steps themselves are in the log: the zero, and on the page each answer
-            self._known |= _audit_digests(self._audit)
+            digests, entries = _read_audit(self._audit)
+            self._known |= digests
+            changes += map(_told, (each for each in entries[self._entries :] if _changes_it(each)))
         except (AuditError, OSError) as error:  # the procedure is worth its report all the same
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
@@ -126,6 +132,18 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
                     f'Parameter {node}.{name} was {one_line(was, _LONGEST)} before the first step '
                     f'and {one_line(now, _LONGEST)} after the last one.'
                 )
+
+
+def _changes_it(entry: Entry) -> bool:
+    return entry.kind in _CHANGING
+
+
+def _told(entry: Entry) -> str:
+    """Return a sentence on an entry that was made between the steps."""
+    old, new = (one_line(repr(value), _LONGEST) for value in (entry.old, entry.new))
+    who = one_line(entry.who or 'not known', _LONGEST)
+    subject = one_line(f'{entry.kind} {entry.subject} of {entry.source}', _LONGEST)
+    return f'Audit log, {one_line(entry.time, _LONGEST)}: {subject} from {old} to {new}, by {who}.'
 
 
 def _shown(values: dict[str, object], name: str) -> str:
@@ -160,18 +178,19 @@ def plan_of(path: Path) -> tuple[Plan, str]:
         raise UserError(f'{path}: {error}') from None
 
 
-def _audit_digests(path: Path | None) -> dict[str, str | None]:
-    """Return name, digest and last hash of an audit log, which must be whole."""
+def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
+    """Return name, digest and last hash of an audit log, which must be whole, and its entries."""
     if path is None:
-        return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash'))
+        return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()
     while True:  # until no entry has come in between
         before, found = path.read_bytes(), read_log(path)
         if path.read_bytes() == before:
             break
     if not found.whole:
         raise AuditError(f'{path}: the chain is broken at line {found.bad_line}: {found.reason}')
-    return {
+    digests = {
         'audit_log': str(path),
         'audit_log_sha256': hashlib.sha256(before).hexdigest(),
         'audit_log_last_hash': found.entries[-1].hash if found.entries else None,
     }
+    return digests, found.entries

@@ -54,6 +54,11 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
                 if 'zero_2' in question:  # amid the steps the line is made another one
                     spinner.call(lambda: stages['reject'].set_parameters([wider]))
                     with AuditLog(audit_log) as log:
+                        for minute, old, new in ((0, 0.5, 0.6), (1, 0.6, 0.5)):  # and back again
+                            log.append(
+                                f'2026-05-28T20:0{minute}:30', '/segmenter', 'parameter',
+                                'sample_lateness', old, new, who='ben',
+                            )  # fmt: skip
                         last = log.append(
                             '2026-05-28T21:00:00', '/reject', 'parameter', 'max_speed', 'inf', 2.5
                         )
@@ -87,9 +92,14 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     assert report['identity']['audit_log_last_hash'] == last.hash
     kept = hashlib.sha256(audit_log.read_bytes()).hexdigest()
     assert report['identity']['audit_log_sha256'] == kept
-    changed = [each for each in report['departures'] if each.startswith('Parameter ')]
+    changed = [each for each in report['departures'] if each.startswith(('Parameter ', 'Audit'))]
+    lateness = 'parameter sample_lateness of /segmenter'
     assert changed == [
-        'Parameter reject.max_speed was inf before the first step and 2.5 after the last one.'
+        'Parameter reject.max_speed was inf before the first step and 2.5 after the last one.',
+        f'Audit log, 2026-05-28T20:00:30: {lateness} from 0.5 to 0.6, by ben.',
+        f'Audit log, 2026-05-28T20:01:30: {lateness} from 0.6 to 0.5, by ben.',
+        "Audit log, 2026-05-28T21:00:00: parameter max_speed of /reject from 'inf' to 2.5, by "
+        'graph:/reject.',
     ]
     known = yaml.safe_load((output / 'parameters.yaml').read_text())
     assert known['/**/driver']['ros__parameters']['simulator.spacing'] == 3.0
