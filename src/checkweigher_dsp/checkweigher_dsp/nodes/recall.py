@@ -24,7 +24,11 @@ Arrivals = deque[tuple[EyeEdge, int | None]]  # edges, each with the time at whi
 
 @dataclass
 class Recall:
-    """One question to the driver, and what comes while the answer is not there."""
+    """A question to the driver, and what comes while the answer is not there.
+
+    It is asked once more as soon as an edge has come that the answer ends before: the next answer
+    has what was sent between them.
+    """
 
     driver_heard: bool = False  # it has said what stream this is
     ended: bool = False  # the driver has said that the stream is over
@@ -36,6 +40,7 @@ class Recall:
     _asked: float | None = None
     _began: float | None = None
     _answered: float | None = None
+    _answers: int = 0
 
     @property
     def waiting(self) -> bool:
@@ -64,21 +69,32 @@ class Recall:
         self.edges.clear()
         self.estimates.clear()
         self.history = self._asked = self._answered = None
+        self._answers = 0
 
     @property
     def may_ask(self) -> bool:
         """Whether the driver is to be asked, or asked again: DDS loses an answer at times."""
-        if not self.driver_heard or self._answered is not None:
+        if not self.driver_heard or (self._answered is not None and not self._may_lack_edges):
             return False
-        return self._asked is None or time.monotonic() - self._asked > _LOST_ANSWER
+        if self._asked is None or (self._answers == 1 and self._answered is not None):
+            return True
+        return self._waits_since(self._asked) > _LOST_ANSWER
+
+    @property
+    def _may_lack_edges(self) -> bool:
+        """Whether the answer ends before the first edge that has come: one between may lack."""
+        if self.history is None or not self.history.edges or not self.edges:
+            return False
+        return self.history.edges[-1].stamp < self.edges[0][0].stamp
 
     def ask(self) -> None:
         """Note that the driver is asked."""
-        self._asked = time.monotonic()
+        self._asked, self._answered = time.monotonic(), None
 
     def answer(self, history: LineHistory) -> None:
         """Take the answer."""
         self.history, self._answered = history, time.monotonic()
+        self._answers += 1
 
     def is_over(
         self, weigh_length: float | None, *, driver: bool, status: bool, edges: bool
@@ -97,7 +113,7 @@ class Recall:
             return True
         # From the first edge on that has come, none is missing: before that, some may be due.
         waits = self._waits_since(self._answered)
-        complete = bool(self.edges) or waits > _ON_THE_WAY
+        complete = not self._may_lack_edges and (bool(self.edges) or waits > _ON_THE_WAY)
         return (complete and weigh_length is not None) or waits > _NO_ANSWER
 
     @staticmethod

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from checkweigher_msgs.srv import LineHistory as LineHistoryService
+from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
@@ -78,8 +79,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._stream_ended = False
         self._active = False
         self._recall: Recall | None = None
-        # After the publisher of the verdicts: see `_driver_hears`.
-        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
+        self._history: Client | None = None
         answers = f'rr{self.resolve_service_name(ports.LINE_HISTORY.name)}Reply'
         self._historians = Makers(
             self, answers, 'driver', lambda: self.allowed_publishers, stage=False, mangled=False
@@ -111,6 +111,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def start(self) -> None:
         """Activate, or say that the line must not run."""
+        # After the subscription to the edges is there: see `_driver_hears`.
+        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
         super().start()
         if self.state == 'unconfigured':
             self._show_stop_request()
@@ -288,7 +290,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         recall = self._recall
         if recall is None:
             return
-        if recall.may_ask and self._driver_hears():
+        if recall.may_ask and self._history is not None and self._driver_hears(self._history):
             recall.ask()
             answer = self._history.call_async(LineHistoryService.Request())
             answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
@@ -308,15 +310,18 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._historians.look()
         return self._historians.present
 
-    def _driver_hears(self) -> bool:
-        """Tell whether the driver answers, and will hear each verdict from the first one on.
+    def _driver_hears(self, history: Client) -> bool:
+        """Tell whether the driver answers, and each hears the other from the first message on.
 
-        Its answer then shows that it knows the publisher of the verdicts, which was made before
-        the client: DDS tells of them in that order. A verdict that others heard and the driver did
-        not would be given once more by the next reject node.
+        Its answer then shows that it knows the publisher of the verdicts and the subscription to
+        the edges, which were made before the client: DDS tells of them in that order. A verdict
+        that others heard and the driver did not would be given once more by the next reject node.
+        An item whose edges come neither with the answer nor after it would have no verdict.
         """
         self._historians.look()
-        if self._historians.strangers or not self._history.service_is_ready():
+        if self._historians.strangers or not history.service_is_ready():
+            return False
+        if self.count_publishers(self._eyes_topic) > 0 and self._eyes.count() == 0:
             return False
         if self._verdicts.takers:
             return True

@@ -1,0 +1,63 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""When the reject node has heard all that it has missed, and when it asks the driver again."""
+
+from checkweigher_dsp.nodes.recall import Recall
+from checkweigher_dsp.records import Eye, EyeEdge, LineHistory
+
+BELT = 0.2  # m
+
+
+def edges_until(last: int) -> tuple[EyeEdge, ...]:
+    return tuple(EyeEdge(stamp, Eye.INFEED, bool(stamp % 2)) for stamp in range(1, last + 1))
+
+
+def history_until(last: int) -> LineHistory:
+    return LineHistory(1, last, 0, edges_until(last))
+
+
+def is_over(recall: Recall) -> bool:
+    return recall.is_over(BELT, driver=True, status=True, edges=True)
+
+
+def asked() -> Recall:
+    recall = Recall()
+    recall.hear_driver(ended=False)
+    assert recall.may_ask
+    recall.ask()
+    assert not recall.may_ask
+    return recall
+
+
+def test_an_answer_that_holds_the_first_edge_that_came_is_all():
+    recall = asked()
+    recall.edges.append((edges_until(8)[-1], None))
+    assert not is_over(recall)
+    recall.answer(history_until(9))
+    assert not recall.may_ask
+    assert is_over(recall)
+
+
+def test_after_an_edge_beyond_the_answer_the_driver_is_asked_once_more_for_those_between():
+    recall = asked()
+    recall.answer(history_until(4))
+    recall.edges.append((edges_until(8)[-1], None))
+    assert not is_over(recall)
+    assert recall.may_ask
+    recall.ask()
+    assert not recall.may_ask
+    assert not is_over(recall)
+    recall.answer(history_until(8))
+    assert is_over(recall)
+    assert recall.history == history_until(8)
+    assert not recall.may_ask
+
+
+def test_a_driver_that_never_tells_of_the_edge_is_not_asked_at_once_again_and_again():
+    recall = asked()
+    recall.answer(history_until(4))
+    recall.edges.append((edges_until(8)[-1], None))
+    recall.ask()
+    recall.answer(history_until(4))
+    assert not recall.may_ask
+    assert not is_over(recall)
