@@ -91,8 +91,8 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     Raises
     ------
     AuditError
-        If the file cannot be read, or a seal is not signed with the key or does not follow the one
-        before it.
+        If the file cannot be read or is empty, or a seal is not signed with the key or does not
+        follow the one before it.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -106,6 +106,11 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
             raise AuditError(f'{path}: line {number}: does not follow the seal before it')
         previous = hashlib.sha256(line).hexdigest()
         seals.append(seal)
+    if not seals:  # sealing writes a seal with the file: an empty one lost those that it had
+        raise AuditError(
+            f'{path}: there is no seal in it; put it back as it was, or name another file by '
+            '--seals'
+        )
     return tuple(seals)
 
 

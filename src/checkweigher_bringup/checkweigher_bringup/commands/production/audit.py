@@ -84,8 +84,7 @@ def _verify_seals(
         seals = read_seals(path, key)
     except AuditError as error:
         return (), replace(found, problem='seal', reason=str(error))
-    # Sealing writes a seal with the file: an empty one lost those that it had.
-    broken = broken_seal(seals, found.entries) if seals else f'{path}: there is no seal in it'
+    broken = broken_seal(seals, found.entries)
     return seals, replace(found, problem='seal' if broken else '', reason=broken)
 
 
