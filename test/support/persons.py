@@ -76,8 +76,8 @@ def add_users(path: Path) -> None:
 
 
 @contextmanager
-def running_line(folder: Path, **driver: object) -> Iterator[Line]:
-    """Run a line with a simulated driver, and its page."""
+def running_line(folder: Path, *, audit: bool = True, **driver: object) -> Iterator[Line]:
+    """Run a line with a simulated driver, with an audit log or without, and its page."""
     add_users(folder / 'users')
     recipes = {'crisps': {'nominal': 0.15}, SCRIPT: {'nominal': 0.2, 'reason': True}}
     (folder / 'recipes.yaml').write_text(yaml.safe_dump({'products': recipes}))
@@ -87,7 +87,8 @@ def running_line(folder: Path, **driver: object) -> Iterator[Line]:
             'calibration.file': str(folder / 'cell.yaml'), 'calibration.duration': 0.5, **driver,
         },
         'product': {
-            'recipes': str(folder / 'recipes.yaml'), 'audit_log': str(folder / 'audit.log')
+            'recipes': str(folder / 'recipes.yaml'),
+            'audit_log': str(folder / 'audit.log') if audit else '',
         },
     }  # fmt: skip
     sections = {f'/**/{node}': {'ros__parameters': each} for node, each in values.items()}
@@ -103,10 +104,12 @@ def running_line(folder: Path, **driver: object) -> Iterator[Line]:
 
 
 @contextmanager
-def new_line(folder: Path, values: Mapping[str, Mapping[str, object]]) -> Iterator[Line]:
+def new_line(
+    folder: Path, values: Mapping[str, Mapping[str, object]], *options: str
+) -> Iterator[Line]:
     """Run a simulated line of a new machine as a user would, with its page.
 
-    `values` are parameters by node.
+    `values` are parameters by node, `options` those of the page.
     """
     users, params = folder / 'users', folder / 'params.yaml'
     add_users(users)
@@ -118,7 +121,7 @@ def new_line(folder: Path, values: Mapping[str, Mapping[str, object]]) -> Iterat
         [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
     )
     try:
-        with served('--users', str(users), '--keep', str(folder)) as (_, port):
+        with served('--users', str(users), '--keep', str(folder), *options) as (_, port):
             yield Line(port, machine)
     finally:
         running.terminate()

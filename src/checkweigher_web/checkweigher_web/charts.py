@@ -266,14 +266,14 @@ def zero_chart(items: Sequence[Item], readings: Mapping[Key, float]) -> Options:
     shown as it was read, kg by the key of the item, if it was.
     """
     timed = [each for each in reversed(items) if each.verdict.t1 is not None]
-    out = [Reason.ZERO_OUT_OF_RANGE in each.verdict.reasons for each in timed]
+    out = np.array([Reason.ZERO_OUT_OF_RANGE in each.verdict.reasons for each in timed], bool)
     zeros = np.array(
         [math.nan if each.estimate is None else each.estimate.zero for each in timed], float
     )
     shown = np.isfinite(zeros) | out
     if not shown.any():
         return nothing('no item yet')
-    zeros, out = GRAMS * zeros[shown], np.array(out)[shown]
+    zeros, out = GRAMS * zeros[shown], out[shown]
     timed = [each for each, is_shown in zip(timed, shown, strict=True) if is_shown]
     stamps = np.array([each.verdict.t1 for each in timed], np.int64)
     time = (stamps - stamps[0]) / NANOSECONDS

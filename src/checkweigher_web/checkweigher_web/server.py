@@ -13,6 +13,7 @@ from pathlib import Path
 import socket
 import sys
 
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from fastapi import FastAPI, Response
 from nicegui import app as nicegui
 from nicegui import ui
@@ -26,6 +27,7 @@ from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.login import add_login, add_style
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
+from checkweigher_web.audit_view import Auditor
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.header import header, hint_to_users
 from checkweigher_web.lane import SHOWN
@@ -52,7 +54,10 @@ REPORT_POLICY = (
 )
 
 
-def serve(site: Site, namespace: str | None = None, keep: Path | None = None) -> None:
+def serve(
+    site: Site, namespace: str | None = None, keep: Path | None = None,
+    trust: Ed25519PublicKey | None = None,
+) -> None:  # fmt: skip
     """Serve the page until SIGINT or SIGTERM.
 
     Parameters
@@ -63,6 +68,8 @@ def serve(site: Site, namespace: str | None = None, keep: Path | None = None) ->
         The one lane to show; None for all that run.
     keep : Path, optional
         Folder to which persons may keep items.
+    trust : Ed25519PublicKey, optional
+        Key by which the seals of audit logs are verified.
 
     Raises
     ------
@@ -74,7 +81,7 @@ def serve(site: Site, namespace: str | None = None, keep: Path | None = None) ->
         try:
             spinner = Spinner()
             try:
-                _serve(found, listener, spinner, namespace, keep)
+                _serve(found, listener, spinner, namespace, keep, Auditor(trust))
             finally:
                 spinner.stop()
         finally:
@@ -147,8 +154,9 @@ def _listen(site: Site) -> socket.socket:
 
 
 def _serve(
-    site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None, keep: Path | None
-) -> None:
+    site: Site, listener: socket.socket, spinner: Spinner, namespace: str | None,
+    keep: Path | None, auditor: Auditor,
+) -> None:  # fmt: skip
     access, app = _application(site)
     if keep is not None and not access.users.any():
         raise PageError('--keep: needs a user: checkweigher user add NAME --role R')
@@ -184,7 +192,7 @@ def _serve(
         client.on_disconnect(lambda: viewers.subtract([name]))
         header(access, name, lambda: lanes.only() is None)
         keeping = None
-        desk = Desk(access, watch.lanes[name], partial(workshop.of, name))
+        desk = Desk(access, watch.lanes[name], partial(workshop.of, name), auditor)
         hint_to_users(access)
         if desk.role >= Role.OPERATOR:
             work_bar(desk)

@@ -36,6 +36,12 @@ def test_a_text_is_made_once_and_again_when_the_lane_has_more():
     assert drawing.overview() is not overview
 
 
+def test_a_lane_without_an_item_has_figures_that_say_so():
+    overview = Drawing(Lane('')).overview()
+    for figure in (overview.masses, overview.means, overview.spreads, overview.zero):
+        assert json.loads(figure)['title']['text'], figure
+
+
 def test_the_list_is_that_of_the_faults_where_a_viewer_wants_these():
     lane = Lane('')
     drawing = Drawing(lane)

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 import os
+from pathlib import Path
 import re
 import signal
 import socket
@@ -77,6 +78,19 @@ def test_a_folder_for_items_that_cannot_be_used_is_one_line(monkeypatch: pytest.
         ('/tmp', 'needs a user: checkweigher user add NAME --role R'),
     ):
         done = run_command('page', '--port', 0, '--keep', folder)
+        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+        assert said in done.stderr
+
+
+def test_a_key_that_cannot_verify_seals_is_one_line(tmp_path: Path):
+    file = tmp_path / 'file'
+    file.write_text('no key')
+    for options, said in (
+        (('--trust', file), f'{file}: is not an Ed25519 public key'),
+        (('--trust', tmp_path / 'none'), 'none: cannot be read: No such file'),
+        (('--trust', file, '--bag', tmp_path), '--trust: of a running line only'),
+    ):
+        done = run_command('page', '--port', 0, *options)
         assert (done.returncode, done.stderr.count('\n')) == (2, 1)
         assert said in done.stderr
 

@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
 from checkweigher_dsp.input_files import read_input
-from checkweigher_dsp.production.audit_log import FIRST_PREVIOUS, AuditError, Entry
+from checkweigher_dsp.production.audit_log import FIRST_PREVIOUS, AuditError, Entry, Verification
 
 _MAX_FILE = 2**24  # bytes; a seal has 500
 _MAX_KEY = 2**16
@@ -47,6 +47,11 @@ class Seal:
     def signed(self) -> bytes:
         """Return the bytes that are signed."""
         return replace(self, signature='').line()
+
+
+def seals_path(log: Path) -> Path:
+    """Return the file that the seals of a log are in, unless another one is named."""
+    return log.with_name(log.name + '.seals')
 
 
 def private_key(path: Path) -> Ed25519PrivateKey:
@@ -91,8 +96,8 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     Raises
     ------
     AuditError
-        If the file cannot be read, or a seal is not signed with the key or does not follow the one
-        before it.
+        If the file cannot be read or is empty, or a seal is not signed with the key or does not
+        follow the one before it.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -106,6 +111,11 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
             raise AuditError(f'{path}: line {number}: does not follow the seal before it')
         previous = hashlib.sha256(line).hexdigest()
         seals.append(seal)
+    if not seals:  # sealing writes a seal with the file: an empty one lost those that it had
+        raise AuditError(
+            f'{path}: there is no seal in it; put it back as it was, or name another file by '
+            '--seals'
+        )
     return tuple(seals)
 
 
@@ -118,6 +128,35 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
         if _hash_at(entries, seal.entries) != seal.hash:
             return f'{begin}, which is another one now: the log was written again or replaced'
     return ''
+
+
+def hold_to_seals(
+    found: Verification, path: Path, key: Ed25519PublicKey
+) -> tuple[tuple[Seal, ...], Verification]:
+    """Return the seals of a log, and the log as broken where they say so.
+
+    Raises
+    ------
+    AuditError
+        If the file of the seals is not there.
+    """
+    if not path.exists():
+        raise AuditError(f'{path}: there are no seals; name their file by --seals')
+    try:
+        seals = read_seals(path, key)
+    except AuditError as error:
+        return (), replace(found, problem='seal', reason=str(error))
+    broken = broken_seal(seals, found.entries)
+    return seals, replace(found, problem='seal' if broken else '', reason=broken)
+
+
+def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
+    """Return how far a log that is held to its seals is sealed, in words."""
+    last = seals[-1]
+    return (
+        f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
+        f'entry {last.entries}; entries since then: {len(entries) - last.entries}'
+    )
 
 
 def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:

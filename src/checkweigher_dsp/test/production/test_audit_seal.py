@@ -109,6 +109,17 @@ def test_seals_that_were_tampered_with_are_refused(log: Path, tmp_path: Path, fo
         read_seals(path, KEY.public_key())
 
 
+def test_an_empty_file_is_told_and_not_begun_anew(log: Path, tmp_path: Path):
+    path = tmp_path / 'seals'
+    path.write_bytes(b'')
+    with pytest.raises(AuditError, match='seals: there is no seal in it; put it back'):
+        read_seals(path, KEY.public_key())
+    with pytest.raises(AuditError, match='there is no seal in it') as refused:
+        add_seal(path, log, read_log(log).entries, KEY)
+    assert len(str(refused.value).splitlines()) == 1
+    assert path.read_bytes() == b''
+
+
 def test_keys_are_those_of_openssl_and_others_are_refused(tmp_path: Path):
     key, public = tmp_path / 'key.pem', tmp_path / 'public.pem'
     subprocess.run(['openssl', 'genpkey', '-algorithm', 'ed25519', '-out', key], check=True)

@@ -191,6 +191,17 @@ async def batch_folder(services: LaneServices) -> Path:
     return Path(str(path))
 
 
+async def audit_log(services: LaneServices) -> Path:
+    """Return the audit log of a lane; `RefusedError` if it has none."""
+    (path,) = await _parameters(services, 'product', 'audit_log')
+    if not path:
+        raise RefusedError(
+            'the node product writes no audit log: set its parameter audit_log, or run the line '
+            'with --folder'
+        )
+    return Path(str(path)).absolute()
+
+
 async def _set(services: LaneServices, node: str, values: Mapping[str, object]) -> None:
     given = [each.to_parameter_msg() for each in ros_parameters(values)]
     result = (await services.call(f'{node}/{SETTER}', parameters=given)).result

@@ -13,6 +13,7 @@ from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Item, Lane
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
+from checkweigher_web.work.audit import audit_log
 from checkweigher_web.work.calibration import calibrate
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, ask, field, number
 from checkweigher_web.work.dynamic_setting import set_dynamically
@@ -176,6 +177,7 @@ _BUTTONS = (
     ('Reset stop', Role.OPERATOR, _reset),
     ('Performance test', Role.OPERATOR, performance_test),
     ('Batch reports', Role.OPERATOR, batch_reports),
+    ('Audit log', Role.OPERATOR, audit_log),
     ('Limits', Role.TECHNICIAN, _limits),
     ('Calibration', Role.TECHNICIAN, calibrate),
     ('Dynamic setting', Role.TECHNICIAN, set_dynamically),

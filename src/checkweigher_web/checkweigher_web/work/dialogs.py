@@ -10,6 +10,7 @@ from nicegui.element import Element
 from checkweigher_dsp.printable import one_line
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
+from checkweigher_web.audit_view import Auditor
 from checkweigher_web.lane import Lane
 from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
 
@@ -19,14 +20,17 @@ Action = Callable[[], Awaitable[str]]
 class Desk:
     """What the person at one browser does on one lane.
 
-    `services` gives those of the lane, made when they are needed first.
+    `services` gives those of the lane, made when they are needed first; `auditor` reads its audit
+    log.
     """
 
     def __init__(
-        self, access: Access, lane: Lane, services: Callable[[], Awaitable[LaneServices]]
-    ) -> None:
+        self, access: Access, lane: Lane, services: Callable[[], Awaitable[LaneServices]],
+        auditor: Auditor | None = None,
+    ) -> None:  # fmt: skip
         self.lane = lane
         self.services = services
+        self.auditor = auditor or Auditor()
         self.needs_reason = False  # by the recipe on the line
         self._access = access
         self._client = ui.context.client
@@ -50,12 +54,15 @@ class Desk:
 
 
 class Dialog:
-    """A dialog with a title, a body that the caller fills, a line of results, and buttons."""
+    """A dialog with a title, a body that the caller fills, a line of results, and buttons.
 
-    def __init__(self, title: str) -> None:
+    A `wide` one has room for a table.
+    """
+
+    def __init__(self, title: str, *, wide: bool = False) -> None:
         self._dialog = ui.dialog().props(f'persistent aria-label="{title}"')
         self._dialog.on('hide', self._dialog.delete)
-        with self._dialog, ui.element('div').classes('panel dialog'):
+        with self._dialog, ui.element('div').classes(f'panel dialog{" wide" if wide else ""}'):
             ui.html(f'<h2>{title}</h2>', sanitize=False)
             self.body = ui.element('div').classes('fields')
             self._result = ui.label('').classes('result').props('role=status')

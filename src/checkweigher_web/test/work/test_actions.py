@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import cast
 
 import pytest
+from rcl_interfaces.msg import ParameterType, ParameterValue
 
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
@@ -51,3 +52,14 @@ def test_limits_the_wrong_way_round_are_refused_in_grams():
     services = cast(LaneServices, Services('not asked'))
     with pytest.raises(RefusedError, match='the lower limit, 200 g, is above the upper one, 100 g'):
         asyncio.run(actions.set_limits(services, Limits(0.2, 0.1)))
+
+
+def test_a_lane_without_audit_log_says_what_makes_one():
+    class Product:
+        async def call(self, name: str, *, names: list[str]) -> object:
+            assert (name, names) == ('product/get_parameters', ['audit_log'])
+            value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='')
+            return SimpleNamespace(values=[value])
+
+    with pytest.raises(RefusedError, match='no audit log: set its parameter audit_log, or'):
+        asyncio.run(actions.audit_log(cast(LaneServices, Product())))

@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='https://NAME by which a reverse proxy on this machine serves the page')  # fmt: skip
     add('--keep', type=Path, metavar='DIR',
         help='folder to which operators and technicians may keep items, each as a bag')  # fmt: skip
+    add('--trust', type=Path, metavar='PUBLIC',
+        help='hold the audit log against LOG.seals by this Ed25519 public key (PEM)')  # fmt: skip
     recording = parser.add_argument_group('a recording in place of the lanes that run')
     add = recording.add_argument
     add('--bag', type=Path, metavar='BAG', help='show a recorded shift')
@@ -52,6 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     site = Site(
         given.host, given.port, given.certificate, given.key, given.users, given.origin, given.idle
     )
+    if given.trust is not None and given.bag is not None:
+        raise UserError('--trust: of a running line only; for its log there is checkweigher audit')
     if given.keep is not None:
         if given.bag is not None:
             raise UserError('--keep: of a running line only; for a bag there is checkweigher keep')
@@ -61,9 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ('params', 'estimator', 'report'):
         if getattr(given, name) is not None:
             raise UserError(f'--{name}: goes with --bag only')
+    from checkweigher_dsp.production.audit_seal import public_key
     from checkweigher_web.server import serve
 
-    serve(site, namespace, given.keep)
+    serve(site, namespace, given.keep, given.trust and public_key(given.trust))
     return 0
 
 

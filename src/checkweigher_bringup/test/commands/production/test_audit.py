@@ -37,6 +37,15 @@ def test_a_log_that_was_cut_with_its_head_is_not_the_one_that_was_sealed(tmp_pat
     assert done.returncode == 0, done.stderr
     assert [seal['entries'] for seal in json.loads(done.stdout)['seals']] == [3]
 
+    kept = seals.read_bytes()
+    seals.write_bytes(b'')
+    done = run_command('audit', log, '--seal', key, '--seals', seals)
+    assert done.returncode == 2
+    assert f'{seals}: there is no seal in it; put it back as it was' in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert seals.read_bytes() == b''
+    seals.write_bytes(kept)
+
     log.write_bytes(cut[0])
     head_path(log).write_bytes(cut[1])
     assert run_command('audit', log).returncode == 0
@@ -50,3 +59,13 @@ def test_a_log_that_was_cut_with_its_head_is_not_the_one_that_was_sealed(tmp_pat
     done = run_command('audit', log, '--seal', beside, '--seals', seals)
     assert done.returncode == 2
     assert 'lies in the folder of the log' in done.stderr
+
+
+def test_no_text_of_a_log_reaches_the_terminal_as_it_is(tmp_path: Path):
+    log = tmp_path / 'audit.log'
+    with AuditLog(log) as audit:
+        audit.append('\x1b[1m', '/product', '\x1b[2m', '\x1b[3m\n', '\x1b[4m', '\x1b[5m', '\x1b[6m')
+    done = run_command('audit', log)
+    assert done.returncode == 0, done.stderr
+    assert '\x1b' not in done.stdout
+    assert len(done.stdout.splitlines()) == 3

@@ -1,0 +1,132 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the page shows of an audit log: whether it is whole and sealed, and its latest entries."""
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from shlex import quote
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from checkweigher_dsp.printable import one_line
+from checkweigher_dsp.production.audit_log import Entry, Verification, read_log
+from checkweigher_dsp.production.audit_seal import hold_to_seals, sealing, seals_path
+from checkweigher_dsp.production.audit_words import changes, conclusion, shortened
+
+NEWEST = 200  # entries that are shown
+HEADS = 'entry', 'time, UTC', 'who', 'kind', 'what: before → after', 'why'
+_MOST = 20  # changes that are shown of an entry
+_LONGEST = 200  # characters of a name or a value
+
+
+@dataclass(frozen=True, slots=True)
+class AuditView:
+    """An audit log as the page shows it."""
+
+    whole: bool
+    conclusion: str  # as of the command audit
+    seals_hold: bool | None  # None if that was not verified
+    seals: str  # what they say, or how to verify them; empty where the conclusion says it
+    count: str  # how many entries there are, and which of them are shown
+    rows: tuple[tuple[str, ...], ...]  # by HEADS, the latest first; a line for each change
+
+
+class Auditor:
+    """Reads audit logs for the page, one at a time: a large one takes seconds, and much memory.
+
+    Seals are verified by the public key `trust`, if there is one.
+    """
+
+    def __init__(self, trust: Ed25519PublicKey | None = None) -> None:
+        self._trust = trust
+        self._turn = asyncio.Lock()
+
+    async def read(self, log: Path, wanted: str) -> AuditView:
+        """Return what is to be seen of a log; see `view_of`."""
+        async with self._turn:
+            return await asyncio.to_thread(view_of, log, self._trust, wanted)
+
+
+def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditView:
+    """Read an audit log for the page.
+
+    Parameters
+    ----------
+    log : Path
+        The log; its seals are searched beside it.
+    key : Ed25519PublicKey or None
+        By which the seals are verified; None if there is none at hand.
+    wanted : str
+        Only entries that have this text in their row or in the name of their node are shown.
+
+    Raises
+    ------
+    AuditError
+        If the log cannot be read.
+    """
+    found, hold, seals = _sealed(log, read_log(log), key)
+    sought = wanted.strip().casefold()
+    shown = [entry for entry in reversed(found.entries) if _has(entry, sought)]
+    return AuditView(
+        whole=found.whole,
+        conclusion=conclusion(found),
+        seals_hold=hold,
+        seals=seals,
+        count=_count(found, len(shown), wanted.strip()),
+        rows=tuple(_row(entry) for entry in shown[:NEWEST]),
+    )
+
+
+def _sealed(
+    log: Path, found: Verification, key: Ed25519PublicKey | None
+) -> tuple[Verification, bool | None, str]:
+    """Return a log as its seals say, whether they hold, and that in words."""
+    path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
+    if not found.whole:  # without a chain there is nothing to hold to them
+        return found, None, ''
+    if not path.exists():
+        text = f'There are no seals in {path}. To verify those that are elsewhere, run'
+        return found, None if key is None else False, f'{text} {command} --seals FILE'
+    if key is None:
+        text = f'There are seals in {path}, and the page has no public key to verify them'
+        return found, None, f'{text}: start it with --trust PUBLIC, or run {command}'
+    seals, found = hold_to_seals(found, path, key)
+    return found, found.whole, sealing(seals, found.entries) if found.whole else ''
+
+
+def _has(entry: Entry, sought: str) -> bool:
+    return not sought or sought in f'{one_line(entry.source)} {" ".join(_row(entry))}'.casefold()
+
+
+def _count(found: Verification, matching: int, wanted: str) -> str:
+    before = '' if found.whole or not found.bad_line else f' before line {found.bad_line}'
+    there = f'{len(found.entries)} entries{before}'
+    if wanted:
+        there = f'{there}, {matching} of them with {wanted!r}'
+    return f'{there}; the newest {NEWEST} are shown' if matching > NEWEST else there
+
+
+def _row(entry: Entry) -> tuple[str, ...]:
+    changed = changes(entry)
+    what = [_change(*each) for each in changed[:_MOST]]
+    if len(changed) > _MOST:
+        what.append(f'and {len(changed) - _MOST} more')
+    return (
+        str(entry.sequence), _time(entry.time), shortened(entry.who), shortened(entry.kind),
+        '\n'.join(what), shortened(entry.why or '', _LONGEST),
+    )  # fmt: skip
+
+
+def _time(time: object) -> str:
+    """Return a time of the log to the second."""
+    return shortened(time)[:19].replace('T', ' ')
+
+
+def _change(what: object, old: object, new: object) -> str:
+    before = '' if old is None else f'{_value(old)} → '
+    return f'{one_line(what, _LONGEST)}: {before}{_value(new)}'
+
+
+def _value(value: object) -> str:
+    return shortened(value, _LONGEST) or "''"

@@ -1,0 +1,200 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What the page shows of an audit log is what the command `audit` says, the latest first."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+import threading
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+import pytest
+from running import run_command
+
+from checkweigher_dsp.production.audit_log import (
+    FIRST_PREVIOUS,
+    AuditError,
+    AuditLog,
+    Entry,
+    head_path,
+    read_log,
+)
+from checkweigher_dsp.production.audit_seal import add_seal, seals_path
+from checkweigher_web import audit_view
+from checkweigher_web.audit_view import NEWEST, Auditor, AuditView, view_of
+
+KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
+PUBLIC = KEY.public_key()
+
+
+def write(log: Path, count: int) -> None:
+    with AuditLog(log) as audit:
+        for number in range(count):
+            time = f'2026-05-28T06:00:{number % 60:02}.000000+00:00'
+            subject = '/lane1/reject.lower_limit'
+            change = None if number == 0 else 0.14, 0.15 + number
+            audit.append(time, '/lane1/product', 'parameter', subject, *change, 'ann', f'R{number}')
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log of three entries."""
+    write(tmp_path / 'audit.log', 3)
+    return tmp_path / 'audit.log'
+
+
+def said(log: Path) -> str:
+    """Return the conclusion of the command."""
+    return str(run_command('audit', log).stdout.splitlines()[-1])
+
+
+def test_the_latest_entry_comes_first_with_who_what_and_why(log: Path):
+    view = view_of(log, None)
+    assert (view.whole, view.conclusion) == (True, said(log))
+    assert view.count == '3 entries'
+    what = '/lane1/reject.lower_limit: '
+    assert view.rows[0] == (
+        '3', '2026-05-28 06:00:02', 'ann', 'parameter', f'{what}0.14 → 2.15', 'R2'
+    )  # fmt: skip
+    assert view.rows[2][4] == f'{what}0.15'  # there was none before
+
+
+def test_many_changes_of_an_entry_are_lines_up_to_a_number(tmp_path: Path):
+    log = tmp_path / 'audit.log'
+    old, new = ({f'p{n}': n + more for n in range(30)} for more in (0, 1))
+    with AuditLog(log) as audit:
+        audit.append('2026-05-28T06:00:00', '/product', 'found', '/reject', old, new)
+    lines = view_of(log, None).rows[0][4].splitlines()
+    assert lines[:2] == ['/reject.p0: 0 → 1', '/reject.p1: 1 → 2']
+    assert (len(lines), lines[-1]) == (21, 'and 10 more')
+
+
+def test_of_many_entries_the_newest_are_shown(tmp_path: Path):
+    log = tmp_path / 'audit.log'
+    write(log, NEWEST + 5)
+    view = view_of(log, None)
+    assert view.count == f'{NEWEST + 5} entries; the newest {NEWEST} are shown'
+    assert [row[0] for row in view.rows[:: NEWEST - 1]] == [str(NEWEST + 5), '6']
+
+
+@pytest.mark.parametrize(
+    ('wanted', 'numbers'),
+    [
+        ('r1', ['2']), (' ANN ', ['3', '2', '1']), ('LOWER_limit', ['3', '2', '1']),
+        ('lane1/product', ['3', '2', '1']), ('2.15', ['3']), ('nobody', []),
+    ],
+)  # fmt: skip
+def test_a_filter_leaves_the_entries_with_its_text(log: Path, wanted: str, numbers: list[str]):
+    view = view_of(log, None, wanted)
+    assert [row[0] for row in view.rows] == numbers
+    assert view.count == f'3 entries, {len(numbers)} of them with {wanted.strip()!r}'
+
+
+def changed(log: Path) -> None:
+    log.write_bytes(log.read_bytes().replace(b'"new":1.15', b'"new":1.16'))
+
+
+def cut(log: Path) -> None:
+    log.write_bytes(b''.join(log.read_bytes().splitlines(keepends=True)[:2]))
+
+
+def headless(log: Path) -> None:
+    head_path(log).unlink()
+
+
+@pytest.mark.parametrize(
+    ('tamper', 'begin', 'rows'),
+    [
+        (changed, 'BROKEN: line 2: changed: ', 1),
+        (cut, 'BROKEN: line 3: cut: ', 2),
+        (headless, 'BROKEN: line 4: cut: ', 3),
+    ],
+)
+def test_a_broken_log_is_told_as_by_the_command(
+    log: Path, tamper: Callable[[Path], None], begin: str, rows: int
+):
+    tamper(log)
+    view = view_of(log, PUBLIC)
+    assert not view.whole
+    assert view.conclusion.startswith(begin)
+    assert view.conclusion == said(log)
+    assert (len(view.rows), view.seals) == (rows, '')
+    assert view.count == f'{rows} entries before line {rows + 1}'
+
+
+def test_a_log_that_is_not_there_is_an_error(tmp_path: Path):
+    with pytest.raises(AuditError, match='No such file'):
+        view_of(tmp_path / 'audit.log', None)
+
+
+def test_seals_hold_or_the_log_is_broken(log: Path):
+    add_seal(seals_path(log), log, read_log(log).entries, KEY)
+    write(log, 2)
+    view = view_of(log, PUBLIC)
+    assert (view.whole, view.seals_hold) == (True, True)
+    assert view.seals.endswith('through entry 3; entries since then: 2')
+
+    kept = seals_path(log).read_bytes()
+    log.unlink()
+    head_path(log).unlink()
+    write(log, 2)
+    view = view_of(log, PUBLIC)
+    assert (view.whole, view.seals_hold, view.seals) == (False, False, '')
+    assert view.conclusion.startswith('BROKEN: seal 1 of ')
+    assert len(view.rows) == 2
+
+    seals_path(log).write_bytes(b'')
+    assert 'there is no seal in it' in view_of(log, PUBLIC).conclusion
+    seals_path(log).write_bytes(kept)
+    other = Ed25519PrivateKey.generate().public_key()
+    assert 'is no seal made with this key' in view_of(log, other).conclusion
+
+
+def test_seals_that_cannot_be_verified_are_told_with_the_command(log: Path):
+    view = view_of(log, None)
+    assert view.seals_hold is None
+    assert view.seals.startswith(f'There are no seals in {seals_path(log)}')
+    assert view.seals.endswith(f'run ./checkweigher audit {log} --trust PUBLIC --seals FILE')
+    add_seal(seals_path(log), log, read_log(log).entries, KEY)
+    view = view_of(log, None)
+    assert (view.whole, view.seals_hold) == (True, None)
+    assert 'has no public key' in view.seals
+    assert view.seals.endswith(f'run ./checkweigher audit {log} --trust PUBLIC')
+
+
+def test_a_key_without_seals_is_an_error(log: Path):
+    view = view_of(log, PUBLIC)
+    assert (view.whole, view.seals_hold) == (True, False)
+    assert view.seals.startswith(f'There are no seals in {seals_path(log)}')
+
+
+def forged(log: Path, **values: object) -> None:
+    """Write a log whose one entry has values that no node writes, chained as it should be."""
+    entry = Entry(1, 't', 's', 'k', 'x', None, None, FIRST_PREVIOUS, who='w', why='y')
+    entry = replace(entry, **values)  # type: ignore[arg-type]
+    entry = replace(entry, hash=entry.digest())
+    log.write_bytes(entry.line())
+    head_path(log).write_text(f'{{"sequence":1,"hash":"{entry.hash}"}}\n')
+
+
+@pytest.mark.parametrize('name', ['time', 'source', 'kind', 'subject', 'old', 'new', 'who', 'why'])
+@pytest.mark.parametrize('value', [7, ['a'], {'a': 'b'}, '\x1b[2J\n', '\ud800', 'a' * 100_000])
+def test_an_entry_of_anything_is_a_row_of_short_lines(tmp_path: Path, name: str, value: object):
+    forged(tmp_path / 'audit.log', **{name: value})
+    view = view_of(tmp_path / 'audit.log', None)
+    assert view.whole
+    assert all(text.isprintable() and len(text) < 1000 for row in view.rows for text in row)
+
+
+def test_a_log_is_read_beside_the_loop_of_the_page(log: Path, monkeypatch: pytest.MonkeyPatch):
+    threads: list[threading.Thread] = []
+
+    def noted(*given: object) -> AuditView:
+        threads.append(threading.current_thread())
+        return view_of(*given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(audit_view, 'view_of', noted)
+    view = asyncio.run(Auditor(PUBLIC).read(log, 'R1'))
+    assert [row[0] for row in view.rows] == ['2']
+    assert threads[0] is not threading.main_thread()
