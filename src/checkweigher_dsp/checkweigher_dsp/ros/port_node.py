@@ -30,6 +30,10 @@ from checkweigher_dsp.ros.ports import Port
 if TYPE_CHECKING:
     from checkweigher_dsp.ros.spinner import Spinner
 
+# Bytes; a window of `MAX_WINDOW` samples has 0.8 million. To unpack a larger one only to refuse it
+# would take longer than the next one takes to come, and all that wait are in memory.
+_LARGEST_MESSAGE = 2**21
+
 
 class PortNode(Node):
     """A node whose callbacks all have the lock of the process.
@@ -95,11 +99,13 @@ class PortNode(Node):
 
         rclpy would raise the former out of its executor, and keep the callback group taken. A
         callback of two arguments gets the information on the message, too. With `raw` it gets the
-        bytes.
+        bytes, however many; without, more than `_LARGEST_MESSAGE` are refused.
         """
         informed = len(inspect.signature(callback).parameters) == 2
 
         def convert(data: bytes, info: Any) -> Any:
+            if not raw and len(data) > _LARGEST_MESSAGE:
+                raise ValueError(f'{len(data)} bytes, at most {_LARGEST_MESSAGE}')
             message = data if raw else deserialize_message(data, msg_type)
             return callback(message, info) if informed else callback(message)
 

@@ -37,16 +37,21 @@ class History(NamedTuple):
     """Messages that a publisher keeps, up to `depth`.
 
     With `latched` (transient local) a late subscriber that asks for them gets them, with
-    `stage_latched` the stages ask.
+    `stage_latched` the stages ask. A stage keeps up to `stage_depth` that it has not taken yet,
+    if that is not 0, else `depth`.
     """
 
     depth: int
     latched: bool = False
     stage_latched: bool = False
+    stage_depth: int = 0
 
 
 # Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
 STREAM = History(1000)
+# Six seconds of the fastest line. Windows from a stranger may have any size: more of them would take
+# a stage all its memory.
+WINDOWS = History(1000, stage_depth=32)
 # The last value counts, also for nodes that come later.
 STATE = History(1, latched=True, stage_latched=True)
 # Kept for users who look later; the stages want nothing from before they were there.
@@ -79,7 +84,8 @@ class Port:
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
-        return _reliable(self.history.depth, latched=self.history.stage_latched)
+        depth = self.history.stage_depth or self.history.depth
+        return _reliable(depth, latched=self.history.stage_latched)
 
 
 def interface(name: str) -> Any:
@@ -157,7 +163,7 @@ DRIVER_STATUS = Port(
     'How much has been sent, how the stream ended, and what is wrong with the machine while it '
     'runs')
 WEIGH_WINDOW = Port(
-    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
+    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, WINDOWS,
     'segmenter', ('denoise',), ('segmenter', 'denoise'),
     'One for each item, without signal if it cannot be weighed')
 ZERO_SETTING = Port(
@@ -169,7 +175,7 @@ SEGMENTER_STATUS = Port(
     'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
     'by sending its own again')
 DENOISED_WINDOW = Port(
-    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
+    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, WINDOWS,
     'denoise', ('identifier',), ('denoise', 'identifier'),
     'The same with the denoised signal beside the raw one')
 MASS_ESTIMATE = Port(
