@@ -49,8 +49,8 @@ class History(NamedTuple):
 
 # Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
 STREAM = History(1000)
-# Six seconds of the fastest line. Windows from a stranger may have any size: more of them would take
-# a stage all its memory.
+# Six seconds of the fastest line. Windows from a stranger may have any size: many of them would
+# take a stage all its memory.
 WINDOWS = History(1000, stage_depth=32)
 # The last value counts, also for nodes that come later.
 STATE = History(1, latched=True, stage_latched=True)
