@@ -77,26 +77,26 @@ def test_a_call_that_fails_is_answered_with_an_empty_response(process, callback)
     assert 'refused a call of fail' in node.warnings[0]
 
 
-@pytest.mark.parametrize('bytes_', [b'', b'\0\1\0\0' + b'\xff' * 8, b'\0\1\0\0\2\0\0\0\xff\0'])
-def test_a_subscription_outlives_bytes_that_are_no_message(process, bytes_):
-    node = process.node(Failing)
-    heard = []
+def listening(process):
+    """Return a node, the keys that it hears, and a publisher that it is connected to."""
+    node, heard = process.node(Failing), []
     node.create_subscription(KeyValue, 'text', lambda message: heard.append(message.key), 10)
     process.spinner.add(node)
     publisher = node.create_publisher(KeyValue, 'text', 10)
     process.wait_for(publisher.get_subscription_count)
+    return node, heard, publisher
+
+
+@pytest.mark.parametrize('bytes_', [b'', b'\0\1\0\0' + b'\xff' * 8, b'\0\1\0\0\2\0\0\0\xff\0'])
+def test_a_subscription_outlives_bytes_that_are_no_message(process, bytes_):
+    _, heard, publisher = listening(process)
     publisher.publish(bytes_)
     publisher.publish(KeyValue(key='whole'))
     process.wait_for(lambda: 'whole' in heard)
 
 
 def test_a_message_that_is_too_large_is_refused_before_it_is_unpacked(process):
-    node = process.node(Failing)
-    heard = []
-    node.create_subscription(KeyValue, 'text', lambda message: heard.append(message.key), 10)
-    process.spinner.add(node)
-    publisher = node.create_publisher(KeyValue, 'text', 10)
-    process.wait_for(publisher.get_subscription_count)
+    node, heard, publisher = listening(process)
     publisher.publish(KeyValue(key='large', value=2**21 * 'x'))
     publisher.publish(KeyValue(key='small', value=2**20 * 'x'))
     process.wait_for(lambda: heard)
