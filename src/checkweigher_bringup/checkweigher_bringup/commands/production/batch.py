@@ -51,7 +51,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the figures and write the files that are asked for; 1 if the record is another one."""
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_bringup.output import check_output_file
-    from checkweigher_dsp.printable import one_line
     from checkweigher_dsp.production.reference_test import SamplingPlan
     from checkweigher_recording.whole_file import is_stream
     from checkweigher_validation.batch.batch import InLog
@@ -68,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     plan = SamplingPlan(arguments.sampling)
     parts = [figures_of(part, arguments.seed, plan) for part in batch.parts]
     for line in _lines(batch, parts):
-        print(one_line(line))
+        print(line)
     write_report(batch, parts, arguments.html, arguments.json)
     return 1 if batch.in_log is InLog.DIFFERS else 0
 
@@ -124,25 +123,27 @@ def _product(arguments: argparse.Namespace) -> 'Product':
 
 def _lines(batch: 'Batch', parts: 'list[PartFigures]') -> Iterator[str]:
     """Yield how the record compares with the audit log, and the figures of each product."""
+    from checkweigher_dsp.printable import one_line
     from checkweigher_dsp.records import GRAMS
     from checkweigher_validation.batch.batch import InLog
 
+    title = f'batch {one_line(batch.name)}'
     if batch.in_log is InLog.AGREES:
-        yield f'batch {batch.name}: the SHA-256 of its record agrees with the audit log'
+        yield f'{title}: the SHA-256 of its record agrees with the audit log'
     elif batch.in_log is InLog.DIFFERS:
         yield (
-            f'batch {batch.name}: the SHA-256 of its record DIFFERS from that in the audit log: it '
+            f'{title}: the SHA-256 of its record DIFFERS from that in the audit log: it '
             'is not as it was when the batch ended'
         )
     elif batch.in_log is InLog.ABSENT:
         why = '' if batch.end else ': the batch has not ended yet'
-        yield f'batch {batch.name}: the SHA-256 of its record is not in the audit log{why}'
+        yield f'{title}: the SHA-256 of its record is not in the audit log{why}'
     for part in parts:
-        name, nominal = part.product.name or 'no product', GRAMS * part.product.nominal
+        name, nominal = one_line(part.product.name or 'no product'), GRAMS * part.product.nominal
         counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
-        yield f'batch {batch.name}, {name}: {part.items} items: {counts or "none"}'
+        yield f'{title}, {name}: {part.items} items: {counts or "none"}'
         for why, count in part.reasons.items():
-            yield f'  {count:>6} {why}'
+            yield f'  {count:>6} {one_line(why)}'
         if math.isnan(part.mean):
             continue
         spread = ''

@@ -24,7 +24,7 @@ def test_a_bag_and_its_csv_are_the_same_batch(tmp_path: Path):
     of_csv = run_command('batch', masses, '--nominal', 130, '--json', from_csv)
     assert (of_bag.returncode, of_csv.returncode) == (0, 0), of_bag.stderr + of_csv.stderr
     assert 'batch paper_60, batch: 25 items: 25 ACCEPT' in of_bag.stdout
-    assert 'reference test, double sampling: ' in of_bag.stdout
+    assert '\n  reference test, double sampling: ' in of_bag.stdout
     assert of_bag.stdout.splitlines()[1:] == of_csv.stdout.splitlines()[1:]
     ours, theirs = (json.loads(path.read_text()) for path in (from_bag, from_csv))
     # 25 items: 5 each of 74.5 g to 254.5 g; TU1 of 130 g is 124.15 g.
@@ -75,7 +75,7 @@ def test_one_item_at_its_nominal_weight_has_plain_numbers(tmp_path: Path):
     masses.write_text('item_id,t3,mass_g,decision,reasons\n1,1.0,99.9999,ACCEPT,\n')
     found = run_command('batch', masses, '--nominal', 100)
     assert found.returncode == 0, found.stderr
-    assert found.stdout.splitlines()[1] == 'mean 100.000 g of 100 g, giveaway +0.000 g'
+    assert found.stdout.splitlines()[1] == '  mean 100.000 g of 100 g, giveaway +0.000 g'
 
 
 def test_what_is_no_batch_is_one_line_and_status_2(tmp_path: Path):
