@@ -98,8 +98,10 @@ class Campaign:
     def _recover(self) -> None:
         """Wait for the second item that is weighed, and demand that those after it are."""
         for _ in range(2):
-            while self._next().decision != Verdict.ACCEPT:
+            while (verdict := self._next()).decision != Verdict.ACCEPT:
                 pass
+        # The FAULT of one before it comes when that is at the rejector, so it may come later.
+        self.attacked = stamp_from(verdict.t1)
         last = [self._next() for _ in range(GOOD)]
         assert {verdict.decision for verdict in last} == {Verdict.ACCEPT}, (
             [list(verdict.reasons) for verdict in last],
