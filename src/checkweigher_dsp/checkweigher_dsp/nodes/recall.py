@@ -76,16 +76,20 @@ class Recall:
         """Whether the driver is to be asked, or asked again: DDS loses an answer at times."""
         if not self.driver_heard or (self._answered is not None and not self._may_lack_edges):
             return False
-        if self._asked is None or (self._answers == 1 and self._answered is not None):
+        if self._asked is None or self._answered is not None:
             return True
         return self._waits_since(self._asked) > _LOST_ANSWER
 
     @property
     def _may_lack_edges(self) -> bool:
-        """Whether the answer ends before the first edge that has come: one between may lack."""
-        if self.history is None or not self.history.edges or not self.edges:
+        """Whether the first answer ends before the first edge that has come: one between may lack.
+
+        The next answer has them; where it ends before that edge too, the edge is not the driver's.
+        """
+        if self._answers != 1 or self.history is None or not self.edges:
             return False
-        return self.history.edges[-1].stamp < self.edges[0][0].stamp
+        last = max((edge.stamp for edge in self.history.edges), default=None)
+        return last is not None and last < self.edges[0][0].stamp
 
     def ask(self) -> None:
         """Note that the driver is asked."""
