@@ -40,7 +40,7 @@ class Recall:
     _asked: float | None = None
     _began: float | None = None
     _answered: float | None = None
-    _answers: int = 0
+    _has_first: bool = False  # whether the answer has the first edge that has come
 
     @property
     def waiting(self) -> bool:
@@ -69,36 +69,42 @@ class Recall:
         self.edges.clear()
         self.estimates.clear()
         self.history = self._asked = self._answered = None
-        self._answers = 0
+        self._has_first = False
 
     @property
     def may_ask(self) -> bool:
         """Whether the driver is to be asked, or asked again: DDS loses an answer at times."""
-        if not self.driver_heard or (self._answered is not None and not self._may_lack_edges):
+        if not self.driver_heard:
             return False
-        if self._asked is None or self._answered is not None:
-            return True
-        return self._waits_since(self._asked) > _LOST_ANSWER
+        if self._answered is not None:
+            if not self._may_lack_edges:
+                return False
+            if self._asked is None or self._asked < self._answered:
+                return True
+        return self._asked is None or self._waits_since(self._asked) > _LOST_ANSWER
 
     @property
     def _may_lack_edges(self) -> bool:
-        """Whether the first answer ends before the first edge that has come: one between may lack.
-
-        The next answer has them; where it ends before that edge too, the edge is not the driver's.
-        """
-        if self._answers != 1 or self.history is None or not self.edges:
+        """Whether the answer ends before the first edge that has come: one between may lack."""
+        if self._has_first or self.history is None or not self.edges:
             return False
         last = max((edge.stamp for edge in self.history.edges), default=None)
         return last is not None and last < self.edges[0][0].stamp
 
-    def ask(self) -> None:
-        """Note that the driver is asked."""
-        self._asked, self._answered = time.monotonic(), None
+    def ask(self) -> bool:
+        """Note that the driver is asked; return whether its answer has the first edge that came.
 
-    def answer(self, history: LineHistory) -> None:
-        """Take the answer."""
-        self.history, self._answered = history, time.monotonic()
-        self._answers += 1
+        It has if that has come before the question. Where it lacks the edge all the same, the edge
+        is not the driver's.
+        """
+        self._asked = time.monotonic()
+        return bool(self.edges)
+
+    def answer(self, history: LineHistory, *, has_first: bool) -> None:
+        """Take the answer to a question; one to a question before that comes too late."""
+        if has_first or not self._has_first:
+            self.history, self._answered = history, time.monotonic()
+            self._has_first = has_first
 
     def is_over(
         self, weigh_length: float | None, *, driver: bool, status: bool, edges: bool

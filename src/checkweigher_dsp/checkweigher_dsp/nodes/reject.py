@@ -291,9 +291,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         if recall is None:
             return
         if recall.may_ask and self._history is not None and self._driver_hears(self._history):
-            recall.ask()
+            take = partial(self._on_history, recall, recall.ask())
             answer = self._history.call_async(LineHistoryService.Request())
-            answer.add_done_callback(locked(lambda done: self._on_history(recall, done)))
+            answer.add_done_callback(locked(take))
         status, edges = map(self.count_publishers, (self._status_topic, self._eyes_topic))
         if recall.is_over(
             self._stage.weigh_length,
@@ -331,14 +331,14 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         hears = any((each.node_namespace, each.node_name) in names for each in takers)
         return hears and has_matched_all(self, self._verdicts)
 
-    def _on_history(self, recall: Recall, answer: Any) -> None:
+    def _on_history(self, recall: Recall, has_first: bool, answer: Any) -> None:
         try:
             history: LineHistory = to_record(ports.LINE_HISTORY, answer.result())
         except Exception as error:  # it is asked again
             self.warn(f'{ports.LINE_HISTORY.name}: {type(error).__name__}: {error}')
             return
         if history.stream == self._stream:  # else its status is still on its way, or the answer was
-            recall.answer(history)
+            recall.answer(history, has_first=has_first)
         self._wake()
 
     def _wake(self) -> None:

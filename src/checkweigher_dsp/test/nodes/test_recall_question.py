@@ -24,41 +24,57 @@ def asked() -> Recall:
     recall = Recall()
     recall.hear_driver(ended=False)
     assert recall.may_ask
-    recall.ask()
+    assert not recall.ask()
     assert not recall.may_ask
     return recall
 
 
+def hear(recall: Recall, stamp: int) -> None:
+    recall.edges.append((edges_until(stamp)[-1], None))
+
+
 def test_an_answer_that_holds_the_first_edge_that_came_is_all():
     recall = asked()
-    recall.edges.append((edges_until(8)[-1], None))
+    hear(recall, 8)
     assert not is_over(recall)
-    recall.answer(history_until(9))
+    recall.answer(history_until(9), has_first=False)
     assert not recall.may_ask
     assert is_over(recall)
 
 
 def test_after_an_edge_beyond_the_answer_the_driver_is_asked_once_more_for_those_between():
     recall = asked()
-    recall.answer(history_until(4))
-    recall.edges.append((edges_until(8)[-1], None))
+    recall.answer(history_until(4), has_first=False)
+    hear(recall, 8)
     assert not is_over(recall)
     assert recall.may_ask
-    recall.ask()
+    assert recall.ask()
     assert not recall.may_ask
     assert not is_over(recall)
-    recall.answer(history_until(8))
+    recall.answer(history_until(8), has_first=True)
     assert is_over(recall)
     assert recall.history == history_until(8)
     assert not recall.may_ask
 
 
+def test_answers_to_questions_before_the_first_edge_came_are_not_the_last_however_many():
+    recall = asked()
+    hear(recall, 8)
+    for _ in range(3):
+        recall.answer(history_until(4), has_first=False)
+        assert not is_over(recall)
+        assert recall.may_ask
+    assert recall.ask()
+    recall.answer(history_until(9), has_first=True)
+    recall.answer(history_until(4), has_first=False)  # has been long on its way
+    assert recall.history == history_until(9)
+    assert is_over(recall)
+
+
 def test_an_edge_that_no_answer_tells_of_is_waited_for_no_longer():
     recall = asked()
-    recall.answer(history_until(4))
-    recall.edges.append((edges_until(8)[-1], None))
-    assert recall.may_ask
-    recall.ask()
-    recall.answer(history_until(6))
+    recall.answer(history_until(4), has_first=False)
+    hear(recall, 8)
+    recall.answer(history_until(6), has_first=recall.ask())
     assert not recall.may_ask
     assert is_over(recall)
