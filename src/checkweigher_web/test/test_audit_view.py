@@ -81,10 +81,14 @@ def test_of_many_entries_the_newest_are_shown(tmp_path: Path):
 @pytest.mark.parametrize(
     ('wanted', 'numbers'),
     [
-        ('r1', ['2']), (' ANN ', ['3', '2', '1']), ('LOWER_limit', ['3', '2', '1']),
-        ('lane1/product', ['3', '2', '1']), ('2.15', ['3']), ('nobody', []),
+        ('r1', ['2']),  # a reason
+        (' ANN ', ['3', '2', '1']),  # a person
+        ('LOWER_limit', ['3', '2', '1']),  # what was changed
+        ('lane1/product', ['3', '2', '1']),  # the node that wrote the entry
+        ('2.15', ['3']),  # a value
+        ('nobody', []),
     ],
-)  # fmt: skip
+)
 def test_a_filter_leaves_the_entries_with_its_text(log: Path, wanted: str, numbers: list[str]):
     view = view_of(log, None, wanted)
     assert [row[0] for row in view.rows] == numbers

@@ -3,7 +3,7 @@
 """A verification and its files: the plan, what is verified, the procedure, the report."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 import hashlib
 from importlib.metadata import version
 import json
@@ -110,7 +110,7 @@ class _IdentityOnDisk:
         try:  # the steps themselves are in the log: the zero, and on the page each answer
             digests, entries = _read_audit(self._audit)
             self._known |= digests
-            changes += map(_told, (each for each in entries[self._entries :] if _changes_it(each)))
+            changes += _changes_in_log(entries[self._entries :])
         except (AuditError, OSError) as error:  # the procedure is worth its report all the same
             changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
         self._known['changes'] = changes
@@ -134,16 +134,15 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
                 )
 
 
-def _changes_it(entry: Entry) -> bool:
-    return entry.kind in _CHANGING
-
-
-def _told(entry: Entry) -> str:
-    """Return a sentence on an entry that was made between the steps."""
-    old, new = (one_line(repr(value), _LONGEST) for value in (entry.old, entry.new))
-    who = one_line(entry.who or 'not known', _LONGEST)
-    subject = one_line(f'{entry.kind} {entry.subject} of {entry.source}', _LONGEST)
-    return f'Audit log, {one_line(entry.time, _LONGEST)}: {subject} from {old} to {new}, by {who}.'
+def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
+    """Yield a sentence for each entry that made it another machine."""
+    for entry in entries:
+        if entry.kind not in _CHANGING:
+            continue
+        what = f'{entry.kind} {entry.subject} of {entry.source}'
+        parts = entry.time, what, repr(entry.old), repr(entry.new), entry.who or 'not known'
+        time, subject, old, new, who = (one_line(part, _LONGEST) for part in parts)
+        yield f'Audit log, {time}: {subject} from {old} to {new}, by {who}.'
 
 
 def _shown(values: dict[str, object], name: str) -> str:

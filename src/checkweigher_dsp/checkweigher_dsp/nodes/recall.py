@@ -74,14 +74,12 @@ class Recall:
     @property
     def may_ask(self) -> bool:
         """Whether the driver is to be asked, or asked again: DDS loses an answer at times."""
-        if not self.driver_heard:
+        if not self.driver_heard or (self._answered is not None and not self._may_lack_edges):
             return False
-        if self._answered is not None:
-            if not self._may_lack_edges:
-                return False
-            if self._asked is None or self._asked < self._answered:
-                return True
-        return self._asked is None or self._waits_since(self._asked) > _LOST_ANSWER
+        if self._asked is None:
+            return True
+        was_answered = self._answered is not None and self._asked < self._answered
+        return was_answered or self._waits_since(self._asked) > _LOST_ANSWER
 
     @property
     def _may_lack_edges(self) -> bool:

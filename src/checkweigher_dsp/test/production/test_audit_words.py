@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""An audit log in words, whatever stands in its entries."""
+"""The words for an audit log and its entries, whose texts and values may be of any kind."""
 
 from pathlib import Path
 

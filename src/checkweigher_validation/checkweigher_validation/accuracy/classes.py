@@ -259,7 +259,7 @@ def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
     Parameters
     ----------
     accuracy_class : AccuracyClass
-        Its limits in service count, whatever the occasion.
+        The limits in service are used, also of a class at initial verification.
     nominal : float
         kg.
 
