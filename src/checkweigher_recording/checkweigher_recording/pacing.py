@@ -77,10 +77,10 @@ class FlowControl:
                 self._edges.popleft()
             self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
 
-    def judged(self, item: int) -> None:
-        """Note that an item has its verdict."""
+    def judged(self) -> None:
+        """Count an item that has its verdict."""
         with self._lock:
-            self.items_judged = max(self.items_judged, item)
+            self.items_judged += 1
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
         """Tell whether an event may follow now."""

@@ -42,10 +42,8 @@ class Recording:
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    # How far it was read, in one line, if it is the beginning of a recording that broke off.
-    unfinished: str = ''
-    # Why it may hold what was not recorded, in one line.
-    doubt: str = ''
+    # What its user must know of it in one line: that it broke off and where, or has no check sums.
+    warning: str = ''
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
@@ -81,13 +79,6 @@ class BlockColumns(Sequence[SampleBlock]):
     def begins(self) -> NDArray[np.int64]:
         """Position in `counts` of the first sample of each block."""
         return np.cumsum(self.lengths) - self.lengths
-
-    @property
-    def size(self) -> int:
-        """Bytes that the columns take."""
-        return sum(
-            column.nbytes for column in (self.stamps, self.first_indices, self.lengths, self.counts)
-        )
 
     @classmethod
     def of(cls, blocks: Sequence[SampleBlock]) -> 'BlockColumns':

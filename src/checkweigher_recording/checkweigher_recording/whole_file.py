@@ -8,7 +8,8 @@ import os
 from pathlib import Path
 import stat
 import sys
-import tempfile
+
+from checkweigher_dsp.state_files import replace_file
 
 _UNENCODABLE = 'backslashreplace'  # the name of a file may be no Unicode
 
@@ -36,15 +37,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
         target = Path(os.path.realpath(path))
         if target.is_symlink():
             raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
-        number, name = tempfile.mkstemp(prefix=f'.{target.name}-', dir=target.parent)
-        try:
-            with open(number, 'wb') as file:
-                file.writelines(parts)
-            os.chmod(name, mode)
-            os.replace(name, target)
-        except BaseException:
-            os.unlink(name)
-            raise
+        replace_file(target, parts, mode)
     except OSError as error:
         raise output_error(path, error) from None
 

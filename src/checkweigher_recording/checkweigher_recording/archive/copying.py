@@ -9,11 +9,9 @@ from pathlib import Path, PurePosixPath
 import shutil
 from typing import Any
 
-from checkweigher_recording.bags.bounds import LARGEST_FILE
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.scratch import scratch_folder
 
-_MOST_FILES = 1000  # of a bag
 _PIECE = 1 << 20  # bytes
 
 
@@ -84,8 +82,6 @@ def _copy(store: Any, path: str, copy: Path) -> None:
         raise FileNotFoundError(path)
     if not holds_bag(PurePosixPath(str(entry['name'])).name for entry in entries):
         raise BagError(f'{path}: no bag in this folder')
-    if len(entries) > _MOST_FILES:
-        raise BagError(f'{path}: has more than {_MOST_FILES} files; it is no bag')
     copy.mkdir()
     for entry in entries:
         name = PurePosixPath(str(entry['name'])).name
@@ -94,6 +90,4 @@ def _copy(store: Any, path: str, copy: Path) -> None:
 
 def _copy_file(store: Any, path: str, copy: Path) -> None:
     with store.open(path, 'rb') as source, copy.open('xb') as target:
-        if (getattr(source, 'size', None) or 0) > LARGEST_FILE:
-            raise BagError(f'{path}: larger than {LARGEST_FILE >> 30} GiB')
         shutil.copyfileobj(source, target, _PIECE)

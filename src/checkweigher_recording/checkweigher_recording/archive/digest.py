@@ -5,12 +5,8 @@
 import hashlib
 from pathlib import Path
 
-from checkweigher_dsp.input_files import open_input
 from checkweigher_recording.archive.copying import holds_bag
-from checkweigher_recording.bags.bounds import LARGEST_FILE
-from checkweigher_recording.bags.definitions import BagError
-
-_PIECE = 1 << 20  # bytes
+from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 
 def bag_digest(path: Path) -> str:
@@ -24,19 +20,15 @@ def bag_digest(path: Path) -> str:
         If there is no bag, or it cannot be read.
     """
     digest = hashlib.sha256()
-    if not path.exists():
+    if not path.is_dir() and not path.is_file():
         raise BagError(f'{path}: there is no such file or folder')
-    try:
-        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else []
+    with bag_errors(path):
+        files = sorted(filter(Path.is_file, path.iterdir())) if path.is_dir() else []
         if path.is_dir() and not holds_bag(file.name for file in files):
             raise BagError(f'{path}: no bag in this folder')
         for file in files or [path]:
             if files:
                 digest.update(f'{file.name}\n{file.stat().st_size}\n'.encode())
-            with open_input(file, LARGEST_FILE) as content:
-                while piece := content.read(_PIECE):
-                    digest.update(piece)
-    except OSError as error:
-        where = error.filename or path
-        raise BagError(f'{where}: cannot be read: {error.strerror or error}') from None
+            with file.open('rb') as content:
+                hashlib.file_digest(content, lambda: digest)
     return digest.hexdigest()

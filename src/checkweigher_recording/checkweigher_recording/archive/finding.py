@@ -11,7 +11,6 @@ from checkweigher_recording.archive.copying import holds_bag, is_url, store_erro
 from checkweigher_recording.bags.definitions import BagError
 
 _SUFFIXES = ('.mcap', '.db3')
-_DEEPEST = 20  # folders in each other
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
@@ -102,10 +101,10 @@ def _stored_bags(url: str) -> Iterator[str]:
         if path.endswith(_SUFFIXES):
             yield url
             return
-        yield from map(store.unstrip_protocol, _listed(store, path.rstrip('/'), _DEEPEST))
+        yield from map(store.unstrip_protocol, _listed(store, path.rstrip('/')))
 
 
-def _listed(store: Any, path: str, deepest: int) -> Iterator[str]:
+def _listed(store: Any, path: str) -> Iterator[str]:
     entries = store.ls(path, detail=True)
     names = {PurePosixPath(entry['name']).name for entry in entries}
     if holds_bag(names):
@@ -114,5 +113,5 @@ def _listed(store: Any, path: str, deepest: int) -> Iterator[str]:
     for entry in sorted(entries, key=lambda entry: str(entry['name'])):
         name = str(entry['name']).rstrip('/')
         below = name.removeprefix(f'{path}/')
-        if entry['type'] == 'directory' and deepest and below != name and below[:1] != '.':
-            yield from _listed(store, name, deepest - 1)
+        if entry['type'] == 'directory' and below != name and below[:1] != '.':
+            yield from _listed(store, name)

@@ -3,6 +3,7 @@
 """The definitions of the messages in bags, as they are installed."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_dsp.ros import conversion
-from checkweigher_dsp.ros.ports import ALL, Port
-from checkweigher_recording.bags.bounds import LARGEST_DEFINITION
+from checkweigher_dsp.ros.ports import RECORDED, Port
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
 _STORE = get_typestore(Stores.EMPTY)
@@ -24,7 +24,23 @@ class BagError(ValueError):
     """A bag that cannot be used; one line that says which, where and what to do."""
 
 
-def typestore(ports: Iterable[Port] = ALL) -> Typestore:
+@contextmanager
+def bag_errors(path: Path) -> Iterator[None]:
+    """Turn any exception of the libraries that read a bag, or a file of it, into one line."""
+    try:
+        yield
+    except BagError:
+        raise
+    except OSError as error:
+        where = error.filename or path
+        raise BagError(f'{where}: cannot be read: {error.strerror or error}') from error
+    # Damaged bytes can lead a parser anywhere, so no list of its exceptions would be complete.
+    except Exception as error:
+        text = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
+        raise BagError(f'{path}: damaged: {text}; record it again or restore it') from error
+
+
+def typestore(ports: Iterable[Port] = RECORDED) -> Typestore:
     """Return the definitions of the messages of some ports and of their parts.
 
     They are read from the installed packages, so a bag and the graph have the same types. Each
@@ -104,11 +120,6 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
             f'{path}: topic {connection.topic} holds {connection.msgtype}, must hold '
             f'{port.message_type}'
         )
-    if len(connection.msgdef.data) > LARGEST_DEFINITION:
-        raise BagError(
-            f'{path}: topic {connection.topic} has a definition of {len(connection.msgdef.data)} '
-            f'bytes; the most is {LARGEST_DEFINITION}'
-        )
     here = typestore([port]).hash_rihs01(port.message_type)
     for there in (connection.digest, _type_hash(connection.msgdef, port)):
         if there and there != here:
@@ -152,8 +163,6 @@ def _type_hash(definition: MessageDefinition, port: Port) -> str:
 
 def _brought(definition: MessageDefinition, port: Port) -> Typestore | None:
     """Return the definitions that a bag brings along, None if it brings none."""
-    if len(definition.data) > LARGEST_DEFINITION:
-        return None
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, port.message_type))

@@ -1,142 +1,92 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether an MCAP file is whole: its magic bytes and the check sums of its data and summary."""
+"""Whether a file of a bag is whole: by the check sums of MCAP, by SQLite's own check."""
 
-from io import BytesIO
-from itertools import accumulate
+from contextlib import closing
+import os
 from pathlib import Path
+import sqlite3
+import struct
 from typing import BinaryIO
+from urllib.parse import quote
 import zlib
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import FOOTER_SIZE
-from mcap.records import ChunkIndex, DataEnd, Footer
 from mcap.stream_reader import MAGIC_SIZE
 
-from checkweigher_dsp.input_files import open_input
-from checkweigher_recording.bags.bounds import (
-    LARGEST_DEFINITION,
-    LARGEST_FILE,
-    LARGEST_RECORD,
-    MOST_CHUNKS,
-    MOST_DEFINITIONS,
-)
-from checkweigher_recording.bags.definitions import BagError
+from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 MAGIC = b'\x89MCAP0\r\n'
-RECORD_HEAD = 9  # bytes, opcode and length of a record
-_CHECK_SUM_SIZE = 4
-_MOST_OPEN = 2 * LARGEST_RECORD
-_LARGE = {
-    Opcode.CHUNK, Opcode.MESSAGE, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.MESSAGE_INDEX,
-}  # fmt: skip
+# Opcode, length and content of the last two records: places of two sections, and check sums.
+_DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
+_PIECE = 1 << 20  # bytes
 
 
-def check_mcap(path: Path) -> None:
-    """Check an ``.mcap`` file but for the content of its chunks, which has check sums of its own.
+def check_file(path: Path, name: Path | None = None) -> None:
+    """Check a file of a bag but for the chunks of MCAP, which rosbags checks as it reads them.
 
-    Check sums are optional: one that is 0 has not been written.
+    `name` is that of the file for errors if `path` is a copy.
 
     Raises
     ------
     BagError
-        If the file is not MCAP, was cut, or differs from what was written.
-    OSError
-        If the file cannot be read.
+        If it cannot be read, is of another kind, was cut, or differs from what was written.
     """
-    with open_input(path, LARGEST_FILE) as file:
-        size = file.seek(0, 2)
-        if size == 0:
-            raise BagError(f'{path}: empty; the recording has not begun')
-        file.seek(0)
-        if file.read(MAGIC_SIZE) != MAGIC:
-            raise BagError(f'{path}: not an MCAP file: its first bytes are others')
-        file.seek(max(size - MAGIC_SIZE, MAGIC_SIZE))
-        if file.read() != MAGIC:
-            raise BagError(
-                f'{path}: cut off: the end of the file is missing; "checkweigher recover" saves '
-                'what is there'
-            )
-        try:
-            _Scan(file, size).check()
-        except ValueError as error:
-            raise _damaged(path, str(error)) from None
-        # Damaged bytes can lead a parser anywhere, so no list of its exceptions would be complete.
-        except Exception as error:
-            reason = str(error) or type(error).__name__
-            raise _damaged(path, f'{reason}, before byte {file.tell()}') from None
-
-
-class _Scan:
-    """All records of a file, one after the other; what is wrong raises a ValueError."""
-
-    def __init__(self, file: BinaryIO, size: int) -> None:
-        self._file = file
-        self._size = size
-        self._definitions = 0  # bytes
-        self._chunks: list[ChunkIndex] = []
-
-    def check(self) -> None:
-        """Check sums, bounds, and the end."""
-        check_sum, ended, opcode = zlib.crc32(MAGIC), False, int(Opcode.HEADER)
-        self._file.seek(MAGIC_SIZE)
-        while opcode != Opcode.FOOTER:
-            head = self._file.read(RECORD_HEAD)
-            opcode, length = head[0], int.from_bytes(head[1:], 'little')
-            content = self._file.read(self._bounded(opcode, length))
-            stream = ReadDataStream(BytesIO(content))
-            if opcode == Opcode.DATA_END:
-                ended = True
-                stated = DataEnd.read(stream).data_section_crc
-                if stated not in (0, check_sum):
-                    before = self._file.tell()
-                    raise ValueError(f'wrong check sum of the data before byte {before}')
-            elif opcode == Opcode.CHUNK_INDEX:
-                self._chunks.append(ChunkIndex.read(stream))
-            elif opcode == Opcode.FOOTER:
-                self._check_summary(Footer.read(stream))
-            if not ended:
-                check_sum = zlib.crc32(content, zlib.crc32(head, check_sum))
-        if not ended or self._file.tell() != self._size - MAGIC_SIZE:
-            raise ValueError('its data have no end')
-        self._check_chunks()
-
-    def _bounded(self, opcode: int, length: int) -> int:
-        """Return the length of a record if it may be so long and is there."""
-        where = f'at byte {self._file.tell() - RECORD_HEAD}'
-        if opcode == 0:
-            raise ValueError(f'no record {where}')
-        most = LARGEST_RECORD if opcode in _LARGE else LARGEST_DEFINITION
-        if opcode not in (*_LARGE, Opcode.CHUNK_INDEX):
-            self._definitions += length
-        if length > min(most, self._size - self._file.tell()):
-            raise ValueError(f'a record of {length} bytes {where}; the most is {most}')
-        if self._definitions > MOST_DEFINITIONS or len(self._chunks) > MOST_CHUNKS:
-            raise ValueError(f'too many topics or chunks {where}')
-        return length
-
-    def _check_summary(self, footer: Footer) -> None:
-        if not footer.summary_crc:
+    name = name or path
+    with bag_errors(name):
+        if path.suffix == '.db3':
+            _check_sqlite(path, name)
             return
-        end = self._size - MAGIC_SIZE - _CHECK_SUM_SIZE
-        begin = min(footer.summary_start or self._size - MAGIC_SIZE - FOOTER_SIZE, end)
-        position = self._file.tell()
-        self._file.seek(begin)
-        check_sum = 0
-        while (left := end - self._file.tell()) > 0:
-            check_sum = zlib.crc32(self._file.read(min(left, 1 << 20)), check_sum)
-        if check_sum != footer.summary_crc:
-            raise ValueError(f'wrong check sum of the summary at byte {begin}')
-        self._file.seek(position)
-
-    def _check_chunks(self) -> None:
-        """Check that chunks that a reader has open together fit into memory."""
-        begins = [(chunk.message_start_time, chunk.uncompressed_size) for chunk in self._chunks]
-        ends = [(chunk.message_end_time + 1, -chunk.uncompressed_size) for chunk in self._chunks]
-        if max(accumulate(size for _, size in sorted(begins + ends)), default=0) > _MOST_OPEN:
-            raise ValueError('its chunks overlap in time; sort it with "mcap sort"')
+        with path.open('rb') as file:
+            _check_mcap(file, name)
 
 
-def _damaged(path: Path, what: str) -> BagError:
-    return BagError(f'{path}: damaged: {what}; restore the file')
+def _check_mcap(file: BinaryIO, name: Path) -> None:
+    """Check begin and end of a file, and its check sums: one that is 0 has not been written."""
+    size = file.seek(0, os.SEEK_END)
+    if size == 0:
+        raise BagError(f'{name}: empty; the recording has not begun')
+    file.seek(0)
+    if file.read(MAGIC_SIZE) != MAGIC:
+        raise BagError(f'{name}: not an MCAP file: its first bytes are others')
+    file.seek(max(size - MAGIC_SIZE, MAGIC_SIZE))
+    if file.read() != MAGIC:
+        raise BagError(
+            f'{name}: cut off: the end of the file is missing; "checkweigher recover" saves '
+            'what is there'
+        )
+    footer = size - MAGIC_SIZE - _FOOTER.size
+    file.seek(footer)
+    _, _, summary, _, summary_crc = _FOOTER.unpack(file.read(_FOOTER.size))
+    summary = summary or footer
+    data_end = summary - _DATA_END.size
+    file.seek(data_end)
+    opcode, length, data_crc = _DATA_END.unpack(file.read(_DATA_END.size))
+    if (opcode, length) != (Opcode.DATA_END, 4):
+        raise BagError(f'{name}: damaged: its data have no end; restore the file')
+    for what, begin, end, stated in (
+        ('data', 0, data_end, data_crc),
+        ('summary', summary, footer + _FOOTER.size - 4, summary_crc),
+    ):
+        if stated and stated != _check_sum(file, begin, end):
+            raise BagError(
+                f'{name}: damaged: wrong check sum of the {what}, bytes {begin} to {end}; restore '
+                'the file'
+            )
+
+
+def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
+    """Return the CRC-32 of some bytes of a file."""
+    check_sum = 0
+    for position in range(file.seek(begin), end, _PIECE):
+        check_sum = zlib.crc32(file.read(min(_PIECE, end - position)), check_sum)
+    return check_sum
+
+
+def _check_sqlite(path: Path, name: Path) -> None:
+    """Check the pages of a database, and that its indices fit its tables."""
+    address = f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1'
+    with closing(sqlite3.connect(address, uri=True)) as connection:
+        (problem,) = connection.execute('PRAGMA integrity_check(1)').fetchone()
+    if problem != 'ok':
+        raise BagError(f'{name}: damaged: {" ".join(problem.split())}; restore the file')

@@ -13,14 +13,10 @@ from checkweigher_dsp.ros.ports import (
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
     PHOTO_EYES,
-    PLAYED,
-    REFERENCE_MASS,
     Port,
 )
-from checkweigher_recording.bags.bounds import MOST_EVENTS, MOST_SAMPLES
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import SampleDecoder
-from checkweigher_recording.bags.sqlite import doubtful_stamps
 from checkweigher_recording.recording import BlockColumns, Recording, canonical_order
 
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages between two stretches, and their bytes
@@ -42,7 +38,6 @@ class LaneMessages:
     def __init__(self, path: Path) -> None:
         self.numbers: Counter[str] = Counter()
         self._path = path
-        self._logged: dict[str, list[int]] = {port.name: [] for port in PLAYED}  # ns
         self._cell: LoadCell | None = None
         self._samples = SampleDecoder()
         self._blocks = BlockColumns.of([])
@@ -51,8 +46,8 @@ class LaneMessages:
         self._since = self._bytes = 0  # messages since the last stretch, and their bytes
         self._end: int | None = None  # of the last stretch, ns
 
-    def take(self, topic: str, port: Port, logged: int, data: bytes) -> None:
-        """Add a message; BagError if it cannot be used or too many are kept."""
+    def take(self, topic: str, port: Port, data: bytes) -> None:
+        """Add a message; BagError if it cannot be used."""
         self.numbers[topic] += 1
         self._since += 1
         self._bytes += len(data)
@@ -63,16 +58,9 @@ class LaneMessages:
         else:
             kept = self._edges if port is PHOTO_EYES else self._references
             kept.append(deserialize(port, data))
-            self._logged[port.name].append(logged)
-        events = max(len(self._edges), len(self._references))
-        if self._samples.size + self._blocks.size > MOST_SAMPLES or events > MOST_EVENTS:
-            raise BagError(
-                f'{self._path}: longer than fits into memory; record shorter bags, or split it by '
-                '"ros2 bag convert"'
-            )
 
     def take_cell(self, data: bytes) -> None:
-        """Take the message of the load cell, or one that repeats it."""
+        """Add the message of the load cell, or one that repeats it."""
         try:
             cell: LoadCell = deserialize(LOAD_CELL_INFO, data)
         except ValueError as error:
@@ -85,20 +73,6 @@ class LaneMessages:
                 'each calibration'
             )
         self._cell = cell
-
-    def check_stamps(self) -> None:
-        """Raise BagError at an edge or a known mass that was logged at another time.
-
-        Only before `stretch` and `rest`, which change the order.
-        """
-        for port, kept in ((PHOTO_EYES, self._edges), (REFERENCE_MASS, self._references)):
-            stamps, logged = [record.stamp for record in kept], self._logged[port.name]
-            for place in np.flatnonzero(doubtful_stamps(logged, stamps)):
-                raise BagError(
-                    f'{self._path}: damaged: message {place + 1} of {port.name} was logged at '
-                    f'{logged[place]} ns, which its stamp of {stamps[place]} ns '
-                    'does not fit; restore the file'
-                )
 
     def stretch(self) -> Recording | None:
         """Return what is complete up to a minute before the latest stamp, None if it is too soon.
@@ -121,8 +95,6 @@ class LaneMessages:
         complete, self._blocks = self._blocks.split(place)
         edges, self._edges = _cut(self._edges, end)
         references, self._references = _cut(self._references, end)
-        for logged in self._logged.values():
-            logged.clear()
         return Recording(self.load_cell, complete, edges, references)
 
     def rest(self) -> Recording:

@@ -4,8 +4,8 @@
 
 from pathlib import Path
 
-from checkweigher_dsp.ros.ports import ALL, Port
-from checkweigher_recording.bags.definitions import BagError, check_definition
+from checkweigher_dsp.ros.ports import RECORDED, Port
+from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
 from checkweigher_recording.bags.lanes import find_port
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.bags.writing import BagWriter
@@ -25,15 +25,16 @@ def recover_bag(source: Path, path: Path) -> int:
     OutputError
         If the bag cannot be written.
     """
-    try:
-        bag = UnfinishedBag(unfinished_parts(source) or [source])
-    except OSError as error:
-        raise BagError(f'{source}: cannot be read: {error.strerror or error}') from error
+    parts = unfinished_parts(source) or [source]
+    if not parts[0].is_file():
+        raise BagError(f'{source}: there is no .mcap file and no recording that broke off')
+    with bag_errors(source):
+        bag = UnfinishedBag(parts)
     ports: dict[str, Port] = {}  # by the name of the topic
     lanes: set[str] = set()
     connections = []
     for connection in bag.connections:
-        found = find_port(connection.topic, ALL)
+        found = find_port(connection.topic, RECORDED)
         if found is None or not connection.msgcount:
             continue
         prefix, port = found

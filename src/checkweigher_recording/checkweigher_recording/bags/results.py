@@ -6,15 +6,12 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from rosbags.rosbag2 import Reader
 from rosbags.typesys.store import Typestore
 
 from checkweigher_dsp.ros.ports import Port
-from checkweigher_recording.bags.bounds import MOST_EVENTS, qos_unread
 from checkweigher_recording.bags.definitions import BagError, definitions_of, deserialize
-from checkweigher_recording.bags.integrity import check_mcap
 from checkweigher_recording.bags.lanes import find_port
-from checkweigher_recording.bags.reading import bag_errors
+from checkweigher_recording.bags.reading import open_bag
 
 
 def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
@@ -26,27 +23,23 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
         If the bag is damaged or foreign, or holds one of the ports for several lanes.
     """
     found: dict[str, list[Any]] = {port.name: [] for port in wanted}
-    with bag_errors(path), qos_unread():
-        for file in files_of_bag(path):
-            check_mcap(file)
-        with Reader(path) as reader:
-            ports: dict[str, Port] = {}  # by topic
-            stores: dict[int, Typestore] = {}  # by connection
-            for connection in reader.connections:
-                known = find_port(connection.topic, wanted)
-                if known is None:
-                    continue
-                if known[1] in ports.values():
-                    raise BagError(f'{path}: holds several lanes; record one')
-                stores[connection.id] = definitions_of(path, connection, known[1])
-                ports[connection.topic] = known[1]
-            chosen = [each for each in reader.connections if each.topic in ports]
-            if sum(connection.msgcount for connection in chosen) > MOST_EVENTS:
-                raise BagError(f'{path}: longer than fits into memory; record shorter bags')
-            # Of no connections the reader would give all messages.
-            for connection, _, data in reader.messages(chosen) if chosen else ():
-                port = ports[connection.topic]
-                found[port.name].append(deserialize(port, data, stores[connection.id]))
+    files_of_bag(path)
+    with open_bag(path) as bag:
+        ports: dict[str, Port] = {}  # by topic
+        stores: dict[int, Typestore] = {}  # by connection
+        for connection in bag.connections:
+            known = find_port(connection.topic, wanted)
+            if known is None:
+                continue
+            if known[1] in ports.values():
+                raise BagError(f'{path}: holds several lanes; record one')
+            stores[connection.id] = definitions_of(path, connection, known[1])
+            ports[connection.topic] = known[1]
+        chosen = [each for each in bag.connections if each.topic in ports]
+        # Of no connections rosbags would give all messages.
+        for connection, _, data in bag.messages(chosen) if chosen else ():
+            port = ports[connection.topic]
+            found[port.name].append(deserialize(port, data, stores[connection.id]))
     return found
 
 
@@ -63,6 +56,5 @@ def mcap_digest(path: Path) -> str:
     digest = hashlib.sha256()
     for file in files_of_bag(path):
         with file.open('rb') as content:
-            while block := content.read(1 << 20):
-                digest.update(block)
+            hashlib.file_digest(content, lambda: digest)
     return digest.hexdigest()

@@ -22,13 +22,12 @@ class SampleDecoder:
     """Decode messages of type LoadCellSamples."""
 
     def __init__(self) -> None:
-        self.size = 0  # bytes, of the blocks that were decoded and not returned
         self._messages: list[bytes] = []
         self._bytes = 0
         self._decoded: list[BlockColumns] = []
 
     def add(self, message: bytes) -> None:
-        """Take a message; an exception says that this one, or one before, cannot be decoded."""
+        """Add a message; an exception says that this one, or one before, cannot be decoded."""
         self._messages.append(message)
         self._bytes += len(message)
         if len(self._messages) == _BATCH_SIZE or self._bytes > _BATCH_BYTES:
@@ -37,7 +36,7 @@ class SampleDecoder:
     def blocks(self) -> BlockColumns:
         """Return the blocks of the messages since the last call, in their order; raise as `add`."""
         self._decode_batch()
-        decoded, self._decoded, self.size = self._decoded, [], 0
+        decoded, self._decoded = self._decoded, []
         return BlockColumns.concatenate(decoded)
 
     def _decode_batch(self) -> None:
@@ -56,7 +55,6 @@ class SampleDecoder:
         )
         order = np.argsort(np.append(numbers, rest))
         self._decoded.append(BlockColumns.concatenate(parts).take(order))
-        self.size += self._decoded[-1].size
 
 
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:

@@ -2,20 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording without an end, because its recorder was killed: the messages that are there."""
 
-from array import array
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from io import BytesIO
 from itertools import zip_longest
-from mmap import ACCESS_READ, MADV_DONTNEED, mmap
 import os
 from pathlib import Path
 import re
+from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema
-from mcap.stream_reader import MAGIC_SIZE, StreamReader, breakup_chunk
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    DataEnd,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
+from mcap.stream_reader import MAGIC_SIZE, breakup_chunk
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -23,29 +33,30 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
-from checkweigher_dsp.input_files import open_input
-from checkweigher_recording.bags.bounds import (
-    LARGEST_FILE,
-    LARGEST_RECORD,
-    MOST_DEFINITIONS,
-    decompress,
-)
+from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import MAGIC
-from checkweigher_recording.bags.integrity import RECORD_HEAD as _HEAD_SIZE
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
-_LONGEST = 1 << 20  # bytes of a record that is neither chunk nor index
-_PAGE = 1 << 26  # bytes of a file that are in memory at a time, about
+_HEAD_SIZE = 9  # bytes, opcode and length of a record
+_PIECE = 1 << 20  # bytes
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
     'ros2idl': MessageDefinitionFormat.IDL,
     'omgidl': MessageDefinitionFormat.IDL,
 }
-_DATA_OPCODES = {
-    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK,
-    Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END,
-}  # fmt: skip
+# Of all records that may be among the data.
+_READERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {
+    Opcode.HEADER: lambda stream, _: Header.read(stream),
+    Opcode.SCHEMA: lambda stream, _: Schema.read(stream),
+    Opcode.CHANNEL: lambda stream, _: Channel.read(stream),
+    Opcode.MESSAGE: Message.read,
+    Opcode.CHUNK: lambda stream, _: Chunk.read(stream),
+    Opcode.MESSAGE_INDEX: lambda stream, _: MessageIndex.read(stream),
+    Opcode.ATTACHMENT: lambda stream, _: Attachment.read(stream),
+    Opcode.METADATA: lambda stream, _: Metadata.read(stream),
+    Opcode.DATA_END: lambda stream, _: DataEnd.read(stream),
+}
 
 
 class UnfinishedBag:
@@ -85,6 +96,12 @@ class UnfinishedBag:
         """Number of messages that are there."""
         return sum(connection.msgcount for connection in self.connections)
 
+    @property
+    def duration(self) -> float:
+        """Time in s from the first message to the last one, as they were logged."""
+        times = [time for part in self._parts for time in part.times]
+        return (max(times) - min(times)) / NANOSECONDS
+
     def messages(
         self, connections: Collection[Connection]
     ) -> Iterator[tuple[Connection, int, bytes]]:
@@ -111,36 +128,28 @@ def _number(part: Path) -> int:
     return int(found[1]) if found else 0
 
 
-class _DamageError(Exception):
-    """Bytes that no recorder leaves, however it ends."""
-
-
 class _Part:
     """An MCAP file up to where it was cut.
 
-    `ended` tells whether all its data are there, although their index may be missing. `damage` says
+    `ended` is whether all its data are there, although their index may be missing. `damage` says
     where the file is not as a killed recorder or a machine without power leaves it: with a wrong
-    check sum and more behind it, for instance. Messages are those before.
+    check sum and more behind it, for instance. Messages are those before. `times` are the earliest
+    and the latest log time of a message in ns, empty without any.
     """
 
     def __init__(self, path: Path) -> None:
         self.ended = False
         self.damage = ''
-        with open_input(path, LARGEST_FILE) as file:
-            # An empty file cannot be mapped.
-            empty = not os.fstat(file.fileno()).st_size
-            self._data = b'' if empty else mmap(file.fileno(), 0, access=ACCESS_READ)
-        self._places = array('Q')  # begin and end of each record with messages
+        self.times: list[int] = []
+        self._path = path
+        self._places: list[tuple[int, int, int]] = []  # opcode, begin and length of the contents
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
-        self._definitions = 0  # bytes
-        if not MAGIC.startswith(self._data[: len(MAGIC)]):
-            raise BagError(f'{path}: not an MCAP file: its first bytes are others')
-        try:
-            self._scan()
-        except _DamageError as error:
-            self.damage = str(error)
+        with path.open('rb') as file:
+            if not MAGIC.startswith(file.read(MAGIC_SIZE)):
+                raise BagError(f'{path}: not an MCAP file: its first bytes are others')
+            self._scan(file)
 
     def connections(self) -> list[Connection]:
         """Return the channels, with the numbers of messages that are there."""
@@ -148,52 +157,54 @@ class _Part:
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages."""
-        for begin, end in zip(self._places[::2], self._places[1::2], strict=True):
-            for record in _records(self._record(begin, end)):
-                if isinstance(record, Message):
-                    yield record
+        with self._path.open('rb') as file:
+            for opcode, begin, length in self._places:
+                file.seek(begin)
+                for record in _records(opcode, file.read(length)):
+                    if isinstance(record, Message):
+                        yield record
 
-    def _scan(self) -> None:
-        bad_chunk = 0
-        for begin, end in _places(self._data):
-            is_chunk = self._data[begin] == Opcode.CHUNK
-            if bad_chunk and is_chunk:
-                raise _DamageError(f'wrong check sum of the chunk at byte {bad_chunk}')
+    def _scan(self, file: BinaryIO) -> None:
+        """Read the records of the data up to the first that is not whole."""
+        size, bad_chunk = os.fstat(file.fileno()).st_size, 0
+        while not self.ended and len(head := file.read(_HEAD_SIZE)) == _HEAD_SIZE:
+            opcode, length, begin = head[0], int.from_bytes(head[1:], 'little'), file.tell()
+            if bad_chunk and opcode in (Opcode.CHUNK, Opcode.DATA_END):
+                self.damage = f'wrong check sum of the chunk at byte {bad_chunk}'
+                return
+            if opcode not in _READERS:
+                # After a loss of power, the room that the file system had reserved is still empty.
+                rest = iter(lambda: file.read(_PIECE), b'')
+                if any(head) or any(piece.strip(b'\0') for piece in rest):
+                    self.damage = f'no record at byte {begin - _HEAD_SIZE}'
+                return
+            if length > size - begin:
+                return
             try:
-                self._take(begin, end)
+                self._add(opcode, begin, file.read(length))
             # Damaged bytes can lead decompression and parsers anywhere.
             except Exception:
-                if not is_chunk:
-                    raise _DamageError(f'the record at byte {begin} is not valid') from None
-                bad_chunk = begin
-        if bad_chunk and self.ended:
-            raise _DamageError(f'wrong check sum of the chunk at byte {bad_chunk}')
+                if opcode != Opcode.CHUNK:
+                    self.damage = f'the record at byte {begin - _HEAD_SIZE} is not valid'
+                    return
+                bad_chunk = begin - _HEAD_SIZE
 
-    def _record(self, begin: int, end: int) -> bytes:
-        if end - begin > LARGEST_RECORD:
-            raise _DamageError(f'a record of {end - begin} bytes at byte {begin}')
-        if isinstance(self._data, mmap) and begin // _PAGE != end // _PAGE:
-            self._data.madvise(MADV_DONTNEED)
-        return self._data[begin:end]
-
-    def _take(self, begin: int, end: int) -> None:
-        """Take what stands in a record: all or nothing."""
-        records = _records(self._record(begin, end))
+    def _add(self, opcode: int, begin: int, content: bytes) -> None:
+        """Add the content of a record: all of it, or nothing with an exception."""
+        records = _records(opcode, content)
         channels = {record.id: record for record in records if isinstance(record, Channel)}
-        counts = Counter(record.channel_id for record in records if isinstance(record, Message))
+        messages = [record for record in records if isinstance(record, Message)]
+        counts = Counter(message.channel_id for message in messages)
         if not counts.keys() <= self._channels.keys() | channels.keys():
-            raise _DamageError('a message without its channel')
-        for record in records:
-            if isinstance(record, Schema | Channel):
-                self._definitions += len(str(record))
-        if self._definitions > MOST_DEFINITIONS:
-            raise _DamageError('too many topics')
+            raise ValueError('a message without its channel')
         self._schemas |= {record.id: record for record in records if isinstance(record, Schema)}
         self._channels |= channels
         self._counts += counts
-        if counts:
-            self._places.extend((begin, end))
-        self.ended = any(isinstance(record, DataEnd) for record in records)
+        if messages:
+            self._places.append((opcode, begin, len(content)))
+            times = [*self.times, *(message.log_time for message in messages)]
+            self.times = [min(times), max(times)]
+        self.ended = opcode == Opcode.DATA_END
 
     def _connection(self, channel: Channel) -> Connection:
         schema = self._schemas.get(channel.schema_id, Schema(0, b'', '', ''))
@@ -209,75 +220,10 @@ class _Part:
         )  # fmt: skip
 
 
-def _places(data: bytes | mmap) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of each whole record of the data section."""
-    position, written = MAGIC_SIZE, _written(data)
-    while position + _HEAD_SIZE <= len(data):
-        begin, position = position, position + _HEAD_SIZE
-        length = int.from_bytes(data[begin + 1 : position], 'little')
-        if not _is_record(data, begin, length, len(data)):
-            # After a loss of power, the room that the file system had reserved is still empty.
-            if position >= written or _is_record(data, begin, length, written):
-                return
-            raise _DamageError(f'no record at byte {begin}')
-        position += length
-        if position > len(data):
-            return
-        yield begin, position
-        if data[begin] == Opcode.DATA_END:
-            return
-
-
-def _written(data: bytes | mmap) -> int:
-    """Return the length of the data without the zeros at their end."""
-    end = len(data)
-    while end and not (last := data[max(end - _PAGE, 0) : end].rstrip(b'\0')):
-        end = max(end - _PAGE, 0)
-    return max(end - _PAGE, 0) + len(last) if end else 0
-
-
-def _is_record(data: bytes | mmap, begin: int, length: int, size: int) -> bool:
-    """Tell whether the length that a record states agrees with the lengths inside it.
-
-    A wrong length would hide all records behind it: the file would seem to be cut there. Of `data`
-    the first `size` bytes have been written, so the end of the record may be missing.
-    """
-
-    def number(offset: int, width: int) -> int:
-        return int.from_bytes(data[position + offset : position + offset + width], 'little')
-
-    opcode, position = data[begin], begin + _HEAD_SIZE
-    available = size - position
-    if opcode not in _DATA_OPCODES:
-        return False
-    if opcode == Opcode.CHUNK:
-        # Two log times, size and check sum; length of the name of a compression, name; length, data
-        name = number(28, 4) if available >= 32 else 0
-        head = 32 + name + 8
-        if available < head:
-            return name <= 16 and length >= head
-        return length == head + number(head - 8, 8)
-    if opcode == Opcode.MESSAGE_INDEX:
-        # Channel; length, entries
-        return length >= 6 if available < 6 else length == 6 + number(2, 4)
-    if opcode == Opcode.DATA_END:
-        return length == 4
-    return length <= available or available < _LONGEST
-
-
-def _records(record: bytes) -> list[McapRecord]:
-    """Return what a record with its head holds: the records of a chunk, or the record itself.
+def _records(opcode: int, content: bytes) -> list[McapRecord]:
+    """Return the records of a chunk, or the one that a record is by itself.
 
     A wrong check sum, or bytes that cannot be parsed, raise an exception.
     """
-    if record[0] == Opcode.CHUNK:
-        chunk = Chunk.read(ReadDataStream(BytesIO(record[_HEAD_SIZE:])))
-        chunk.data = decompress(chunk.compression, chunk.data, chunk.uncompressed_size)
-        chunk.compression = ''
-        return breakup_chunk(chunk, validate_crc=True)
-    # A reader wants an end.
-    builder = RecordBuilder()
-    Footer(0, 0, 0).write(builder)
-    stream = BytesIO(record + builder.end() + MAGIC)
-    *records, _ = StreamReader(stream, skip_magic=True, validate_crcs=True).records
-    return records
+    record = _READERS[opcode](ReadDataStream(BytesIO(content)), len(content))
+    return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]

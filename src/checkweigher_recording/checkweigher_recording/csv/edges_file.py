@@ -11,7 +11,7 @@ from typing import Any
 from checkweigher_dsp.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
 
-_LARGEST, _LARGEST_NUMBER = 16 << 20, 1e15  # bytes; of a row, a mass or a rate
+_LARGEST_NUMBER = 1e15  # of a row, a mass or a rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +36,11 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     CsvError
         If the file cannot be read or does not hold that.
     """
+    text = read_text(path, 'utf-8')
     try:
-        content = json.loads(read_text(path, 'utf-8', _LARGEST))
-    except json.JSONDecodeError as error:
-        raise CsvError(f'{path}:{error.lineno}: not JSON: {error.msg}') from None
-    except RecursionError:
-        raise CsvError(f'{path}: not an edges file: nested too deeply') from None
-    except ValueError as error:  # a number of thousands of digits
-        raise CsvError(f'{path}: not an edges file: {error}') from None
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise CsvError(f'{path}: not JSON: {error}') from None
     if not isinstance(content, dict):
         raise CsvError(f'{path}: not an edges file: no object with a list for each eye')
     switches = tuple(

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.input_files import read_input
 
-_LARGEST, _MOST_LINES = 100 << 20, 4_000_000  # bytes; an hour at 1 kHz
-
 
 class CsvError(ValueError):
     """A file that cannot be imported; one line that names the file, the place and the error."""
@@ -46,9 +44,7 @@ def read_table(
     CsvError
         If the file cannot be read, lacks a column or holds something that is not a number.
     """
-    lines = read_text(path, 'utf-8-sig', _LARGEST).splitlines()
-    if len(lines) > _MOST_LINES:
-        raise CsvError(f'{path}: more than {_MOST_LINES} lines; cut it into shorter logs')
+    lines = read_text(path, 'utf-8-sig').splitlines()
     numbers = array('q', (number for number, line in enumerate(lines) if line.strip()))
     if not numbers:
         raise CsvError(f'{path}: empty')
@@ -65,10 +61,10 @@ def read_table(
     return table
 
 
-def read_text(path: Path, encoding: str, largest: int) -> str:
-    """Read a text file of at most so many bytes; CsvError if that is not possible."""
+def read_text(path: Path, encoding: str) -> str:
+    """Read a text file; CsvError if that is not possible."""
     try:
-        return read_input(path, largest).decode(encoding)
+        return read_input(path).decode(encoding)
     except OSError as error:
         raise CsvError(f'{path}: cannot be read: {error.strerror or error}') from None
     except UnicodeDecodeError as error:

@@ -12,17 +12,17 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from checkweigher_dsp.records import Decision, Verdict
 from checkweigher_dsp.ros.ports import (
-    ALL,
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
     PHOTO_EYES,
+    RECORDED,
     VERDICT,
 )
 from checkweigher_recording.bags.definitions import BagError, deserialize, serialize, typestore
 from checkweigher_recording.bags.results import read_records
 
 
-@pytest.mark.parametrize('port', ALL, ids=lambda port: port.name)
+@pytest.mark.parametrize('port', RECORDED, ids=lambda port: port.name)
 def test_type_hashes_are_those_of_the_installed_messages(port):
     package, folder, name = port.message_type.split('/')
     path = Path(get_package_share_directory(package), folder, f'{name}.json')

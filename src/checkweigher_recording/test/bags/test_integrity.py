@@ -1,12 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The frame of an MCAP file: cut or damaged anywhere, it is refused."""
+"""Files of bags: cut or damaged anywhere, an MCAP file is refused; SQLite checks itself."""
+
+import sqlite3
 
 from mcap.writer import IndexType
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from checkweigher_recording.bags.definitions import BagError
-from checkweigher_recording.bags.integrity import check_mcap
+from checkweigher_recording.bags.integrity import check_file
 from checkweigher_recording.bags.writing import write_bag
 
 
@@ -17,7 +20,7 @@ def whole(tmp_path, recording):
 
 
 def test_a_whole_file_passes(whole):
-    check_mcap(whole)
+    check_file(whole)
 
 
 @pytest.mark.parametrize('options', [{}, {'enable_crcs': False}], ids=['summary', 'none'])
@@ -25,7 +28,7 @@ def test_a_file_with_fewer_check_sums_passes(tmp_path, messages, write_mcap, opt
     path = tmp_path / 'line.mcap'
     write_mcap(path, [(message, message.stamp) for message in messages], **options)
 
-    check_mcap(path)
+    check_file(path)
 
 
 def test_a_file_without_a_summary_passes(tmp_path, messages, write_mcap):
@@ -40,7 +43,7 @@ def test_a_file_without_a_summary_passes(tmp_path, messages, write_mcap):
         index_types=IndexType.NONE,
     )
 
-    check_mcap(path)
+    check_file(path)
 
 
 def test_any_damaged_byte_is_noticed(whole):
@@ -51,7 +54,7 @@ def test_any_damaged_byte_is_noticed(whole):
         damaged[position] ^= 1 << position % 8
         whole.write_bytes(damaged)
         with pytest.raises(BagError) as caught:
-            check_mcap(whole)
+            check_file(whole)
         assert '\n' not in str(caught.value)
         assert str(whole) in str(caught.value)
 
@@ -61,8 +64,8 @@ def test_the_place_of_the_damage_is_named(whole):
     data[len(data) // 3] ^= 1
     whole.write_bytes(data)
 
-    with pytest.raises(BagError, match='wrong check sum of the data before byte'):
-        check_mcap(whole)
+    with pytest.raises(BagError, match='wrong check sum of the data, bytes'):
+        check_file(whole)
 
 
 def test_bytes_behind_the_end_are_noticed(whole):
@@ -70,7 +73,7 @@ def test_bytes_behind_the_end_are_noticed(whole):
     whole.write_bytes(data + data[-100:])
 
     with pytest.raises(BagError, match='damaged'):
-        check_mcap(whole)
+        check_file(whole)
 
 
 @pytest.mark.parametrize(
@@ -82,4 +85,17 @@ def test_a_file_of_a_few_bytes_is_refused(tmp_path, content, text):
     path.write_bytes(content)
 
     with pytest.raises(BagError, match=text):
-        check_mcap(path)
+        check_file(path)
+
+
+def test_an_index_of_sqlite_that_differs_from_its_table_is_refused(messages, write_foreign):
+    (file,) = write_foreign(messages, plugin=StoragePlugin.SQLITE3).glob('*.db3')
+    check_file(file)
+    with sqlite3.connect(file) as connection:
+        connection.execute('PRAGMA writable_schema = ON')
+        connection.execute("UPDATE sqlite_schema SET sql = 'CREATE INDEX timestamp_idx ON messages "
+                           "(topic_id)' WHERE name = 'timestamp_idx'")  # fmt: skip
+    connection.close()
+
+    with pytest.raises(BagError, match='damaged: row 1 missing from index timestamp_idx'):
+        check_file(file)

@@ -4,7 +4,7 @@
 
 import pytest
 
-from checkweigher_dsp.ros.ports import ALL, DIAGNOSTICS, DRIVER_STATUS, PHOTO_EYES, VERDICT
+from checkweigher_dsp.ros.ports import DIAGNOSTICS, DRIVER_STATUS, PHOTO_EYES, RECORDED, VERDICT
 from checkweigher_recording.bags.lanes import find_port, lane_prefix
 
 
@@ -22,7 +22,7 @@ from checkweigher_recording.bags.lanes import find_port, lane_prefix
     ],
 )
 def test_a_topic_is_that_of_a_port_below_a_namespace(name, found):
-    assert find_port(name, ALL) == found
+    assert find_port(name, RECORDED) == found
 
 
 @pytest.mark.parametrize('namespace', ['plant/lane1', '/plant/lane1', 'plant//lane1/'])

@@ -20,7 +20,7 @@ from checkweigher_recording.bags.definitions import typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter, write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
-from checkweigher_recording.whole_file import OutputError, check_new
+from checkweigher_recording.whole_file import OutputError
 
 
 def _files(folder):
@@ -139,11 +139,6 @@ def test_what_exists_is_not_overwritten(tmp_path, recording, make):
     assert os.listdir(tmp_path) == ['bag']
 
 
-def test_a_missing_parent_is_refused(tmp_path, recording):
-    with pytest.raises(OutputError, match='there is no folder'):
-        BagWriter(tmp_path / 'none' / 'bag', PLAYED)
-
-
 def test_a_parent_that_cannot_be_written_to_is_refused(tmp_path):
     parent = tmp_path / 'parent'
     parent.mkdir(mode=0o555)
@@ -154,10 +149,11 @@ def test_a_parent_that_cannot_be_written_to_is_refused(tmp_path):
         write_bag(parent / 'bag', *_little())
 
 
-def test_a_file_as_parent_is_refused(tmp_path):
+@pytest.mark.parametrize('parent', ['none', 'file'])
+def test_a_parent_that_is_no_folder_is_refused(tmp_path, parent):
     (tmp_path / 'file').write_text('')
     with pytest.raises(OutputError, match='there is no folder'):
-        check_new(tmp_path / 'file' / 'bag')
+        BagWriter(tmp_path / parent / 'bag', PLAYED)
 
 
 def _no_file_beyond_4_kb():

@@ -232,7 +232,7 @@ def test_an_edges_file_that_cannot_be_used(tmp_path, changes, message):
 
 @pytest.mark.parametrize(
     ('text', 'message'),
-    [('{', ':1: not JSON'), ('[]', 'not an edges file'), ('[' + '9' * 6000 + ']', 'digits')],
+    [('{', 'not JSON: .*: line 1 column 2'), ('[]', 'not an edges file')],
 )
 def test_an_edges_file_that_is_none(tmp_path, text, message):
     edges = tmp_path / 'log.edges.json'
@@ -245,7 +245,7 @@ def test_files_that_are_missing_or_no_text(tmp_path):
     parameters = ImportParameters(counts_per_kg=1.0)
     with pytest.raises(CsvError, match=r'none\.csv: cannot be read: No such file'):
         import_csv(tmp_path / 'none.csv', parameters, _edges_file(tmp_path))
-    with pytest.raises(CsvError, match=r'none\.json: cannot be read: No such file'):
+    with pytest.raises(CsvError, match=r'^[^:]*none\.json: cannot be read: No such file'):
         import_csv(_log(tmp_path), parameters, tmp_path / 'none.json')
     (tmp_path / 'log.csv').write_bytes(b'1\n2\xff\n')
     with pytest.raises(CsvError, match='not a text file: byte 3'):
