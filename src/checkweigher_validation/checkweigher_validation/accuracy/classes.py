@@ -122,7 +122,7 @@ class AccuracyClass:
         """Return the largest magnitude of the error at a load, kg.
 
         It is that of the mean in category X and that of each weighing in category Y. NaN for a
-        load above the range of the class; ValueError for one that is not positive.
+        load above the range of the class.
         """
         return self._step_of_error(mass, self.category)
 
@@ -134,7 +134,6 @@ class AccuracyClass:
         return self._step_of_error(mass, 'X')
 
     def _step_of_error(self, mass: float, category: str) -> float:
-        _check_positive(mass, 'mass')
         loads = _STEPS[_LIKE.get(self.name, self.name)]
         for bound, error in zip(loads, _ERRORS[category, self.in_service], strict=True):
             if mass <= bound * self.interval * _ON_BOUND:
@@ -145,10 +144,8 @@ class AccuracyClass:
         """Return the largest standard deviation of the error at a load, kg.
 
         Infinity in category Y, which has no such limit. That of a load above 0.3 kg is quoted from
-        memory and not checked against the standard's text. ValueError for a load that is not
-        positive.
+        memory and not checked against the standard's text.
         """
-        _check_positive(mass, 'mass')
         if self.category == 'Y':
             return math.inf
         _, kind, initial, service = next(row for row in _STD_DEV_ROWS if mass <= row[0] * _ON_BOUND)
@@ -278,7 +275,6 @@ def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
 
 def weighings_required(mass: float) -> int:
     """Return how many weighings of a load in kg a verification takes at least."""
-    _check_positive(mass, 'mass')
     return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
 
 
@@ -303,14 +299,9 @@ class Judgement:
         return self.weighings >= self.weighings_required
 
     @property
-    def within_limits(self) -> bool:
-        """Whether both limits are kept, by however many weighings."""
-        return self.error_passed and self.std_dev_passed
-
-    @property
     def passed(self) -> bool:
         """Whether both limits are kept by enough weighings."""
-        return self.within_limits and self.enough_weighings
+        return self.error_passed and self.std_dev_passed and self.enough_weighings
 
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:

@@ -4,10 +4,10 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 import math
 
-from joblib import delayed
 import numpy as np
 
 from checkweigher_dsp.denoising.denoiser import Denoiser
@@ -70,5 +70,5 @@ def evaluate_batches(
     Each set of parameters has another estimator. `n_jobs` counts processes, as in
     `checkweigher_validation.jobs.run_jobs`.
     """
-    calls = [delayed(evaluate_batch)(batch, line) for line in estimators for batch in batches]
+    calls = [partial(evaluate_batch, batch, line) for line in estimators for batch in batches]
     return tuple(chain.from_iterable(run_jobs(calls, n_jobs, 'weighing')))

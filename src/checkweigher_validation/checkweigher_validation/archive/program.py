@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 import hashlib
 from importlib.metadata import version
-from importlib.util import find_spec
+from importlib.resources import files
 from pathlib import Path
 import platform
-import socket
 
 _WEIGHING = ('dsp', 'recording', 'validation')  # what results follow from
 _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
@@ -49,19 +48,11 @@ def other_program(there: Program, here: Program) -> str:
     return f'the worker runs {there}, here is {here}; bring it to the same version'
 
 
-def host() -> str:
-    """Return the name of this machine."""
-    return socket.gethostname()
-
-
 def program_digest(packages: Iterable[str]) -> str:
     """Return the SHA-256 over the Python files of packages of the program, with their names."""
     digest = hashlib.sha256()
     for package in packages:
-        found = find_spec(f'checkweigher_{package}')
-        assert found is not None
-        assert found.submodule_search_locations
-        root = Path(found.submodule_search_locations[0])
+        root = Path(str(files(f'checkweigher_{package}')))
         for file in sorted(root.rglob('*.py')):
             digest.update(f'{package}/{file.relative_to(root).as_posix()}\n'.encode())
             digest.update(file.read_bytes())

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of one bag as a Parquet file: typed columns with their units, and what made them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from decimal import Decimal
+from itertools import islice
 import json
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,8 @@ class BagSummary:
 def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetWriter:
     """Write the rows of a Parquet file as they come; it is whole when `finish` was called."""
     writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
-    for rows in _batches(results):
+    results = iter(results)
+    while rows := list(islice(results, _ROWS)):
         columns = [[_value(column, row) for row in rows] for column in COLUMNS]
         arrays = [
             pa.array(values, field.type) for values, field in zip(columns, SCHEMA, strict=True)
@@ -93,14 +95,3 @@ def _value(column: Column, result: ItemResult) -> Any:
     value = column.value(result)
     is_time = column.kind is ColumnType.TIME and value is not None
     return Decimal(value).scaleb(-9) if is_time else value
-
-
-def _batches(results: Iterable[ItemResult]) -> Iterator[list[ItemResult]]:
-    rows: list[ItemResult] = []
-    for result in results:
-        rows.append(result)
-        if len(rows) == _ROWS:
-            yield rows
-            rows = []
-    if rows:
-        yield rows

@@ -39,6 +39,7 @@ class ResultsFolder:
         self._path = path
         self._names = {job.bag: name for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
+        self._before: dict[str, BagSummary] = {}  # of bags whose results are there
         try:
             path.mkdir(exist_ok=True)
         except OSError as error:
@@ -54,10 +55,10 @@ class ResultsFolder:
     def _known(self, job: WeighJob) -> str:
         """Return the digest of the bag whose results are there, made in the same way, or none."""
         found = read_origin(self.file_of(job.bag))
-        if found is None:
+        if found is None or found[0] != origin_of(job, found[0].bag_sha256):
             return ''
-        digest = found[0].bag_sha256
-        return digest if found[0] == origin_of(job, digest) else ''
+        self._before[job.bag] = found[1]
+        return found[0].bag_sha256
 
     def take(self, weighed: Weighed) -> Weighed:
         """Write the results of a bag; return what became of it, with the summary of those kept.
@@ -71,25 +72,17 @@ class ResultsFolder:
             If they cannot be written.
         """
         file = self.file_of(weighed.bag)
-        if weighed.file is not None:
-            try:
+        try:
+            if weighed.file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise output_error(file, error) from None
-            write_whole(file, weighed.file)
-        elif weighed.broken:
-            try:
+                write_whole(file, weighed.file)
+            elif weighed.broken:
                 file.unlink(missing_ok=True)
-            except OSError as error:
-                raise output_error(file, error) from None
-        elif not weighed.problem:
-            found = read_origin(file)
-            if found is None:
-                problem = f'{file}: was there and is gone; run this again'
-                weighed = replace(weighed, problem=problem)
-            else:
+            elif not weighed.problem:
                 self.kept += 1
-                weighed = replace(weighed, summary=found[1])
+                weighed = replace(weighed, summary=self._before[weighed.bag])
+        except OSError as error:
+            raise output_error(file, error) from None
         self.broken += bool(weighed.problem)
         self._done[weighed.bag] = replace(weighed, file=None)
         return weighed

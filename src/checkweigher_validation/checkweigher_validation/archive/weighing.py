@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 import hashlib
 import json
 import math
 from pathlib import Path
+from socket import gethostname
 import traceback
-
-from joblib import delayed
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.printable import one_line
@@ -25,15 +25,14 @@ from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.recording import Recording
 from checkweigher_recording.scratch import scratch_folder
 from checkweigher_validation.accuracy.results import ErrorSum, ItemResult, weigh_stretches
-from checkweigher_validation.archive.program import Program, host, other_program, program
+from checkweigher_validation.archive.program import Program, other_program, program
 from checkweigher_validation.archive.results_file import (
     BagSummary,
     Origin,
     finish,
     write_results_file,
 )
-from checkweigher_validation.cluster import WorkerLostError
-from checkweigher_validation.jobs import jobs_as_done
+from checkweigher_validation.jobs import WorkerLostError, jobs_as_done
 
 
 @dataclass(frozen=True)
@@ -84,14 +83,14 @@ def weigh_bag(job: WeighJob) -> Weighed:
     broken = False
     try:
         if other := other_program(program(), job.program):
-            return Weighed(job.bag, host(), problem=f'{job.bag}: not weighed: {other}')
+            return Weighed(job.bag, gethostname(), problem=f'{job.bag}: not weighed: {other}')
         with local_bag(job.bag) as bag:
             digest = bag_digest(bag)
             if digest == job.known:
-                return Weighed(job.bag, host())
+                return Weighed(job.bag, gethostname())
             broken = True  # what goes wrong from here on, unless the machine is at fault
             summary, file = _weigh(job, bag, digest)
-            return Weighed(job.bag, host(), summary, file)
+            return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
         problem = str(error)
     except (OSError, MemoryError) as error:
@@ -103,7 +102,7 @@ def weigh_bag(job: WeighJob) -> Weighed:
             f'{job.bag}: {type(error).__name__}: {error}, at line {place.lineno} of '
             f'{Path(place.filename).name}; report this with the bag'
         )
-    return Weighed(job.bag, host(), problem=one_line(problem), broken=broken)
+    return Weighed(job.bag, gethostname(), problem=one_line(problem), broken=broken)
 
 
 def weigh_bags(
@@ -118,7 +117,7 @@ def weigh_bags(
     ClusterLostError
         If the jobs were done by a cluster, and it was lost.
     """
-    with closing(jobs_as_done([delayed(weigh_bag)(job) for job in jobs], n_jobs)) as done:
+    with closing(jobs_as_done([partial(weigh_bag, job) for job in jobs], n_jobs)) as done:
         for number, found in done:
             if isinstance(found, WorkerLostError):
                 bag = jobs[number].bag
@@ -162,8 +161,8 @@ class _Tally:
                 length = len(last.counts) / stretch.load_cell.sample_rate
                 self.begin = stretch.blocks[0].stamp if self.begin is None else self.begin
                 self.end = last.stamp + round(length * NANOSECONDS)
-            found = filter(None, (stretch.unfinished, stretch.doubt))
-            self.notes += (line.removeprefix(self.name) for line in found)
+            if stretch.warning:
+                self.notes.append(stretch.warning.removeprefix(self.name))
             yield stretch
 
     def results(self, results: Iterable[ItemResult]) -> Iterator[ItemResult]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A batch with its items, from results, from their CSV or from the record of the line."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,15 +12,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import Entry
 from checkweigher_dsp.production.audit_trail import RECORD
 from checkweigher_dsp.production.batch_record import RecordError, read_lines, verdict_of
 from checkweigher_dsp.production.recipes import Product, product_of
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision, Verdict
 from checkweigher_validation.accuracy.results import ItemResult
-
-_LARGEST_CSV = 2**30  # bytes
 
 
 class BatchError(ValueError):
@@ -104,9 +101,9 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 def read_csv(path: Path, product: Product) -> Batch:
     """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is none."""
     try:
-        data = read_input(path, _LARGEST_CSV)
-    except (OSError, ValueError) as error:
-        raise BatchError(f'{path}: {getattr(error, "strerror", None) or error}') from None
+        data = path.read_bytes()
+    except OSError as error:
+        raise BatchError(f'{path}: {error.strerror}') from None
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))
     needed = {'item_id', 't3', 'mass_g', 'decision', 'reasons'}
     if missing := sorted(needed - set(rows.fieldnames or ())):
@@ -123,55 +120,42 @@ def read_csv(path: Path, product: Product) -> Batch:
 
 def read_record(path: Path) -> Batch:
     """Return the batch of a record of the line; `RecordError` if it is none."""
-    return _Reader(path).batch()
-
-
-class _Reader:
-    """What has been read of a record."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._begin: dict[str, Any] = {}
-        self._end: dict[str, Any] = {}
-        self._products: dict[str, Product] = {'': Product('', math.nan)}
-        self._items: dict[str, list[BatchItem]] = {}
-        self._stops: list[dict[str, Any]] = []
-        self._corrections: list[dict[str, Any]] = []
-        self._strays = 0
-        take: dict[str, Callable[[dict[str, Any]], object]] = {
-            'begin': self._begin.update, 'end': self._end.update, 'product': self._take_product,
-            'verdict': self._take_verdict, 'stop': self._stops.append,
-            'filler': self._corrections.append,
-        }  # fmt: skip
-        for number, values in enumerate(read_lines(path), 1):
-            try:
-                take.get(values.pop('kind'), lambda _: None)(values)
-            except (KeyError, TypeError, ValueError) as error:
-                raise RecordError(f'{path}:{number}: {error}') from None
-        if not self._begin:
-            raise RecordError(f'{path}: is empty')
-
-    def _take_product(self, values: dict[str, Any]) -> None:
-        product = product_of(values)
-        self._products[product.name] = product
-
-    def _take_verdict(self, values: dict[str, Any]) -> None:
-        verdict = verdict_of(values)
-        if verdict.product and verdict.batch != self._begin['batch']:
-            self._strays += 1
-            return
-        product = self._products.get(verdict.product, self._products[''])
-        self._items.setdefault(product.name, []).append(_item(verdict, product.tare))
-
-    def batch(self) -> Batch:
-        """Return all of it."""
-        parts = [Part(self._products[name], tuple(each)) for name, each in self._items.items()]
-        return Batch(
-            self._begin['batch'], str(self._path), tuple(parts),
-            sha256=hashlib.sha256(self._path.read_bytes()).hexdigest(),
-            begin=str(self._begin['time']), end=str(self._end.get('time', '')),
-            stops=tuple(self._stops), corrections=tuple(self._corrections), strays=self._strays,
-        )  # fmt: skip
+    begin: dict[str, Any] = {}
+    end: dict[str, Any] = {}
+    products = {'': Product('', math.nan)}
+    items: dict[str, list[BatchItem]] = {}
+    told: dict[str, list[dict[str, Any]]] = {'stop': [], 'filler': []}
+    strays = 0
+    for number, values in enumerate(read_lines(path), 1):
+        try:
+            match values.pop('kind'):
+                case 'begin':
+                    begin |= values
+                case 'end':
+                    end |= values
+                case 'product':
+                    product = product_of(values)
+                    products[product.name] = product
+                case 'verdict':
+                    verdict = verdict_of(values)
+                    if verdict.product and verdict.batch != begin['batch']:
+                        strays += 1
+                        continue
+                    product = products.get(verdict.product, products[''])
+                    items.setdefault(product.name, []).append(_item(verdict, product.tare))
+                case 'stop' | 'filler' as kind:
+                    told[kind].append(values)
+        except (KeyError, TypeError, ValueError) as error:
+            raise RecordError(f'{path}:{number}: {error}') from None
+    if not begin:
+        raise RecordError(f'{path}: is empty')
+    return Batch(
+        begin['batch'], str(path),
+        tuple(Part(products[name], tuple(each)) for name, each in items.items()),
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+        begin=str(begin['time']), end=str(end.get('time', '')),
+        stops=tuple(told['stop']), corrections=tuple(told['filler']), strays=strays,
+    )  # fmt: skip
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:

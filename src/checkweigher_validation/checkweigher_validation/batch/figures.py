@@ -98,14 +98,15 @@ def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[
 
 def as_json(batch: Batch, parts: list[PartFigures]) -> dict[str, Any]:
     """Return a report for a program; masses in kg, what is not known None."""
-    return {
+    content: dict[str, Any] = _known({
         'batch': batch.name, 'source': batch.source, 'sha256': batch.sha256 or None,
         'sha256_in_audit_log': batch.in_log,
         'begin': batch.begin or None, 'end': batch.end or None, 'strays': batch.strays,
         'products': [_part_as_json(part) for part in parts],
-        'stops': _known(batch.stops), 'filler': _known(batch.corrections),
-        'changes': _known([asdict(entry) for entry in batch.changes]),
-    }  # fmt: skip
+        'stops': batch.stops, 'filler': batch.corrections,
+        'changes': [asdict(entry) for entry in batch.changes],
+    })  # fmt: skip
+    return content
 
 
 def _part_as_json(part: PartFigures) -> dict[str, Any]:
@@ -113,23 +114,17 @@ def _part_as_json(part: PartFigures) -> dict[str, Any]:
         'product': part.product.name, 'nominal': part.product.nominal, 'tare': part.product.tare,
         'items': part.items, 'decisions': part.decisions, 'reasons': part.reasons,
         'mean': part.mean, 'std_dev': part.std_dev, 'giveaway': part.giveaway,
-        'histogram': {'edges': part.edges.tolist(), 'counts': part.counts.tolist()},
-        'control_chart': None, 'rules': None, 'reference_test': None,
+        'histogram': {'edges': part.edges, 'counts': part.counts},
+        'control_chart': asdict(part.chart) if part.chart else None,
+        'rules': None, 'reference_test': None,
     }  # fmt: skip
-    if part.chart is not None:
-        chart = asdict(part.chart)
-        made['control_chart'] = {
-            name: value.tolist() if isinstance(value, np.ndarray) else value
-            for name, value in chart.items()
-        }
     if part.judgement is not None:
         share = part.judgement.share_below_tu1
         made['rules'] = asdict(part.judgement) | {'share_below_tu1': share}
     if part.reference is not None:
         plan = part.reference.plan.value
         made['reference_test'] = asdict(part.reference) | {'plan': plan}
-    known: dict[str, Any] = _known(made)
-    return known
+    return made
 
 
 def _known(value: Any) -> Any:
@@ -140,4 +135,4 @@ def _known(value: Any) -> Any:
         return {name: _known(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
         return [_known(each) for each in value]
-    return value
+    return _known(value.tolist()) if isinstance(value, np.ndarray) else value

@@ -39,8 +39,8 @@ def attainable_errors(
 
 def _samples(window: WeighWindow) -> int:
     """Return how many samples lie between t1 and t3."""
-    if window.t1 is None or window.t3 is None:
-        raise ValueError(f'item {window.item_id} has no t1 or no t3')
+    assert window.t1 is not None
+    assert window.t3 is not None
     return int((window.t3 - window.t1) / NANOSECONDS * window.sample_rate)
 
 

@@ -45,19 +45,6 @@ from checkweigher_recording.simulation.simulator import (
 _SETTLING = 2.0  # s
 
 
-@dataclass(frozen=True, slots=True)
-class Bound:
-    """Bounds of the standard deviation of one mass, kg.
-
-    `std_dev` holds if the zero is known exactly: no estimate is better. `zero_unknown_std_dev`
-    holds if the zero is known from the signal before the product alone; it is infinite if the
-    signal cannot tell a mass from a zero.
-    """
-
-    std_dev: float
-    zero_unknown_std_dev: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PassModel:
     """Response and noise of a pass, both known before it is recorded.
@@ -71,8 +58,10 @@ class PassModel:
     covariance: NDArray[np.float64]
 
 
-def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> Bound:
-    """Return the Gauss-Markov bounds for a product of a simulated line.
+def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
+    """Return the Gauss-Markov bound of the standard deviation of a mass on a simulated line, kg.
+
+    It holds if the zero is known exactly: no estimate is better.
 
     Parameters
     ----------
@@ -82,42 +71,18 @@ def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) ->
         kg, of the product, above 0.
     before : float
         s, signal before t1 that an estimate may use; the signal after t3 it may not.
-
-    Raises
-    ------
-    ValueError
-        If the mass is not positive or `before` is negative.
     """
     return bound_of(pass_model(parameters, mass, before))
 
 
-def bound_of(model: PassModel) -> Bound:
-    """Return the bounds for a signal whose response and noise are known.
-
-    An unknown zero explains the part of the whitened response that lies along a whitened constant;
-    only the part across it tells the mass. That part is projected out of the response about its
-    mean, for the difference of the two kinds of information cancels where they are nearly equal.
-    If it is no larger than the rounding of the response, `zero_unknown_std_dev` is infinite.
-    """
+def bound_of(model: PassModel) -> float:
+    """Return the bound for a signal whose response and noise are known."""
     root = cholesky(model.covariance, lower=True)
-    tilt = model.response - np.mean(model.response)
-    columns = np.column_stack((model.response, np.ones(len(tilt)), tilt))
-    response, constant, tilt = solve_triangular(root, columns, lower=True).T
-    constant /= norm(constant)
-    across = norm(tilt - constant * (constant @ tilt))
-    rounding = np.finfo(np.float64).eps * norm(model.response) / norm(root, -2)
-    return Bound(
-        std_dev=float(1 / norm(response)),
-        zero_unknown_std_dev=float(1 / across) if across > rounding else math.inf,
-    )
+    return float(1 / norm(solve_triangular(root, model.response, lower=True)))
 
 
 def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:
     """Return response and covariance of a pass; parameters as in `bound`."""
-    if not 0 < mass < math.inf:
-        raise ValueError(f'mass: {mass:g} kg is not a positive number')
-    if not 0 <= before < math.inf:
-        raise ValueError(f'before: {before:g} s is not a length of time')
     simulated = _SimulatedPass(parameters, mass, before)
     response = simulated.response(simulated.load) / mass
     noise = simulated.lines() + simulated.impact() + simulated.white_noise()

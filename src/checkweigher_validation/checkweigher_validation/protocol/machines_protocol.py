@@ -4,10 +4,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
-from joblib import delayed
 import numpy as np
-from numpy.typing import NDArray
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -105,9 +104,10 @@ def run_machine(
     whole = [each for each in test if each.whole]
     errors = attainable_errors([each for each in further if each.whole], whole)
     masses = np.array([each.mass for each in whole])
+    unstated = np.full(len(errors), np.nan)
     attainable = tuple(
         ConditionResult(
-            ATTAINABLE, speed, mass, 'test', errors[masses == mass], _unstated(masses == mass)
+            ATTAINABLE, speed, mass, 'test', errors[masses == mass], unstated[masses == mass]
         )
         for mass in MASSES
     )
@@ -127,7 +127,7 @@ def evaluate_machines(
     The arguments are those of `checkweigher_validation.tuning.tuner.tune`.
     """
     calls = [
-        delayed(run_machine)(protocol, machine, speed, base.segmenter)
+        partial(run_machine, protocol, machine, speed, base.segmenter)
         for machine in protocol.machines
         for speed in protocol.speeds
     ]
@@ -164,7 +164,3 @@ def _weigh(
         Evaluation(title, (*attainable, *evaluate_batches(strangers, untrained, n_jobs)), ()),
         chosen,
     )
-
-
-def _unstated(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-    return np.full(int(chosen.sum()), np.nan)

@@ -4,8 +4,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
-from joblib import delayed
 import numpy as np
 
 from checkweigher_dsp.pipeline.line import LineParameters
@@ -82,17 +82,17 @@ def evaluate_protocol(
     conditions, estimator by estimator, and what was tuned by estimator.
     """
     exact = unchecked(base.segmenter)  # simulated eyes are exact
-    calls = [delayed(run_protocol)(protocol, speed, exact) for speed in protocol.speeds]
-    runs = run_jobs(calls, n_jobs, 'simulating')
-    calls = [delayed(bound)(run.simulation, mass) for run in runs for mass in MASSES]
-    bounds = iter(run_jobs(calls, n_jobs, 'computing the bound'))
+    simulations = [partial(run_protocol, protocol, speed, exact) for speed in protocol.speeds]
+    runs = run_jobs(simulations, n_jobs, 'simulating')
+    computations = [partial(bound, run.simulation, mass) for run in runs for mass in MASSES]
+    bounds = iter(run_jobs(computations, n_jobs, 'computing the bound'))
     groups = [
         SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
     ]
     tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
     batches = []
     for run in runs:
-        bound_of = {mass: next(bounds).std_dev for mass in MASSES}
+        bound_of = {mass: next(bounds) for mass in MASSES}
         for part, passes in (('train', run.train), ('test', run.test)):
             batches.append(Batch(run.speed, part, passes, bound_of))
     lines = [tuned[name].parameters for name in estimators]

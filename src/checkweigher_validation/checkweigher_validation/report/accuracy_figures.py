@@ -81,8 +81,9 @@ def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
     groups = [evaluation.select(speed=speed, part=part) for speed in speeds]
     axes.plot(shown, [3 * GRAMS * average(group).bound for group in groups], **_BOUND)
     _logarithmic(axes)
-    axes.set(xlabel='belt speed, m/min', ylabel='A, g', xticks=shown)
-    axes.set_title('Average over the masses')
+    axes.set(
+        xlabel='belt speed, m/min', ylabel='A, g', xticks=shown, title='Average over the masses'
+    )
 
 
 def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
@@ -110,8 +111,8 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()
     axes.set_xlim(left=0)
-    axes.set_xlabel('A, g')
-    axes.set_title('Average over everything' + (', hollow: the paper' if paper_shown else ''))
+    title = 'Average over everything' + (', hollow: the paper' if paper_shown else '')
+    axes.set(xlabel='A, g', title=title)
 
 
 def _line(number: int, look: Look) -> dict[str, Any]:

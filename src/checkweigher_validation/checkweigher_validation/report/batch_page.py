@@ -59,8 +59,7 @@ def _histogram(part: PartFigures) -> Figure:
     for limit in (part.product.tu1, part.product.tu2):
         if low <= GRAMS * limit <= high:
             axes.axvline(GRAMS * limit, color=MUTED, lw=1.2, ls=(0, (1, 2)))
-    axes.set_xlabel('contents, g')
-    axes.set_ylabel('items')
+    axes.set(xlabel='contents, g', ylabel='items')
     return figure
 
 
@@ -74,6 +73,5 @@ def _chart(chart: ControlChart) -> Figure:
     axes.axhline(GRAMS * chart.centre, color=INK, lw=1.0)
     for limit in (chart.lower, chart.upper):
         axes.axhline(GRAMS * limit, color=INK, lw=1.0, ls=(0, (4, 2)))
-    axes.set_xlabel('subgroup')
-    axes.set_ylabel('mean, g')
+    axes.set(xlabel='subgroup', ylabel='mean, g')
     return figure

@@ -22,8 +22,6 @@ from checkweigher_validation.report import accuracy_figures, content, signal_fig
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
 from checkweigher_validation.report.palette import looks_of
 
-_TEMPLATE = 'report.html.j2'
-
 
 @dataclass(frozen=True, slots=True)
 class Picture:
@@ -53,15 +51,13 @@ def render(
     Raises
     ------
     ValueError
-        If there is nothing to report, or the prepackages have no limits.
+        If the prepackages have no limits.
     """
-    if not evaluation.conditions:
-        raise ValueError('an evaluation without conditions has nothing to report')
     shown = content.Content(evaluation, accuracy_class)
     with rc_context(STYLE):
         accuracy_pictures = list(_accuracy_pictures(evaluation, shown.part))
         signal_pictures = list(_signal_pictures(evaluation.examples))
-    return environment().get_template(_TEMPLATE).render(
+    return environment().get_template('report.html.j2').render(
         evaluation=evaluation, content=shown, part=shown.part, accuracy_class=accuracy_class,
         looks=list(looks_of(evaluation.estimators).values()),
         levels=[f'{100 * level:.0f} %' for level in content.LEVELS],

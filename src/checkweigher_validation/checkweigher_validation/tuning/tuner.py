@@ -4,11 +4,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import compress
 import math
 from typing import Any
 
-from joblib import delayed
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,7 +124,7 @@ def tune(
     if not groups:
         raise TuningError('no whole pass of known mass')
     others = [tuple(other for other in groups if other is not group) for group in groups]
-    calls = [delayed(_attempt)(TUNABLES[name].prepare, groups, base) for name in estimators]
+    calls = [partial(_attempt, TUNABLES[name].prepare, groups, base) for name in estimators]
     prepared = run_jobs(calls, n_jobs, 'preparing')
     tasks = [
         _Task(name, group, line, budget, rest)
@@ -132,8 +132,8 @@ def tune(
         if not isinstance(line, TuningError)
         for group, rest in zip(groups, others, strict=True)
     ]
-    calls = [delayed(_attempt)(_tune_speed, task) for task in tasks]
-    calls += [delayed(_attempt)(_check_fold, task, n) for task in tasks for n in _folds(task.group)]
+    calls = [partial(_attempt, _tune_speed, task) for task in tasks]
+    calls += [partial(_attempt, _check_fold, task, n) for task in tasks for n in _folds(task.group)]
     found = run_jobs(calls, n_jobs, 'tuning')
     failed = [each for each in (*prepared, *found) if isinstance(each, TuningError)]
     if failed and not skip_failing:

@@ -341,15 +341,12 @@ def _load_departures(procedure: Procedure) -> Iterator[str]:
             limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
             limits[step.load] = min(limit, limits.get(step.load, math.inf))
     for load, limit in limits.items():
-        yield from _reference_departure(load, _REFERENCE_SHARE * limit)
-
-
-def _reference_departure(load: Mass, limit: float) -> Iterator[str]:
-    if not COVERAGE * load.uncertainty <= limit:
-        yield (
-            f'Reference {load.name} is known to {GRAMS * COVERAGE * load.uncertainty:g} g (k = 2), '
-            f'which is above a third of the limit, {GRAMS * limit:.3g} g.'
-        )
+        expanded, allowed = COVERAGE * load.uncertainty, _REFERENCE_SHARE * limit
+        if not expanded <= allowed:
+            yield (
+                f'Reference {load.name} is known to {GRAMS * expanded:g} g (k = 2), which is above '
+                f'a third of the limit, {GRAMS * allowed:.3g} g.'
+            )
 
 
 def _late_warm_up(results: Sequence[Result]) -> Iterator[str]:

@@ -111,7 +111,7 @@ def read_procedure(path: Path) -> Procedure:
     try:
         plan = read_plan(texts[StepState.PLAN])
         identity, changes = _identity(texts[StepState.IDENTITY])
-    except ValueError as error:
+    except (KeyError, ValueError) as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None
     recording = read_bag(path)
     blocks = BlockColumns.of(recording.blocks)
@@ -132,15 +132,10 @@ def read_procedure(path: Path) -> Procedure:
 
 
 def _identity(text: str) -> tuple[dict[str, str | None], tuple[str, ...] | None]:
-    """Return what is verified, and what has changed; ValueError if it is not all there."""
+    """Return what is verified, and what has changed; KeyError if it is not all there."""
     found = json.loads(text)
-    changes = found.pop('changes', None) if isinstance(found, dict) else None
-    if not isinstance(found, dict) or set(found) != set(IDENTITY):
-        raise ValueError(f'it must have {", ".join(IDENTITY)}')
-    if not isinstance(changes, list | None):
-        raise ValueError('its changes must be a list')
-    identity = {name: None if found[name] is None else str(found[name]) for name in IDENTITY}
-    return identity, None if changes is None else tuple(map(str, changes))
+    changes = found.pop('changes', None)
+    return {name: found[name] for name in IDENTITY}, None if changes is None else tuple(changes)
 
 
 def item_passes(

@@ -119,11 +119,6 @@ def test_other_masses_are_not_held_against_the_papers(make_evaluation):
     assert len(table[7].split()) == len(table[10].split()) == 9
 
 
-def test_an_evaluation_of_nothing_says_so():
-    assert text_table(Evaluation('empty', (), ())) == 'empty: nothing was evaluated'
-    assert rows_of(Evaluation('empty', (), ())) == []
-
-
 def test_unknown_values_are_dashes_in_the_text_table(make_condition):
     table = text_table(Evaluation('one', (make_condition([], faults=3),), ()))
 

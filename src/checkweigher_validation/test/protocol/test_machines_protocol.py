@@ -17,7 +17,6 @@ from checkweigher_validation.accuracy.machine_tables import (
     family_text,
     ratios,
 )
-from checkweigher_validation.jobs import ALL_CORES
 from checkweigher_validation.protocol.machines_protocol import (
     MASSES,
     MachinesProtocol,
@@ -98,9 +97,7 @@ def test_machines_are_weighed_tuned_and_untrained(short):
 
 @pytest.mark.soak
 def test_all_estimators_on_machines_that_nobody_modelled(capsys):
-    found = evaluate_machines(
-        MachinesProtocol((21, 22, 23)), tuple(ESTIMATORS), LineParameters(), n_jobs=ALL_CORES
-    )
+    found = evaluate_machines(MachinesProtocol((21, 22, 23)), tuple(ESTIMATORS), LineParameters())
     tuned = [each.tuned for each in found]
     with capsys.disabled():
         print('\n' + family_text(found, 'Machines 21 to 23'))

@@ -279,11 +279,6 @@ def test_a_pass_without_an_ideal_is_shown_without_it(make_evaluation, make_examp
     assert not any('what the platform would show' in label for label in figures_of(text))
 
 
-def test_nothing_is_not_reported():
-    with pytest.raises(ValueError, match='nothing to report'):
-        render(Evaluation('empty', (), ()))
-
-
 def test_equal_evaluations_give_equal_files(make_evaluation):
     evaluation = make_evaluation(speeds=(1.0,))
 

@@ -4,7 +4,8 @@
 
 import pytest
 
-from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PlanError, read_plan
+from checkweigher_dsp.parameters import SettingsError
+from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, read_plan
 from checkweigher_validation.verification.steps import StepKind, steps_of
 
 
@@ -41,7 +42,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
-        ('class: XIII', 'class: XV', "class 'XV' is none of"),
+        ('class: XIII', 'class: XV', "line 15: class: class 'XV' is none of"),
         ('factor: 1 ', 'factor: 1.5 ', '1.5 is not 1, 2 or 5'),
         ('e_g: 0.1 ', 'e_g: 0.01 ', 'e: 0.01 g is below 0.1 g, the smallest of class XIII'),
         ('e_g: 0.1 ', 'e_g: 0.3 ', 'e: 0.3 g is not 1, 2 or 5 x 10^k'),
@@ -57,26 +58,42 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
             'prepackages_g: 5 g may be checked by a scale whose error in service is at most '
             '0.09 g (FPackV, Annex 7); that of XIII with e = 0.1 g is 0.1 g',
         ),
-        ('max_g: 600', 'max_g: 300', 'loads: large, 500 g, is not in Min..Max'),
+        ('max_g: 600', 'max_g: 300', 'line 37: loads: large, 500 g, is not in Min..Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is none of the references small"),
         ('loads: [small,', 'loads: [large,', 'loads: large is there twice'),
         ('operator: A. Tester', 'operator: 7', 'operator: 7 is not one line of text'),
         ('operator: A. Tester\n', '', 'operator: is missing'),
-        ('in_service: false', 'in_service: 0', 'in_service: 0 is neither true nor false'),
-        ('mass_g: 74.50', 'mass: 74.50', 'references.small.mass_g: is missing'),
-        ('readings: 5', 'readings: 2.5', 'zero.readings: 2.5 is not whole'),
+        ('in_service: false', 'in_service: 0', 'in_service: 0 is not true or false'),
+        ('    mass_g: 74.50', '   # ', 'line 28: references.small.mass_g: is missing'),
+        ('readings: 5', 'readings: 2.5', 'zero.readings: 2.5 is not a whole number'),
         ('readings: 5', 'times: 5', 'zero.times: no such key'),
         ('minutes: [0, 5,', 'minutes: [5, 5,', 'warm_up.minutes: must go up'),
         ('positions: [left,', 'positions: [right,', 'positions: right is there twice'),
         ('duration_s: 5 ', 'duration_s: .nan ', 'rest.duration_s: nan is not in'),
-        ('machine:  ', 'machine: [', 'no YAML: line'),
+        ('machine:  ', 'machine: [', 'line 6: bad YAML: '),
         ('in_service', 'in_servise', 'in_servise: no such key'),
         ('# Plan', '#' * LONGEST, 'at most 10000: shorten'),
     ],
 )
 def test_what_is_wrong_in_a_plan_is_named(old: str, new: str, message: str):
     assert old in EXAMPLE
-    with pytest.raises(PlanError) as caught:
+    with pytest.raises(SettingsError) as caught:
         read_plan(EXAMPLE.replace(old, new, 1))
     assert message in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+def test_a_plan_of_a_newer_format_may_have_keys_that_are_not_known():
+    newer = 'format: 2\nclimate: wet\n' + EXAMPLE.replace(
+        'mass_g: 74.50', 'mass_g: 74.50\n    box: 3'
+    )
+    assert read_plan(newer).passes == read_plan(EXAMPLE).passes
+    with pytest.raises(SettingsError, match='line 2: climate: no such key; it may have machine, '):
+        read_plan(newer.replace('format: 2', 'format: 1'))
+
+
+def test_what_a_plan_leaves_out_is_the_default():
+    rest = EXAMPLE[EXAMPLE.index('rest:') :]
+    plan = read_plan(EXAMPLE.replace(rest, '').replace('{readings: 5', '{'))
+    assert (plan.duration, plan.tolerance) == (5.0, 1e-4)
+    assert read_plan(EXAMPLE.replace('factor: 1 ', '# ')).accuracy_class.factor == 1.0
