@@ -3,29 +3,36 @@
 """Start the checkweigher line: driver, segmenter, denoise, identifier, reject and product.
 
 The arguments set what differs from run to run; everything else is in the parameter file, and so
-is what the arguments leave out.
+is what the arguments leave out. With lanes:=FILE host:=NAME the file describes lanes on several
+hosts, and the nodes of one host start: see docs/hosts.md.
 """
 
 from functools import partial
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
 from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.utilities import normalize_to_list_of_substitutions, perform_substitutions
 from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.hosts.description import read_line
+from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_bringup.supervision import CANNOT_START
 from checkweigher_dsp.ros.access.enclave import enclave_arguments
 from checkweigher_dsp.ros.ports import NODES
 from checkweigher_dsp.ros.services import OF_MACHINE
 
 RESPAWN_DELAY = 1.0  # s
+LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
+_files = []  # which go when launch ends
 
 # Name, default and description.
 ARGUMENTS = (
@@ -39,6 +46,9 @@ ARGUMENTS = (
     ('rate', '', 'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in '
      'params_file'),
     ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
+    ('remap', '',
+     'topics of nodes under another name, as NODE:TOPIC:=OTHER, separated by spaces: for a node of '
+     'your own between two of the line'),
     ('respawn', 'true',
      'whether a process that has ended is started again; false ends the launch with it'),
     ('folder', '',
@@ -46,8 +56,14 @@ ARGUMENTS = (
      'and with it the nodes dynamic_setting and verifier run beside the line'),
     ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
     ('batch_reports', 'false', 'whether each batch that ends gets a report beside its record'),
+    ('lanes', '', 'description of lanes on several hosts (YAML), in place of the arguments above '
+     'but respawn and page'),
+    ('host', '', 'name of this host in the file lanes'),
     ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
 )  # fmt: skip
+
+
+WITH_LANES = ('respawn', 'page', 'lanes', 'host', 'log_level')
 
 
 def generate_launch_description():
@@ -60,27 +76,21 @@ def generate_launch_description():
 
 
 def make_line(context):
-    """Return the line, in one process or in one for each node."""
+    """Return the line, in one process or in one for each node, or the nodes of one host."""
+    lanes, host = (LaunchConfiguration(name).perform(context) for name in ('lanes', 'host'))
+    if lanes or host:
+        return make_host(context, lanes, host)
     params_file = LaunchConfiguration('params_file').perform(context)
     # Launch would only warn, and run the line without the limits of the product.
     if not Path(params_file).is_file():
         raise RuntimeError(f'params_file: there is no file {params_file}')
     one_process = LaunchConfiguration('one_process')
-    respawn = perform_typed_substitution(
-        context, normalize_typed_substitution(LaunchConfiguration('respawn'), bool), bool
-    )
     # Plain nodes, though driver and reject have a life cycle: they start themselves. The autostart
     # of launch_ros's LifecycleNode acts once, and a node that respawn has started again would wait.
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
-    common = {
-        'namespace': namespace,
-        'output': 'screen',
-        'respawn': respawn,
-        'respawn_delay': RESPAWN_DELAY,
-        'on_exit': partial(on_exit, respawn=respawn),
-    }
-    log_level = ['--log-level', LaunchConfiguration('log_level')]
-    reports = LaunchConfiguration('batch_reports')
+    kept = kept_running(context)
+    common_ros = [*LOG_LEVEL, *remap_arguments(context)]
+    of_line = {'namespace': namespace, 'on_exit': partial(on_exit, respawn=kept['respawn']), **kept}
     files, own = files_and_parameters(context, Path(params_file))
     own['driver'] |= driver_parameters(context)
     own['reject'] |= reject_parameters(context)
@@ -88,39 +98,98 @@ def make_line(context):
         Node(
             package='checkweigher_bringup', executable='line',
             parameters=[*files, *(own[name] for name in NODES)], condition=IfCondition(one_process),
-            ros_arguments=[*log_level, *enclave_arguments(namespace, 'line')], **common,
+            ros_arguments=[*common_ros, *enclave_arguments(namespace, 'line')], **of_line,
         ),
         *(
             Node(
                 package=module.partition('.')[0], executable=name, name=name,
                 parameters=[*files, own[name]],
                 condition=UnlessCondition(one_process),
-                ros_arguments=[*log_level, *enclave_arguments(namespace, name)], **common,
+                ros_arguments=[*common_ros, *enclave_arguments(namespace, name)], **of_line,
             )
             for name, module in NODES.items()
         ),
         *(
             Node(
-                package='checkweigher_bringup', executable=name, output='screen',
-                namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
+                package='checkweigher_bringup', executable=name, namespace=namespace, **kept,
                 parameters=[*files, own[name]],
-                ros_arguments=[*log_level, *enclave_arguments(namespace, name)],
+                ros_arguments=[*common_ros, *enclave_arguments(namespace, name)],
                 condition=IfCondition('true' if own[name] else 'false'),
             )
             for name in OF_MACHINE
         ),
+        make_page(kept),
         Node(
-            package='checkweigher_web', executable='page', output='screen', respawn=respawn,
-            respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('page')),
-            ros_arguments=enclave_arguments('', 'page'),
-        ),
-        Node(
-            package='checkweigher_bringup', executable='batch_reporter', output='screen',
-            namespace=namespace, respawn=respawn, respawn_delay=RESPAWN_DELAY,
+            package='checkweigher_bringup', executable='batch_reporter', namespace=namespace,
             ros_arguments=enclave_arguments(namespace, 'batch_reporter'),
-            condition=IfCondition(reports),
+            condition=IfCondition(LaunchConfiguration('batch_reports')), **kept,
         ),
     ]  # fmt: skip
+
+
+def remap_arguments(context):
+    """Return the ROS arguments of `remap`: each rule is that of the node that it names."""
+    rules = LaunchConfiguration('remap').perform(context).split()
+    for rule in rules:
+        node, _, names = rule.partition(':')
+        # ROS would pass over it, and the line would run without the node between two of its own.
+        if node not in NODES or not all(names.partition(':=')):
+            known = ', '.join(NODES)
+            raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER, with one of {known}')
+    return [word for rule in rules for word in ('--remap', rule)]
+
+
+def make_host(context, lanes, host):
+    """Return the nodes of one host, a process for each lane, in the environment of that line."""
+    if not (lanes and host):
+        raise RuntimeError('lanes and host belong together: the file, and a host of it')
+    for name, default, _ in ARGUMENTS:
+        usual = perform_substitutions(context, normalize_to_list_of_substitutions(default))
+        if name not in WITH_LANES and LaunchConfiguration(name).perform(context) != usual:
+            raise RuntimeError(f'{name}: {lanes} says that; see docs/hosts.md')
+    line = read_line(Path(lanes))
+    kept = kept_running(context)
+    return [
+        *(SetEnvironmentVariable(*each) for each in line.environment().items()),
+        *(
+            Node(
+                package='checkweigher_bringup', executable='line', namespace=share.lane,
+                arguments=list(share.nodes),
+                parameters=[*map(str, share.params), own_file(share)],
+                ros_arguments=[*LOG_LEVEL, *enclave_arguments(share.lane, 'line')],
+                on_exit=partial(on_exit, respawn=kept['respawn']), **kept,
+            )
+            for share in line.shares(host)
+        ),
+        make_page(kept),
+    ]  # fmt: skip
+
+
+def own_file(share):
+    """Return a file with the parameters that the description itself has, while launch runs."""
+    file = NamedTemporaryFile(suffix='.yaml')  # noqa: SIM115
+    _files.append(file)
+    write_parameter_file(Path(file.name), {'product': share.product})
+    return file.name
+
+
+def make_page(kept):
+    """Return the page of all lanes, if it is asked for."""
+    return Node(
+        package='checkweigher_web', executable='page',
+        condition=IfCondition(LaunchConfiguration('page')),
+        ros_arguments=enclave_arguments('', 'page'), **kept,
+    )  # fmt: skip
+
+
+def kept_running(context):
+    """Return the options of a process that is started again, unless `respawn` is false."""
+    respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
+    return {
+        'output': 'screen',
+        'respawn': perform_typed_substitution(context, respawn, bool),
+        'respawn_delay': RESPAWN_DELAY,
+    }
 
 
 def files_and_parameters(context, params_file):

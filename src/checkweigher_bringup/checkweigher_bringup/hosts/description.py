@@ -16,27 +16,27 @@
         product: crisps_150g
       lane2:
         nodes:
-          hall: [driver, reject]
-          server: [product, segmenter, denoise, identifier]
+          hall: [driver, segmenter, reject]
+          server: [product, denoise, identifier]
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 import ipaddress
 from pathlib import Path
 import re
 from typing import Any
 
+from checkweigher_dsp.parameters import SettingsError, parameter
 from checkweigher_dsp.ros.ports import NODES
-from checkweigher_dsp.yaml_files import read_yaml_as
+from checkweigher_dsp.settings_files import Settings, settings_of
+from checkweigher_dsp.yaml_files import opened
 
+# Items are timed by the clock of one host, and announced and judged although the network is down.
+AT_MACHINE = ('driver', 'segmenter', 'reject')
 HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery beside a server
 SERVER_PORT = 11811  # of a discovery server, by eProsima
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
-
-
-class LayoutError(ValueError):
-    """A line description that cannot be used; the message says where and why, in one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +74,9 @@ class LineDescription:
     discovery: str = HOSTS
 
     def shares(self, host: str) -> tuple[Share, ...]:
-        """Return what a host runs; `LayoutError` if there is no such host."""
+        """Return what a host runs; `SettingsError` if there is no such host."""
         if host not in self.hosts:
-            raise LayoutError(
+            raise SettingsError(
                 f'host {host}: not in the line description; it has {_list(self.hosts)}'
             )
         return tuple(
@@ -84,21 +84,6 @@ class LineDescription:
             for lane in self.lanes
             if host in lane.nodes
         )
-
-    def compared_with(self, host: str) -> dict[str, str]:
-        """Return the hosts whose clocks are compared with that of a host, with their addresses.
-
-        These share a lane with it. One that runs no lane is there for nodes of somebody's own,
-        and compared with all.
-        """
-        of_lanes = [set(lane.nodes) for lane in self.lanes]
-        busy = set().union(*of_lanes)
-        shared = set().union(*(hosts for hosts in of_lanes if host in hosts))
-        return {
-            name: address
-            for name, address in sorted(self.hosts.items())
-            if name != host and (name in shared or not {name, host} <= busy)
-        }
 
     def environment(self) -> dict[str, str]:
         """Return the environment by which the nodes of all hosts find each other, and no others."""
@@ -119,117 +104,105 @@ def _values(lane: Lane) -> dict[str, str]:
     return {name: value for name, value in values.items() if value}
 
 
+@dataclass(frozen=True)
+class _LaneEntry(Settings):
+    """A lane as it is described: the host of all nodes, or the nodes of each host."""
+
+    name: str = parameter(text='namespace')
+    host: str = parameter('', 'host of all nodes')
+    nodes: Mapping[str, tuple[str, ...]] = parameter(None, 'nodes by host')
+    params: tuple[str, ...] = parameter((), 'parameter files, the last one wins')
+    recipes: str = parameter('', 'recipe file')
+    product: str = parameter('', 'product at the start, of the recipes')
+
+    @classmethod
+    def prepared(cls, content: Any) -> Any:
+        """Return the table with a list of files where one is named alone."""
+        params = content.get('params') if isinstance(content, dict) else None
+        return {**content, 'params': [params]} if isinstance(params, str) else content
+
+    def __post_init__(self) -> None:
+        _check_name(self.name)
+        if bool(self.host) == (self.nodes is not None):
+            raise SettingsError('needs host (of all nodes) or nodes (by host), one of them')
+        if self.product and not self.recipes:
+            raise SettingsError('needs recipes that have it', 'product')
+        placed = [name for names in (self.nodes or {}).values() for name in names]
+        for host, names in (self.nodes or {}).items():
+            if not names:
+                raise SettingsError('names no node', 'nodes', host)
+            for name in names:
+                if name not in NODES:
+                    raise SettingsError(f'{name!r} is none of {_list(NODES)}', 'nodes', host)
+                if placed.count(name) > 1:
+                    raise SettingsError(f'{name} is there twice', 'nodes', host)
+        if self.nodes is not None and (missing := [name for name in NODES if name not in placed]):
+            raise SettingsError(f'no host has {_list(missing)}', 'nodes')
+        shares = [set(names) for names in (self.nodes or {}).values()]
+        if shares and not any(share.issuperset(AT_MACHINE) for share in shares):
+            text = f'{_list(AT_MACHINE)} are on several hosts; put them on the one at the machine'
+            raise SettingsError(text, 'nodes')
+
+    def lane(self, hosts: Mapping[str, str], folder: Path) -> Lane:
+        """Return the lane; its files are beside the description."""
+        own = self.nodes or {self.host: tuple(NODES)}
+        for host in own:
+            if host not in hosts:
+                place = ('nodes', host) if self.nodes else ('host',)
+                raise SettingsError(
+                    f'{host!r} is none of the hosts {_list(hosts)}', 'lanes', self.name, *place
+                )
+        nodes = {
+            host: tuple(name for name in NODES if name in names) for host, names in own.items()
+        }
+        files = tuple(_file(folder / each, 'lanes', self.name, 'params') for each in self.params)
+        recipes = (
+            _file(folder / self.recipes, 'lanes', self.name, 'recipes') if self.recipes else None
+        )
+        return Lane(self.name, nodes, files, recipes, self.product)
+
+
+@dataclass(frozen=True)
+class LineFile(Settings):
+    """A line as it is described."""
+
+    hosts: Mapping[str, str] = parameter(text='addresses by the names of the hosts')
+    lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by their namespaces')
+    discovery: str = parameter(HOSTS, 'hosts, subnet, or the host of the discovery server')
+
+    def __post_init__(self) -> None:
+        for name, address in self.hosts.items():
+            _check_name(name, 'hosts', name)
+            try:
+                ipaddress.ip_address(address)
+            except ValueError:
+                raise SettingsError(f'{address!r} is no IP address', 'hosts', name) from None
+        if len({ipaddress.ip_address(each) for each in self.hosts.values()}) < len(self.hosts):
+            raise SettingsError('two have the same address', 'hosts')
+        if self.discovery not in (HOSTS, SUBNET, *self.hosts):
+            known = _list((HOSTS, SUBNET, *self.hosts))
+            raise SettingsError(f'{self.discovery!r} is none of {known}', 'discovery')
+
+
 def read_line(path: Path) -> LineDescription:
-    """Return the description of a line; `LayoutError` if the file cannot be used."""
-    content = read_yaml_as(path, LayoutError)
-    try:
-        return _line(content, path.parent)
-    except LayoutError as error:
-        raise LayoutError(f'{path}: {error}') from None
+    """Return the description of a line; `SettingsError` if the file cannot be used."""
+    with opened(path) as content:
+        file = settings_of(LineFile, content)
+        hosts = {name: str(ipaddress.ip_address(each)) for name, each in file.hosts.items()}
+        lanes = tuple(each.lane(hosts, path.parent) for each in file.lanes.values())
+    return LineDescription(hosts, lanes, file.discovery)
 
 
-def _line(content: Any, folder: Path) -> LineDescription:
-    _check_keys('', content, ('hosts', 'lanes'), ('discovery',))
-    hosts = {_name('hosts', n): _address(n, a) for n, a in _table('hosts', content['hosts'])}
-    if len(set(hosts.values())) < len(hosts):
-        raise LayoutError('hosts: two have the same address')
-    discovery = content.get('discovery', HOSTS)
-    if discovery not in (HOSTS, SUBNET, *hosts):
-        raise LayoutError(f'discovery: {discovery!r} is none of {_list((HOSTS, SUBNET, *hosts))}')
-    lanes = tuple(
-        _lane(name, lane, hosts, folder) for name, lane in _table('lanes', content['lanes'])
-    )
-    return LineDescription(hosts, lanes, discovery)
+def _check_name(name: str, *place: object) -> None:
+    if not _NAME.fullmatch(name):
+        text = f'{name!r} is no name: a letter, then letters, digits and _'
+        raise SettingsError(text, *place)
 
 
-def _lane(name: Any, content: Any, hosts: Mapping[str, str], folder: Path) -> Lane:
-    _name('lanes', name)
-    where = f'lanes.{name}'
-    _check_keys(where, content, (), ('host', 'nodes', 'params', 'recipes', 'product'))
-    if ('host' in content) == ('nodes' in content):
-        raise LayoutError(f'{where}: needs host (of all nodes) or nodes (by host), one of them')
-    if 'host' in content:
-        nodes = {_host(f'{where}.host', content['host'], hosts): tuple(NODES)}
-    else:
-        nodes = _nodes(f'{where}.nodes', content['nodes'], hosts)
-    params = content.get('params', [])
-    params = [params] if isinstance(params, str) else params
-    if not isinstance(params, list):
-        raise LayoutError(f'{where}.params: not a list of files')
-    files = tuple(_file(f'{where}.params', each, folder) for each in params)
-    recipes = content.get('recipes')
-    recipe_file = None if recipes is None else _file(f'{where}.recipes', recipes, folder)
-    product = content.get('product', '')
-    if not isinstance(product, str) or (product and recipe_file is None):
-        raise LayoutError(f'{where}.product: needs to be a name, and recipes that have it')
-    return Lane(name, nodes, files, recipe_file, product)
-
-
-def _nodes(where: str, content: Any, hosts: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    placed: set[str] = set()
-    for host, names in _table(where, content):
-        _host(where, host, hosts)
-        if not isinstance(names, list) or not names:
-            raise LayoutError(f'{where}.{host}: not a list of nodes')
-        for name in names:
-            if name not in NODES:
-                raise LayoutError(f'{where}.{host}: {name!r} is none of {_list(NODES)}')
-            if name in placed:
-                raise LayoutError(f'{where}.{host}: {name} stands twice')
-            placed.add(name)
-        found[host] = tuple(name for name in NODES if name in names)
-    if missing := [name for name in NODES if name not in placed]:
-        raise LayoutError(f'{where}: no host has {_list(missing)}')
-    return found
-
-
-def _check_keys(where: str, content: Any, needed: tuple[str, ...], others: tuple[str, ...]) -> None:
-    begin = f'{where}: ' if where else ''
-    if not isinstance(content, dict):
-        raise LayoutError(f'{begin}not a table of {_list((*needed, *others))}')
-    for name in needed:
-        if name not in content:
-            raise LayoutError(f'{begin}has no {name}')
-    for name in content:
-        if name not in (*needed, *others):
-            raise LayoutError(f'{begin}{name!r} is none of {_list((*needed, *others))}')
-
-
-def _table(where: str, content: Any) -> Iterator[tuple[Any, Any]]:
-    if not isinstance(content, dict) or not content:
-        raise LayoutError(f'{where}: not a table with one entry at least')
-    yield from content.items()
-
-
-def _name(where: str, name: Any) -> str:
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise LayoutError(f'{where}: {name!r} is no name: a letter, then letters, digits and _')
-    return name
-
-
-def _address(name: str, address: Any) -> str:
-    try:
-        if isinstance(address, str):
-            return str(ipaddress.ip_address(address))
-    except ValueError:
-        pass
-    raise LayoutError(f'hosts.{name}: {address!r} is no IP address')
-
-
-def _host(where: str, name: Any, hosts: Mapping[str, str]) -> str:
-    if not isinstance(name, str) or name not in hosts:
-        raise LayoutError(f'{where}: {name!r} is none of the hosts {_list(hosts)}')
-    return name
-
-
-def _file(where: str, name: Any, folder: Path) -> Path:
-    if not isinstance(name, str) or not name:
-        raise LayoutError(f'{where}: {name!r} is not a file')
-    path = (folder / name).absolute()
+def _file(path: Path, *place: object) -> Path:
     if not path.is_file():
-        raise LayoutError(f'{where}: there is no file {path}')
-    return path
+        raise SettingsError(f'there is no file {path.absolute()}', *place)
+    return path.absolute()
 
 
 def _list(names: Any) -> str:

@@ -6,10 +6,12 @@ from typing import Any
 import pytest
 import yaml
 
-from checkweigher_bringup.hosts.description import LayoutError, LineDescription, read_line
+from checkweigher_bringup.hosts.description import LineDescription, read_line
+from checkweigher_dsp.parameters import SettingsError
 from checkweigher_dsp.ros.ports import NODES
 
-REST = ['product', 'segmenter', 'denoise', 'identifier']
+MACHINE = ['reject', 'driver', 'segmenter']
+REST = ['product', 'denoise', 'identifier']
 
 
 def content() -> dict[str, Any]:
@@ -18,7 +20,7 @@ def content() -> dict[str, Any]:
         'lanes': {
             'lane1': {'host': 'hall', 'params': 'own.yaml'},
             'lane2': {
-                'nodes': {'hall': ['reject', 'driver'], 'server': REST},
+                'nodes': {'hall': MACHINE, 'server': REST},
                 'recipes': "o'brien.yaml",
                 'product': 'soup',
             },
@@ -40,9 +42,12 @@ def test_each_host_has_its_share(tmp_path: Path):
     assert (whole.name, whole.nodes) == ('lane1/line', tuple(NODES))
     assert whole.params == (tmp_path / 'own.yaml',)
     assert not whole.product
-    assert (part.name, part.nodes) == ('lane2/driver+reject', ('driver', 'reject'))
+    assert (part.name, part.nodes) == (
+        'lane2/driver+segmenter+reject',
+        ('driver', 'segmenter', 'reject'),
+    )
     (other,) = line.shares('server')
-    assert other.nodes == ('product', 'segmenter', 'denoise', 'identifier')
+    assert other.nodes == ('product', 'denoise', 'identifier')
     assert {*part.nodes, *other.nodes} == set(NODES)
     assert other.product == {'recipes': str(tmp_path / "o'brien.yaml"), 'product': 'soup'}
 
@@ -61,18 +66,8 @@ def test_hosts_find_each_other_and_no_others(tmp_path: Path):
     assert read(tmp_path, one).environment() == {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 
-def test_clocks_are_compared_where_hosts_share_a_lane_or_run_none(tmp_path: Path):
-    described = content()
-    described['hosts'] |= {'attic': '10.75.0.3', 'eyes': '10.75.0.4'}
-    described['lanes']['lane3'] = {'host': 'attic'}
-    line = read(tmp_path, described)
-    assert line.compared_with('hall') == {'eyes': '10.75.0.4', 'server': '10.75.0.2'}
-    assert [*line.compared_with('attic')] == ['eyes']
-    assert [*line.compared_with('eyes')] == ['attic', 'hall', 'server']
-
-
 def test_a_host_that_is_not_there(tmp_path: Path):
-    with pytest.raises(LayoutError, match=r'host attic: .* it has hall, server'):
+    with pytest.raises(SettingsError, match=r'host attic: .* it has hall, server'):
         read(tmp_path, content()).shares('attic')
 
 
@@ -92,37 +87,47 @@ def changed(path: str, value: object) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ('line', 'message'),
     [
-        ('[', 'not a YAML file: line 1'),
-        ('hosts: {}\nhosts: {}', 'hosts stands twice'),
-        ('- 1', 'not a table of hosts, lanes, discovery'),
-        (changed('hosts', None), 'has no hosts'),
-        (changed('lanes', {}), 'lanes: not a table with one entry'),
-        (changed('hots', {}), "'hots' is none of hosts, lanes, discovery"),
+        ('[', 'line 1: bad YAML'),
+        ('hosts: {}\nhosts: {}', 'line 2: .* hosts is there twice'),
+        ('- 1', 'line 1: .* is no table with hosts, lanes, discovery'),
+        (changed('hosts', None), 'hosts: is missing'),
+        (changed('lanes', {}), 'lanes: is missing'),
+        (changed('hots', {}), 'line 4: hots: no such key; it may have hosts, lanes, discovery'),
         (changed('hosts.hall', 'hall.local'), "hosts.hall: 'hall.local' is no IP address"),
         (changed('hosts.hall', '10.75.0.2'), 'two have the same address'),
         (changed('discovery', 'everywhere'), "discovery: 'everywhere' is none of hosts, subnet"),
-        (changed('lanes.1', {'host': 'hall'}), "lanes: '1' is no name"),
+        (changed('lanes.1', {'host': 'hall'}), "lanes.1: '1' is no name"),
         (changed('lanes.lane1.host', 'attic'), "lanes.lane1.host: 'attic' is none of the hosts"),
         (changed('lanes.lane1.nodes', {}), 'needs host .* or nodes .*, one of them'),
         (changed('lanes.lane1.host', None), 'needs host .* or nodes .*, one of them'),
-        (changed('lanes.lane1.params', 3), 'lanes.lane1.params: not a list'),
+        (changed('lanes.lane1.params', 3), 'lanes.lane1.params: 3 is not a list'),
         (changed('lanes.lane1.params', 'no.yaml'), 'lanes.lane1.params: there is no file'),
         (changed('lanes.lane1.product', 'soup'), 'lanes.lane1.product: .* recipes'),
-        (changed('lanes.lane2.nodes.hall', ['driver']), 'lanes.lane2.nodes: no host has reject'),
+        (changed('lanes.lane2.nodes.hall', ['driver']), 'no host has segmenter, reject'),
+        (
+            changed('lanes.lane2.nodes', {'hall': MACHINE[:2], 'server': [MACHINE[2], *REST]}),
+            'lanes.lane2.nodes: driver, segmenter, reject are on several hosts; put them on the',
+        ),
         (changed('lanes.lane2.nodes.hall', ['drive']), "'drive' is none of driver, product"),
         (
             changed('lanes.lane2.nodes.server', ['driver', *REST]),
-            'lanes.lane2.nodes.server: driver stands twice',
+            'lanes.lane2.nodes.hall: driver is there twice',
         ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(line: object, message: str, tmp_path: Path):
-    with pytest.raises(LayoutError, match=message) as error:
+    with pytest.raises(SettingsError, match=message) as error:
         read(tmp_path, line)
     assert str(error.value).startswith(f'{tmp_path / "line.yaml"}: ')
     assert '\n' not in str(error.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path):
-    with pytest.raises(LayoutError, match=r'line\.yaml: No such file'):
+    with pytest.raises(SettingsError, match=r'line\.yaml: No such file'):
         read_line(tmp_path / 'line.yaml')
+
+
+def test_a_description_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Path):
+    newer = {**changed('lanes.lane1.colour', 'blue'), 'format': 2, 'hall': 'north'}
+    assert read(tmp_path, newer) == read(tmp_path, content())
+    assert read(tmp_path, {**content(), 'format': 1}).discovery == 'hosts'

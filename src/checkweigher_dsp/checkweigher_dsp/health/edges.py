@@ -14,15 +14,6 @@ _MANY_UNCHECKED = 0.5  # share of the items
 _FEWEST = 10  # items
 
 
-_ASPECT = 'Eyes and samples'
-
-
-def clocks_finding(apart: str) -> Finding:
-    """Return the aspect where nothing can be said for the clocks, for the reason `apart`."""
-    hint = 'see "Clock of" in /diagnostics, and docs/hosts.md; or stamp both on one host'
-    return conclude(_ASPECT, '', [Concern(Level.ERROR, apart, hint)])
-
-
 def edges_finding(check: EdgeCheck) -> Finding:
     """Return the aspect Eyes and samples."""
     lag, change, reference = (_MILLI * value for value in (check.lag, check.change, check.learned))
@@ -51,4 +42,4 @@ def edges_finding(check: EdgeCheck) -> Finding:
         hint = 'leave at least 0.06 s of empty belt before each item'
         found.append(Concern(Level.WARN, text, hint))
     well = 'no item yet' if math.isnan(lag) else f'the load comes on {lag:+.1f} ms from the eyes'
-    return conclude(_ASPECT, well, found, values)
+    return conclude('Eyes and samples', well, found, values)

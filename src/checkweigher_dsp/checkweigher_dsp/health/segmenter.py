@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.health.edges import clocks_finding, edges_finding
+from checkweigher_dsp.health.edges import edges_finding
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.items import FaultWatch
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
@@ -76,12 +76,8 @@ class SegmenterWatch:
         counts: NDArray[np.int32] = segmenter.idle_belt()
         self._noise.add(now, counts / segmenter.load_cell.counts_per_kg)
 
-    def findings(self, now: float, offset_of_clocks: float, apart: str = '') -> list[Finding]:
-        """Return all aspects.
-
-        `offset_of_clocks`: time of day less `now`, s. `apart`: why stamps of samples and edges
-        cannot be compared, empty if they can.
-        """
+    def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
+        """Return all aspects; `offset_of_clocks`: time of day less `now`, s."""
         self._eyes.look(now)
         if self._load_cell is None:
             return [self._without_load_cell(now)]
@@ -90,14 +86,11 @@ class SegmenterWatch:
             self._stream(now),
             self._samples.clock.finding(offset_of_clocks),
             self._eyes.finding(now),
-            *([clocks_finding(apart)] if apart else self._edges()),
+            *([] if self._edge_check is None else [edges_finding(self._edge_check)]),
             self._zero.finding(now),
             self._noise.finding(now),
             self._items.finding(now),
         ]
-
-    def _edges(self) -> list[Finding]:
-        return [] if self._edge_check is None else [edges_finding(self._edge_check)]
 
     def _without_load_cell(self, now: float) -> Finding:
         found = []

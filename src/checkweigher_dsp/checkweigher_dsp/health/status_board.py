@@ -12,6 +12,7 @@ from checkweigher_dsp.printable import counted, one_line
 from checkweigher_dsp.records import Decision
 from checkweigher_dsp.ros.ports import NODES, STAGES
 
+HOST = 'host'  # value of a node's own status: the name of the computer it runs on
 _SILENCE = 3.0  # s, three of its periods
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
 
@@ -50,6 +51,15 @@ class StatusBoard:
         with self._lock:
             for node, rows in reported.items():
                 self._nodes[node] = now, rows
+
+    def hosts(self) -> dict[str, set[str]]:
+        """Return the names of the hosts on which the nodes of each lane ran when last heard."""
+        found: dict[str, set[str]] = {}
+        with self._lock:
+            for node, (_, rows) in self._nodes.items():
+                names = {value for row in rows for key, value in row.values if key == HOST}
+                found.setdefault(node.rpartition('/')[0], set()).update(names)
+        return found
 
     @property
     def heard(self) -> bool:

@@ -4,7 +4,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from checkweigher_dsp.health.findings import Concern, Level, RecentItems, RecentValues, conclude
@@ -48,16 +47,6 @@ def test_the_slope_is_that_of_the_values_that_are_there():
     assert recent.slope == 1.0
     recent.forget(20.0)
     assert math.isnan(recent.slope)
-
-
-@pytest.mark.parametrize('count', [1, 2, 3, 20, 101])
-def test_quantiles_are_those_of_numpy(count: int):
-    recent = RecentValues()
-    values = np.random.default_rng(count).normal(size=count)
-    for value in values:
-        recent.add(1.0, float(value))
-    for share in (0.0, 0.3, 0.5, 0.95, 1.0):
-        assert recent.quantile(share) == pytest.approx(np.quantile(values, share), rel=1e-12)
 
 
 def test_values_span_a_time():

@@ -9,13 +9,13 @@ import socket
 import subprocess
 import sys
 from tempfile import TemporaryDirectory
+import time
 
 from graph import wait_for
 import pytest
 
-from checkweigher_bringup.hosts.chrony import COMMAND, Chrony, read_tracking
-from checkweigher_bringup.hosts.clocks import HostClocks, answering
-from checkweigher_dsp.health.host_clocks import LARGEST_OFFSET, KeptClock
+from checkweigher_dsp.health.findings import Finding, Level
+from checkweigher_dsp.health.host_clock import COMMAND, HostClock, tracking_finding
 
 # As chronyc 4.3 printed it; times in s.
 FOLLOWS = (
@@ -27,24 +27,50 @@ LEADS = (
     '0.000000000,0.000000000,0.0,Normal\n'
 )
 LOST = '00000000,,0,0.0,0.0,0.0,0.0,0.0,0.0,0.0,1.0,1.0,0.0,Not synchronised\n'
+DRIFTING = FOLLOWS.replace('0.000000786', '0.150000000')
 
 
 def test_the_bound_is_that_of_the_manual_of_chronyc():
-    kept = read_tracking(FOLLOWS)
-    assert kept is not None
-    assert kept.reference == 0x7F000001
-    assert kept.bound == pytest.approx(1.668e-6 + 0.786e-6 + 5.596e-6 / 2, abs=1e-12)
+    finding = tracking_finding(FOLLOWS)
+    assert finding.level == Level.OK
+    expected = 1e3 * (1.668e-6 + 0.786e-6 + 5.596e-6 / 2)
+    assert finding.values['bound_ms'] == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize('text', [LEADS, LOST, '', '506 Cannot talk to daemon\n', FOLLOWS[:60]])
-def test_a_clock_that_follows_nobody_is_not_kept(text: str):
-    assert read_tracking(text) is None
+@pytest.mark.parametrize(
+    ('text', 'level', 'said'),
+    [
+        (LEADS, Level.OK, 'chrony follows this clock itself'),
+        (LOST, Level.WARN, 'not synchronised'),
+        (DRIFTING, Level.WARN, 'right to 150 ms'),
+        ('', Level.WARN, 'does not answer'),
+        ('506 Cannot talk to daemon\n', Level.WARN, 'does not answer'),
+        (FOLLOWS[:60], Level.WARN, 'does not answer'),
+    ],
+)
+def test_a_clock_that_nothing_keeps_is_told_of(text: str, level: Level, said: str):
+    finding = tracking_finding(text)
+    assert finding.level == level
+    assert said in finding.message
 
 
-@pytest.mark.parametrize('command', [('/nowhere/chronyc',), (sys.executable, '-c', 'exit(1)')])
-def test_without_chrony_nothing_is_known(command: tuple[str, ...]):
-    with Chrony(command) as chrony:
-        assert chrony.kept is None
+def test_a_host_without_chrony_is_no_fault():
+    finding = HostClock(('/nowhere/chronyc',)).finding(0.0)
+    assert (finding.level, finding.text) == (Level.OK, 'not checked: there is no chrony here')
+
+
+def answer(clock: HostClock) -> Finding:
+    """Return the finding once the command has answered."""
+    wait_for(lambda: clock.finding(time.monotonic()).text != 'not known yet')
+    return clock.finding(time.monotonic())
+
+
+def test_a_command_that_hangs_is_ended():
+    clock = HostClock((sys.executable, '-c', 'import time; time.sleep(1000)'))
+    clock.finding(0.0)
+    assert clock.finding(9.0).text == 'not known yet'
+    clock.finding(11.0)
+    wait_for(lambda: clock.finding(12.0).text == 'chrony does not answer')
 
 
 @contextmanager
@@ -76,30 +102,6 @@ def test_two_clocks_that_a_real_chrony_keeps():
     with TemporaryDirectory() as one, TemporaryDirectory() as other, ExitStack() as stack:
         leader = stack.enter_context(chronyd(Path(one), *serves))
         follower = stack.enter_context(chronyd(Path(other), *follows))
-        alone = stack.enter_context(Chrony(leader))
-        found = stack.enter_context(Chrony(follower))
-        wait_for(lambda: found.kept is not None)
-        assert alone.kept is None
-        assert found.kept is not None
-        assert found.kept.reference == 0x7F000001
-        assert 0 < found.kept.bound < LARGEST_OFFSET / 2
-        assert_told(found)
-
-
-def assert_told(kept: Chrony) -> None:
-    """The other host hears of it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(('127.0.0.2', 0))
-        port = int(free.getsockname()[1])
-    clocks = HostClocks('127.0.0.1', {'server': '127.0.0.2'}, port, kept)
-    try:
-        with answering('127.0.0.2', port, chrony=kept):
-            wait_for(lambda: float(clocks.findings()[0].values['bound_by_chrony_ms']) < 0.2)
-    finally:
-        clocks.close()
-
-
-def test_what_chrony_says_there_is_told_here():
-    told = Chrony()
-    told.kept = KeptClock(5, 1e-5)
-    assert_told(told)
+        wait_for(lambda: answer(HostClock(follower)).level == Level.OK)
+        assert 0 < float(answer(HostClock(follower)).values['bound_ms']) < 0.1
+        assert answer(HostClock(leader)).text == 'chrony follows this clock itself (local)'
