@@ -6,6 +6,7 @@ The figures are those of ``python bench/graph.py --only batch``.
 """
 
 from dataclasses import dataclass
+from functools import partial
 import os
 from pathlib import Path
 import subprocess
@@ -13,13 +14,14 @@ import sys
 import tempfile
 import time
 
-from joblib import Parallel, delayed, parallel_config
 from kernels import varied, windows_of
+from loky import get_reusable_executor
 from rosbags.rosbag2 import Reader
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.records import NANOSECONDS, WeighWindow
+from checkweigher_validation.jobs import ONE_THREAD
 
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']
 _LONG = 1.0  # s, of a measurement of windows
@@ -75,11 +77,10 @@ def _window_speeds(speed: int, repetitions: int) -> Speeds:
     windows = windows_of(speed)
     cores = len(os.sched_getaffinity(0))
     speeds = Speeds(f'windows {speed} m/min', '1/s', 5000.0, [], [])
-    with parallel_config('loky', n_jobs=cores, inner_max_num_threads=1):
-        for _ in range(repetitions):
-            for count, values in ((cores, speeds.values), (1, speeds.references)):
-                calls = [delayed(_windows_a_second)(windows, number) for number in range(count)]
-                values.append(sum(Parallel()(calls)))
+    for _ in range(repetitions):
+        for count, values in ((cores, speeds.values), (1, speeds.references)):
+            processes = get_reusable_executor(count, env=ONE_THREAD)
+            values.append(sum(processes.map(partial(_windows_a_second, windows), range(count))))
     return speeds
 
 

@@ -38,9 +38,7 @@ from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.access.gate import LockParameters
 from checkweigher_dsp.ros.services import SERVICES, Service
-from checkweigher_dsp.ros.stage_node import GraphParameters
 from checkweigher_recording.simulation.simulator import OperationParameters
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -59,8 +57,6 @@ NODES: dict[str, type[Parameters]] = {
 # The parameter sets by the title of their section, each with what its names begin with.
 SETS: dict[str, tuple[str, type[Parameters]]] = {
     **{node: ('', parameters) for node, parameters in NODES.items()},
-    'every node': ('', GraphParameters),
-    'every node, lock': ('', LockParameters),
     'dynamic_setting, commissioning': ('', DynamicSettingParameters),
     'verifier, commissioning': ('', VerifierParameters),
     **{f'driver, source {name}': (f'{name}.', source_class(name).parameters) for name in SOURCES},
@@ -130,6 +126,12 @@ def topics_in_short() -> str:
 def qos(port: ports.Port) -> tuple[str, str, str]:
     """Return reliability, durability and depth of a port's publisher."""
     durability = 'transient local' if port.history.latched else 'volatile'
+    if port.holds:
+        deadline = 1e-9 * port.qos.deadline.nanoseconds
+        durability += f', deadline {deadline:.2f} s, lifespan {port.holds:g} s'
+    if port.lease:
+        lease = 1e-9 * port.qos.liveliness_lease_duration.nanoseconds
+        durability += f', liveliness automatic {lease:.2f} s'
     return 'reliable', durability, str(port.history.depth)
 
 

@@ -30,7 +30,6 @@ KEYS = {
     'fsspec': 'python3-fsspec',
     'hypothesis': 'python3-hypothesis',
     'jinja2': 'python3-jinja2',
-    'joblib': 'python3-joblib',
     'markupsafe': 'python3-jinja2',  # which returns its type
     'matplotlib': 'python3-matplotlib',
     'numpy': 'python3-numpy',

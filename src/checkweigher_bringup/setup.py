@@ -29,7 +29,6 @@ setup(
             'batch_reporter = checkweigher_bringup.batch_reporter:main',
             'dynamic_setting = checkweigher_bringup.commissioning.dynamic_setting:main',
             'line = checkweigher_bringup.line:main',
-            'supervisor = checkweigher_bringup.hosts.supervisor:main',
             'checkweigher = checkweigher_bringup.cli:main',
             'verifier = checkweigher_bringup.commissioning.verifier:main',
         ],

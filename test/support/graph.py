@@ -56,10 +56,10 @@ def heard(node: Node, topic: Port, *, latched: bool = False) -> 'queue.SimpleQue
     return messages
 
 
-def make_stages(**everywhere: object) -> list[Node]:
-    """Make all stages, for bags that come faster than their time, with parameters of each."""
+def make_stages() -> list[Node]:
+    """Make all stages, for bags that come faster than their time."""
     return [
-        make({**everywhere, 'deadlines': False} if name == 'reject' else everywhere)
+        make({'deadlines': False} if name == 'reject' else None)
         for name, make in STAGE_NODES.items()
     ]
 

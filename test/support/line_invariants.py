@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 import heapq
+import math
 
 from spoilt_lines import CELL, EDGES, LENGTH, MS, START, Event, SpoiltLine
 
@@ -15,13 +16,17 @@ from checkweigher_dsp.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
+    Item,
     MassEstimate,
     SampleBlock,
+    StreamState,
+    StreamStatus,
     Verdict,
 )
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Of the mass. The masses and their sums differ by more; without disturbances a window that is
 # whole is far better.
@@ -37,6 +42,7 @@ def parameters(estimator: str, *, length_known: bool) -> LineParameters:
 
 
 _FAR_OFF = 0.03  # of the mass
+STALL_TIME = 100 * MS  # ns, after which the segmenter node goes by the eyes alone
 _NAMES = {edge: name for name, edge in EDGES.items()}
 
 
@@ -103,34 +109,73 @@ def weigh(line: SpoiltLine, known: LineParameters) -> list[tuple[int, Weighing]]
 
 
 def verdicts_in_time(
-    line: SpoiltLine, weighed: Sequence[tuple[int, Weighing]], delays: Sequence[int | None]
-) -> list[Verdict]:
+    line: SpoiltLine, known: LineParameters, weighed: Sequence[tuple[int, Weighing]],
+    delays: Sequence[int | None],
+) -> list[Verdict]:  # fmt: skip
     """Run the reject stage alone, on a clock, with estimates that come late or never.
 
     Parameters
     ----------
     line : SpoiltLine
-        Its edges are what the stage counts.
+        Its edges, and its items as a segmenter announces them, come when they happen.
+    known : LineParameters
+        Those of the segmenter.
     weighed : sequence of (int, Weighing)
         Their estimates come by ``delays``.
     delays : sequence of int or None
         ns after they were made, None for never; taken in turn.
     """
     stage = RejectStage(RejectParameters(), CELL.weigh_length)
-    late: list[tuple[int, EyeEdge | MassEstimate]] = []
+    late: list[tuple[int, Item | EyeEdge | MassEstimate | StreamStatus]] = []
     for number, (when, weighing) in enumerate(weighed):
         delay = delays[number % len(delays)]
         if delay is not None:
             late.append((when + delay, weighing.estimate))
     edges = [(when, e) for when, e in with_last(line) if not isinstance(e, SampleBlock)]
     verdicts: list[Verdict] = []
-    for now, event in heapq.merge(edges, sorted(late, key=_when), key=_when):
+    records = heapq.merge(edges, _announcements(line, known), sorted(late, key=_when), key=_when)
+    for now, record in records:
         while stage.due is not None and stage.due < now:
             verdicts += stage.advance(stage.due)
-        verdicts += stage.take(event, now)
+        if isinstance(record, StreamStatus):
+            stage.hear_segmenter(record)
+        else:
+            verdicts += stage.take(record, now)
     while stage.due is not None:
         verdicts += stage.advance(stage.due)
     return verdicts
+
+
+def _announcements(
+    line: SpoiltLine, known: LineParameters
+) -> list[tuple[int, Item | StreamStatus]]:
+    """Return what the segmenter says and when: items, and how far it is.
+
+    It goes by the eyes alone where samples stall.
+    """
+    segmenter = Segmenter(CELL, known.segmenter)
+    said: list[tuple[int, Item | StreamStatus]] = []
+
+    def say(now: int) -> None:
+        said.extend((now, item) for item in segmenter.take_announced())
+        if segmenter.last_edge is not None:
+            counts = segmenter.samples, segmenter.edges
+            status = StreamStatus(0, 0, StreamState.RUNNING, *counts, last_edge=segmenter.last_edge)
+            said.append((now, status))
+
+    stalled = math.inf  # when the segmenter goes by the eyes alone
+    for now, event in with_last(line):
+        if stalled <= now:
+            segmenter.go_by_edges()
+            say(round(stalled))
+            stalled = math.inf
+        segmenter.take(event)
+        say(now)
+        waits = segmenter.edges_wait and not isinstance(event, SampleBlock)
+        stalled = min(stalled, now + STALL_TIME) if waits else math.inf
+    segmenter.finish()
+    say(now + STALL_TIME)
+    return said
 
 
 def with_last(line: SpoiltLine, behind: int = 4 * NANOSECONDS) -> list[tuple[int, Event]]:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-import subprocess
-import sys
 
 from browsers import text_of, until
 from selenium.common.exceptions import WebDriverException
@@ -15,7 +13,7 @@ from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
-from served_page import served
+from served_page import line_of, served
 import yaml
 
 from checkweigher_dsp.production.audit_log import read_log
@@ -91,16 +89,9 @@ def running_line(folder: Path, *, audit: bool = True, **driver: object) -> Itera
             'audit_log': str(folder / 'audit.log') if audit else '',
         },
     }  # fmt: skip
-    sections = {f'/**/{node}': {'ros__parameters': each} for node, each in values.items()}
-    (folder / 'line.yaml').write_text(yaml.safe_dump(sections))
-    words = ['-m', 'checkweigher_bringup.cli', 'run', '--params', str(folder / 'line.yaml')]
-    running = subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL)
-    try:
-        with served('--users', str(folder / 'users')) as (_, port):
-            yield Line(port, folder)
-    finally:
-        running.terminate()
-        running.wait()
+    users = '--users', str(folder / 'users')
+    with line_of(folder / 'line.yaml', values), served(*users) as (_, port):
+        yield Line(port, folder)
 
 
 @contextmanager
@@ -111,21 +102,14 @@ def new_line(
 
     `values` are parameters by node, `options` those of the page.
     """
-    users, params = folder / 'users', folder / 'params.yaml'
+    users, machine = folder / 'users', folder / 'machine'
     add_users(users)
-    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
-    params.write_text(yaml.safe_dump(sections))
-    machine = folder / 'machine'
-    words = 'run', '--folder', str(machine), '--params', str(params)
-    running = subprocess.Popen(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
-    )
-    try:
-        with served('--users', str(users), '--keep', str(folder), *options) as (_, port):
-            yield Line(port, machine)
-    finally:
-        running.terminate()
-        running.wait()
+    page = '--users', str(users), '--keep', str(folder), *options
+    with (
+        line_of(folder / 'params.yaml', values, '--folder', str(machine)),
+        served(*page) as (_, port),
+    ):
+        yield Line(port, machine)
 
 
 class Person:

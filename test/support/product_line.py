@@ -4,6 +4,7 @@
 
 from array import array
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 import queue
 from typing import Any
@@ -15,6 +16,7 @@ from running import PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
+from checkweigher_dsp.nodes.identifier import IdentifierNode
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.production.audit_log import Entry, read_log
 from checkweigher_dsp.records import (
@@ -26,6 +28,7 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import stamp_from, to_message
+from checkweigher_dsp.ros.outputs import Output
 
 RECIPES = """
 products:
@@ -50,8 +53,18 @@ TU1_GROSS = 0.14325 + 0.004
 BELT = LoadCell(960.0, 5e5, 1.25e6, -(2**23), 2**23 - 1, 7.2, 0.2)
 
 
+class Unheard(IdentifierNode):
+    """An identifier in whose place the operator publishes estimates."""
+
+    def held_output(self, port: ports.Port, answer: ports.Port | None = None) -> Output:
+        return super().held_output(replace(port, name='unheard'), answer)
+
+
 class Line:
-    """Stages and product node on one executor, and an operator beside them."""
+    """Stages and product node on one executor, and an operator beside them.
+
+    The identifier `weighs` a stream of a driver, or the operator has items judged.
+    """
 
     def __init__(
         self,
@@ -59,18 +72,19 @@ class Line:
         folder: Path,
         without: str = '',
         needs_product: bool = False,
+        weighs: bool = False,
         **parameters: object,
     ) -> None:
         self.spinner = spinner
         self.recipes = folder / 'recipes.yaml'
         self.recipes.write_text(RECIPES, encoding='utf-8')
         self.log = folder / 'audit.log'
+        self._identifier = IdentifierNode if weighs else Unheard
         # Without deadlines, for a bag comes faster than its time.
-        own = {'allowed_publishers': 'operator'}
-        self.for_reject = {'deadlines': False, 'needs_product': needs_product, **own}
+        self.for_reject = {'deadlines': False, 'needs_product': needs_product}
         self.stages = {name: self.make(name) for name in STAGE_NODES if name != without}
         self.product = ProductNode(
-            {'recipes': str(self.recipes), 'audit_log': str(self.log), **own, **parameters}
+            {'recipes': str(self.recipes), 'audit_log': str(self.log), **parameters}
         )
         self.operator = Node('operator')
         self.verdicts: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -79,11 +93,14 @@ class Line:
         self.judged = 0
         self.listen(ports.VERDICT, self.verdicts.put)
         self.listen(ports.STATISTICS, self.statistics.append)
+        self.products: list[Any] = []  # by which items are judged
+        self.listen(ports.PRODUCT_IN_USE, self.products.append)
         for node in (*self.stages.values(), self.product, self.operator):
             spinner.add(node)
 
     def make(self, name: str) -> Any:
-        return STAGE_NODES[name](self.for_reject if name == 'reject' else None)
+        kind = self._identifier if name == 'identifier' else STAGE_NODES[name]
+        return kind(self.for_reject if name == 'reject' else None)
 
     def restart(self, name: str) -> None:
         """Destroy a stage and put another one in its place."""
@@ -102,6 +119,9 @@ class Line:
 
     def select(self, product: str) -> Any:
         return self.call(SelectProduct, 'select_product', product=product)
+
+    def wait_for_product(self, name: str) -> None:
+        wait_for(lambda: bool(self.products) and self.products[-1].product == name)
 
     def judge(self, mass: float, length: float = 0.1, reasons: tuple[str, ...] = ()) -> Any:
         """Have an item of a mass pass the eyes and be judged, and return its verdict."""

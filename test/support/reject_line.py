@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A reject node alone, with a test in the place of the other nodes of its line."""
 
+from dataclasses import replace
+
 from checkweigher_msgs.msg import StopRequest, Verdict
 from graph import heard, publish, wait_for
 from rclpy.node import Node
@@ -10,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import Spinner
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, MassEstimate
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 
@@ -45,19 +47,28 @@ class RejectLine:
         self.edges = self.node.create_publisher(
             ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
         )
+        self.items = self.node.create_publisher(ports.ITEMS.type, ports.ITEMS.name, ports.ITEMS.qos)
         spinner.add(self.node)
-        self.reject = RejectNode({'allowed_publishers': '*', **parameters})
+        self.reject = RejectNode(parameters)
         spinner.add(self.reject)
         wait_for(lambda: self.edges.get_subscription_count() > 0)
+        wait_for(lambda: self.items.get_subscription_count() > 0)
         info = to_message(ports.LOAD_CELL_INFO, CELL, stamp=START)
         publish(self.node, ports.LOAD_CELL_INFO, info)
         # Edges come on another topic: they must not overtake it.
         wait_for(lambda: self.reject._stage.weigh_length is not None)
 
     def pass_item(self, number: int) -> None:
-        """Have an item pass the eyes."""
+        """Let an item pass the eyes, announced as it leaves."""
         for edge in edges(number):
             self.edges.publish(to_message(ports.PHOTO_EYES, edge))
+        self.announce(number)
+
+    def announce(self, number: int, **others: object) -> None:
+        """Announce an item that is complete."""
+        t1, t2, t3 = (edge.stamp for edge in edges(number))
+        item = replace(Item(t1, 0, number, t1, t2, t3, 0.5, True), **others)
+        self.items.publish(to_message(ports.ITEMS, item))
 
     def verdict(self) -> Verdict:
         """Return the next verdict."""

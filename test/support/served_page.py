@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPResponse
 import os
+from pathlib import Path
 import re
 import subprocess
 import sys
 
 from running import PATIENCE
+import yaml
 
 COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', '0']
 
@@ -32,6 +34,24 @@ def served(*options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
     finally:
         process.kill()
         process.wait()
+
+
+@contextmanager
+def line_of(
+    params: Path, values: Mapping[str, Mapping[str, object]], *options: str
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a line with parameters by node, written to a file, and give its process."""
+    sections = {f'/**/{node}': {'ros__parameters': dict(own)} for node, own in values.items()}
+    params.write_text(yaml.safe_dump(sections))
+    words = 'run', '--params', str(params), *options
+    line = subprocess.Popen(
+        [sys.executable, '-m', 'checkweigher_bringup.cli', *words], stdout=subprocess.DEVNULL
+    )
+    try:
+        yield line
+    finally:
+        line.terminate()
+        line.wait()
 
 
 def get(port: int, path: str = '/', **headers: str) -> HTTPResponse:

@@ -89,6 +89,14 @@ _PROGRAM = 'checkweigher'
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # ask a command to end
 
 
+class _Ended(KeyboardInterrupt):
+    """A signal that ends the command.
+
+    Python itself remembers a plain KeyboardInterrupt in a text that is executed, such as a
+    dataclass in the making, and ends by SIGINT although it was caught.
+    """
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, as those of the commands are."""
 
@@ -149,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
     def interrupt(number: int, _: FrameType | None) -> None:
         came.append(number)
-        raise KeyboardInterrupt
+        raise _Ended
 
     try:
         _prepare(interrupt)
@@ -159,12 +167,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if not came:
             raise
         status = 128 + came[0] if not isinstance(error, SystemExit) else _status_of(error)
-    # Python ends with a traceback where a signal breaks into its end, and by SIGINT where the
-    # KeyboardInterrupt came up in a text that was being executed, such as a dataclass in the
-    # making: it remembers that of the last text, also when it was caught.
-    for number in _ENDING:
+    for number in _ENDING:  # one that breaks into the end of Python ends it with a traceback
         signal.signal(number, signal.SIG_IGN)
-    eval('0')
     sys.exit(status)
 
 

@@ -50,7 +50,7 @@ from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
-def evaluate(arguments: argparse.Namespace, n_jobs: int) -> int:
+def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     """Weigh, show the table and write the files that are asked for.
 
     Return how many bags were passed over. `n_jobs` is as in `run_jobs`.
@@ -80,7 +80,7 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int) -> int:
     return broken
 
 
-def evaluate_family(arguments: argparse.Namespace, n_jobs: int) -> int:
+def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     """Tune and weigh on machines of the family, show the tables and write what is asked for.
 
     Arguments and result are those of `evaluate`.
@@ -163,7 +163,7 @@ def _check(arguments: argparse.Namespace) -> None:
             raise UserError(f'{path}: cannot be two of the outputs at once')
 
 
-def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int) -> Result:
+def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     """Run the protocol of the paper on a simulated machine."""
     profile = arguments.profile or 'paper'
     if profile not in PROFILES:
@@ -193,7 +193,7 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int) -> Result:
     return Evaluation(title, conditions, provenance, examples), tuned, 0
 
 
-def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int) -> Result:
+def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
     base = line_parameters(arguments.params, None)
     default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)

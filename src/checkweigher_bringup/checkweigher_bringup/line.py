@@ -34,7 +34,10 @@ STAGE_NODES = {
 
 
 NODE_CLASSES: dict[str, Callable[[], Node]] = {
-    **{name: STAGE_NODES[name] for name in reversed(STAGE_NODES)},
+    'reject': partial(RejectNode, keep_numbers=True),
+    'identifier': IdentifierNode,
+    'denoise': DenoiseNode,
+    'segmenter': partial(SegmenterNode, keep_numbers=True),
     'product': ProductNode,
     'driver': DriverNode,
 }

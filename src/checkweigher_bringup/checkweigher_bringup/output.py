@@ -14,7 +14,12 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import GRAMS, Decision
 from checkweigher_recording.recording import Recording
-from checkweigher_recording.whole_file import check_folder_of, is_stream, write_whole
+from checkweigher_recording.whole_file import (
+    check_folder_of,
+    is_stream,
+    output_error,
+    write_whole,
+)
 from checkweigher_validation.accuracy.columns import write_csv
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
@@ -36,10 +41,18 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
     check_folder_of(path)
 
 
-def warn_unfinished(recording: Recording) -> None:
-    """Print a line on stderr if a recording is only the beginning of one, or may be damaged."""
-    for text in filter(None, (recording.unfinished, recording.doubt)):
-        print(one_line(text), file=sys.stderr, flush=True)
+def make_folder(path: Path, *, exist_ok: bool = False) -> None:
+    """Make a folder for outputs; raise OutputError if that cannot be."""
+    try:
+        path.mkdir(exist_ok=exist_ok)
+    except OSError as error:
+        raise output_error(path, error) from None
+
+
+def print_warning(recording: Recording) -> None:
+    """Print the warning of a recording, if it has one, as a line on stderr."""
+    if recording.warning:
+        print(one_line(recording.warning), file=sys.stderr, flush=True)
 
 
 def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
@@ -70,18 +83,15 @@ class Table:
         """Items that were shown."""
         return self._decisions.total()
 
-    def show(self, *results: ItemResult) -> None:
-        """Show further items."""
+    def show(self, result: ItemResult) -> None:
+        """Show a further item."""
         if self._origin is None:
-            first = results[0].estimate
-            self._origin = first.t1 or first.t3 or 0
+            self._origin = result.estimate.t1 or result.estimate.t3 or 0
             self._print(TABLE_HEADER)
-        self._decisions.update(result.verdict.decision for result in results)
-        for result in results:
-            if not math.isnan(result.error):
-                self._errors.add(GRAMS * result.error)
-        rows = '\n'.join(table_row(result, self._origin) for result in results)
-        self._print(rows)
+        self._decisions[result.verdict.decision] += 1
+        if not math.isnan(result.error):
+            self._errors.add(GRAMS * result.error)
+        self._print(table_row(result, self._origin))
 
     def close(self) -> None:
         """Show the summary."""

@@ -117,7 +117,7 @@ def record(
     An OutputError says that the bag cannot be written, a UserError that no message came: an empty
     bag is of no use, so none is left.
     """
-    recorded = ports.PLAYED if inputs_only else ports.ALL
+    recorded = ports.PLAYED if inputs_only else ports.RECORDED
     known = None if reference is None else ReferencePasses(reference, passes)
     with (
         asked_to_end() as asked,

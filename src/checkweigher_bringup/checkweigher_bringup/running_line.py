@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A live line under supervision: its processes are kept running, and its verdicts are shown."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing, suppress
 from functools import partial
+import os
 from pathlib import Path
 import queue
 import sys
@@ -13,26 +14,25 @@ from typing import Any
 
 from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.hosts.description import LineDescription
 from checkweigher_bringup.listening import EchoNode
 from checkweigher_bringup.output import Table
 from checkweigher_bringup.spinning import (
-    Process,
     asked_to_end,
-    end_process,
     memory_file,
     node_command,
     spinning,
-    start_process,
     write_parameter_file,
 )
-from checkweigher_bringup.supervision import CANNOT_START, Action, Supervision
+from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, say
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.graph.place import Place
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_web.access.users import default_users
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
-LINE = {'line': 'checkweigher_bringup.line'}
+_MODULE = 'checkweigher_bringup.line'
 # Beside the line of a machine, which does not depend on them.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
@@ -40,67 +40,8 @@ BESIDE = {
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
 _SILENT = ('batch_reporter',)  # without diagnostics
-
-
-class SupervisedProcess:
-    """One process of the line under supervision; without `reports` it sends no diagnostics."""
-
-    def __init__(
-        self, name: str, command: Callable[[], Sequence[str]], *, reports: bool = True
-    ) -> None:
-        self._name = name
-        self._command = command
-        self._reports = reports
-        self._supervision = Supervision(reports=reports)
-        self._child: Process | None = None
-
-    def heard(self, now: float) -> None:
-        """Note that diagnostics of it came."""
-        self._supervision.heard(now)
-
-    def look(self, now: float) -> bool:
-        """Start or kill the process if that is due; return whether the line can go on."""
-        if self._child is not None and (status := self._child.poll()) is not None:
-            self._child = None
-            self._supervision.ended(now, status)
-        action = self._supervision.due(now)
-        if action is Action.START:
-            self._child = start_process(self._command())
-            away = self._supervision.started(now)
-            if self._supervision.reason:
-                _say(f'{self._name}: {self._supervision.reason}; started again after {away:.1f} s')
-        elif action is Action.KILL and self._child is not None:
-            self._child.kill()
-        return action is not Action.GIVE_UP
-
-    def terminate(self) -> None:
-        """Ask the process to end."""
-        if self._child is not None:
-            self._child.terminate()
-
-    def wait(self) -> None:
-        """Wait until the process has ended, and kill it if it does not."""
-        if self._child is not None and not end_process(self._child):
-            _say(f'{self._name}: did not end; killed')
-
-    def renew(self) -> None:
-        """Have a process that was ended on purpose start again at once."""
-        self._child, self._supervision = None, Supervision(reports=self._reports)
-
-
-class _Listener(EchoNode):
-    """Listen to the results of the lane, and to which of its nodes are `alive`."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.alive: queue.SimpleQueue[str] = queue.SimpleQueue()
-        self.listen(ports.DIAGNOSTICS, self._on_diagnostics)
-
-    def _on_diagnostics(self, message: Any) -> None:
-        for status in message.status:
-            namespace, _, name = status.name.lstrip('/').rpartition('/')
-            if namespace == self.get_namespace().strip('/'):
-                self.alive.put(name.split(':')[0])
+_PAGE = 'page'
+_NOT_NEEDED = {*BESIDE, _PAGE}
 
 
 def run_line(
@@ -115,15 +56,23 @@ def run_line(
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
-        modules = {**(LINE if one_process else ports.NODES), **(BESIDE if folder else {})}
+        line = {'line': _MODULE} if one_process else ports.NODES
         processes = {
             name: SupervisedProcess(
                 name, partial(_command, module, namespace, files), reports=name not in _SILENT
             )
-            for name, module in modules.items()
+            for name, module in {**line, **(BESIDE if folder else {})}.items()
         }
+        if page is not None:
+            command = partial(_page_command, page, namespace, folder)
+            processes[_PAGE] = SupervisedProcess(_PAGE, command, reports=False)
         with spinning(namespace) as spinner:
-            node = _Listener()
+            node = EchoNode()
+            lane = node.get_namespace().rstrip('/')
+            _listen(node, {
+                f'{lane}/{name}': processes.get(name) or processes['line']
+                for name in (*ports.NODES, *processes)
+            })  # fmt: skip
             # Held to the end, so that of two that start at once one goes on.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
@@ -131,12 +80,53 @@ def run_line(
             if node.count_drivers():
                 raise UserError('a line runs here already; stop it, or choose another '
                                 '--namespace or ROS_DOMAIN_ID')  # fmt: skip
-            with _page_beside(page, namespace, folder):  # that ends after the line
+            with closing(Table()) as table:
+
+                def meanwhile() -> None:
+                    if folder is not None and folder.take_restart():
+                        _restart(processes)
+                    with suppress(queue.Empty):
+                        table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+
                 try:
-                    return _supervise(processes, node, asked, folder)
+                    return _supervise(processes, asked, meanwhile)
                 finally:
-                    _end(processes)
                     place.free()
+
+
+def run_host(line: LineDescription, host: str) -> int:
+    """Run the nodes of a host until a signal asks for their end; return the exit status."""
+    shares = line.shares(host)
+    os.environ.update(line.environment())
+    with ExitStack() as stack, asked_to_end() as asked, spinning() as spinner:
+        processes: dict[str, SupervisedProcess] = {}
+        process_of: dict[str, SupervisedProcess] = {}
+        for share in shares:
+            file = stack.enter_context(memory_file())
+            write_parameter_file(file, {'product': share.product})
+            files = *share.params, file
+            command = node_command(_MODULE, share.lane, *files, nodes=share.nodes)
+            process = SupervisedProcess(share.name, partial(list, command))
+            processes[share.name] = process
+            process_of |= {f'/{share.lane}/{name}': process for name in share.nodes}
+        print(f'{host}: {", ".join(processes) or "nothing to run"}', file=sys.stderr, flush=True)
+        node = PortNode('run')
+        _listen(node, process_of)
+        spinner.add(node)
+        return _supervise(processes, asked, partial(time.sleep, _POLL_PERIOD))
+
+
+def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess]) -> None:
+    """Notify a process, by the full names of its nodes, whenever one of them reports."""
+
+    def on_diagnostics(message: Any) -> None:
+        now = time.monotonic()
+        for status in message.status:
+            name = status.name.partition(':')[0].strip('/')
+            if (process := process_of.get(f'/{name}')) is not None:
+                process.heard(now)
+
+    node.subscribe(ports.DIAGNOSTICS, on_diagnostics)
 
 
 def _parameter_files(
@@ -163,58 +153,34 @@ def _command(module: str, namespace: str, files: Callable[[], list[Path]]) -> li
     return node_command(module, namespace, *files())
 
 
-@contextmanager
-def _page_beside(
-    port: int | None, namespace: str, folder: MachineFolder | None
-) -> Iterator[None]:  # fmt: skip
-    """Serve the page while the block lasts, in a process that the line does not depend on.
-
-    The page itself says its address, or why it cannot be served.
-    """
-    if port is None:
-        yield
-        return
-    command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
+def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> list[str]:
+    """Return the command that serves the page; it says its address, or why it cannot be served."""
     keep = ['--keep', str(folder.kept)] if folder is not None and default_users().exists() else []
-    process = start_process([*command, '--namespace', namespace, *keep])
-    try:
-        yield
-    finally:
-        process.terminate()
-        end_process(process)
+    command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
+    return [*command, '--namespace', namespace, *keep]
 
 
 def _supervise(
-    processes: Mapping[str, SupervisedProcess], node: _Listener, asked: Sequence[int],
-    folder: MachineFolder | None,
-) -> int:  # fmt: skip
-    table = Table()
+    processes: Mapping[str, SupervisedProcess], asked: Sequence[int], meanwhile: Callable[[], None]
+) -> int:
+    """Keep processes running, with calls of `meanwhile`, until a signal asks for their end."""
     try:
         while not asked:
             now = time.monotonic()
-            while not node.alive.empty():
-                name = node.alive.get()
-                # In one process any node speaks for all: they share one executor.
-                speaks_for = (name,) if name in BESIDE else (name, 'line')
-                for process in [processes[n] for n in speaks_for if n in processes]:
-                    process.heard(now)
-            if folder is not None and folder.take_restart():
-                _restart(processes)
             # All of them: the first to fail must not keep the others from being looked after.
             going = {name: process.look(now) for name, process in processes.items()}
-            if not all(well for name, well in going.items() if name not in BESIDE):
+            if not all(well for name, well in going.items() if name not in _NOT_NEEDED):
                 return CANNOT_START
-            with suppress(queue.Empty):
-                table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+            meanwhile()
         return 128 + asked[0]
     finally:
-        table.close()
+        _end(processes)
 
 
 def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
     """End the line and have it start again; the nodes beside it go on."""
-    line = {name: process for name, process in processes.items() if name not in BESIDE}
-    _say('the line starts again, as was asked')
+    line = {name: process for name, process in processes.items() if name not in _NOT_NEEDED}
+    say('the line starts again, as was asked')
     _end(line)
     for process in line.values():
         process.renew()
@@ -222,15 +188,10 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
     """End all processes, the driver first, reject last of the line; no signal hurries it."""
-    names = [name for name in processes if name not in BESIDE]
-    beside = [name for name in processes if name in BESIDE]
+    names = [name for name in processes if name not in _NOT_NEEDED]
+    beside = [name for name in processes if name in _NOT_NEEDED]
     for group in (names[:1], names[1:-1], names[-1:], beside):
         for name in group:
             processes[name].terminate()
         for name in group:
             processes[name].wait()
-
-
-def _say(text: str) -> None:
-    with suppress(OSError):  # the terminal may be gone, the processes of the line are not
-        print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)

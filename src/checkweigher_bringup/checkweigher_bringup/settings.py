@@ -19,8 +19,7 @@ from checkweigher_dsp.production.recipes import Product, read_recipes
 from checkweigher_recording.archive.copying import is_url
 from checkweigher_recording.scratch import remove_abandoned
 from checkweigher_validation.archive.program import other_program, program
-from checkweigher_validation.jobs import ALL_CORES
-from checkweigher_validation.scheduling import LOCAL, on_scheduler
+from checkweigher_validation.cluster import LOCAL, on_scheduler
 
 
 def line_parameters(
@@ -41,7 +40,7 @@ def recipe_of(arguments: Namespace) -> Product | None:
     ------
     UserError
         If only one is given, or the file has no such product.
-    RecipeError
+    SettingsError
         If the file cannot be used.
     """
     path, name = arguments.recipes, arguments.product
@@ -86,8 +85,8 @@ def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
 
 
 @contextmanager
-def on_scheduler_of(arguments: Namespace) -> Iterator[int]:
-    """Have jobs done where `--scheduler` says; yield how many at once, as joblib takes it.
+def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
+    """Choose where jobs run by `--scheduler`; yield the `n_jobs` of `run_jobs`.
 
     Workers that are not used are named on stderr.
 
@@ -112,7 +111,7 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int]:
         for line in refused:
             print(one_line(line), file=sys.stderr, flush=True)
         try:
-            yield arguments.jobs or ALL_CORES
+            yield arguments.jobs
         finally:
             remove_abandoned()  # of processes that an interrupt has ended at their work
 

@@ -47,10 +47,13 @@ def ros_arguments(namespace: str) -> list[str]:
     return ['--ros-args', '-r', f'__ns:=/{namespace}'] if namespace else []
 
 
-def node_command(module: str, namespace: str = '', *parameter_files: Path) -> list[str]:
-    """Return the command that runs the nodes of a module, with the parameters of files."""
+def node_command(
+    module: str, namespace: str = '', *parameter_files: Path, nodes: Sequence[str] = ()
+) -> list[str]:
+    """Return the command that runs the `nodes` of a module, with the parameters of files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
     arguments = [
+        *nodes,
         '--ros-args',
         *files,
         *ros_arguments(namespace),

@@ -1,9 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The rules by which a process of the line is started again, or killed because it hangs."""
+"""Processes that are started again when they end, and killed when they hang."""
 
-from enum import Enum, auto
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import math
 import signal
+import sys
+import time
+
+from checkweigher_bringup.spinning import Process, end_process, start_process
 
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
 # s, before a process is started again: at first, and at most where it dies again and again.
@@ -13,68 +19,75 @@ SILENCE = 5.0  # s without diagnostics after which a process hangs
 START = 30.0  # the same for a process that was just started
 
 
-class Action(Enum):
-    """What has to be done about a process."""
+class SupervisedProcess:
+    """One process that is kept running; times are s on a clock that never steps back.
 
-    NOTHING = auto()
-    START = auto()
-    KILL = auto()
-    GIVE_UP = auto()
-
-
-class Supervision:
-    """State of one process, and what to do about it; times are s on a clock that never steps back.
-
-    `reason` says why the process ended last. A process without `reports` sends no diagnostics: the
-    supervisor cannot tell whether it hangs, and takes it to have worked once it was started.
+    It is given up if it ends with `CANNOT_START` before it has worked. A process without `reports`
+    sends no diagnostics: it is not known whether it hangs, and it has worked if it did not end at
+    once.
     """
 
-    def __init__(self, *, reports: bool = True) -> None:
-        self.reason = ''
+    def __init__(
+        self, name: str, command: Callable[[], Sequence[str]], *, reports: bool = True
+    ) -> None:
+        self._name = name
+        self._command = command
         self._reports = reports
-        self._delay = DELAY
-        self._started: float | None = None
-        self._ended: float | None = None
-        self._heard: float | None = None
-        self._was_up = not reports
-        self._cannot_start = False
-        self._hung = False
+        self.renew()
 
-    def started(self, now: float) -> float:
-        """Note that the process was started and return how long it was not there, s."""
-        away = 0.0 if self._ended is None else now - self._ended
-        self._started, self._ended, self._heard, self._hung = now, None, None, False
-        return away
+    def renew(self) -> None:
+        """Start a process that was ended on purpose again at once."""
+        self._child: Process | None = None
+        self._reason = ''  # why it ended last
+        self._delay = DELAY
+        self._has_worked = self._given_up = self._hung = False
+        self._started = self._ended = self._awaited = -math.inf
 
     def heard(self, now: float) -> None:
-        """Note that diagnostics of the process came."""
-        if self._ended is None and self._started is not None:
-            self._heard, self._was_up = now, True
+        """Record that diagnostics of it came."""
+        if self._child is not None:
+            self._has_worked, self._awaited = True, now + SILENCE
 
-    def ended(self, now: float, status: int) -> None:
-        """Note that the process has ended, with a status as of `subprocess`: -N for signal N."""
-        if self._started is not None:
-            at_once = now - self._started < STABLE
-            longer = min(2 * self._delay, LONGEST_DELAY)
-            self._delay = longer if at_once and self.reason else DELAY
+    def look(self, now: float) -> bool:
+        """Start or kill the process if that is due; return whether the line can go on."""
+        if self._child is not None and (status := self._child.poll()) is not None:
+            self._note_end(now, status)
+        if self._child is not None:
+            if self._reports and now > self._awaited and not self._hung:
+                self._hung = True
+                self._child.kill()
+        elif not self._given_up and now >= self._ended + self._delay:
+            self._child = start_process(self._command())
+            if self._reason:
+                say(f'{self._name}: {self._reason}; started again after {now - self._ended:.1f} s')
+            self._started, self._awaited, self._hung = now, now + START, False
+        return not self._given_up
+
+    def _note_end(self, now: float, status: int) -> None:
+        at_once = now - self._started < STABLE
+        longer = min(2 * self._delay, LONGEST_DELAY)
+        self._delay = longer if at_once and self._reason else DELAY
         # Once it has worked, its parameters are good and it is worth another try.
-        self._cannot_start = status == CANNOT_START and not self._was_up
-        silence = f'hung: no diagnostics for {SILENCE:g} s'
-        self.reason = silence if self._hung else _reason(status)
-        self._started, self._ended = None, now
+        self._has_worked |= not (self._reports or at_once)
+        self._given_up = status == CANNOT_START and not self._has_worked
+        self._reason = f'hung: no diagnostics for {SILENCE:g} s' if self._hung else _reason(status)
+        self._child, self._ended = None, now
 
-    def due(self, now: float) -> Action:
-        """Return what has to be done now."""
-        if self._started is None:
-            if self._cannot_start:
-                return Action.GIVE_UP
-            waited = self._ended is None or now - self._ended >= self._delay
-            return Action.START if waited else Action.NOTHING
-        since, longest = (self._started, START) if self._heard is None else (self._heard, SILENCE)
-        if self._reports and now - since > longest and not self._hung:
-            self._hung = True
-            return Action.KILL
-        return Action.NOTHING
+    def terminate(self) -> None:
+        """Ask the process to end."""
+        if self._child is not None:
+            self._child.terminate()
+
+    def wait(self) -> None:
+        """Wait until the process has ended, and kill it if it does not."""
+        if self._child is not None and not end_process(self._child):
+            say(f'{self._name}: did not end; killed')
+
+
+def say(text: str) -> None:
+    """Print a line with the time on stderr."""
+    with suppress(OSError):  # the terminal may be gone, the processes of the line are not
+        print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
 
 
 def _reason(status: int) -> str:

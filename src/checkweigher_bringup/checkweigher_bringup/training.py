@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Training on passes of known mass in bags."""
 
-from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 import sys
-
-from joblib import delayed
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
@@ -21,10 +19,10 @@ from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.block_cutting import join_stretches
-from checkweigher_recording.recording import Event, Recording
+from checkweigher_recording.recording import Recording
 from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
-from checkweigher_validation.jobs import ALL_CORES, run_jobs
+from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.parameter_file import accuracy_lines, parameter_file
 from checkweigher_validation.tuning.search import BUDGET
@@ -69,7 +67,7 @@ def read_passes(
     BagError
         If the only bag, or none of several, can be read.
     """
-    calls = [delayed(passes_of_bag)(str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
+    calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
     read = run_jobs(calls, n_jobs, 'reading', unit='bags')
     passes: list[KnownPass] = []
     lines = []
@@ -109,8 +107,19 @@ def passes_of_bag(
 
     def work(stretches: Iterable[Recording]) -> BagPasses:
         notes: list[str] = []
-        first, whole = _noted(stretches, notes)
-        events = _with_references(whole)
+        references: list[Reference] = []
+        stretches = iter(stretches)
+        first = next(stretches)
+
+        def taken() -> Iterator[Recording]:
+            for stretch in chain([first], stretches):
+                references.extend(stretch.references)
+                if stretch.warning:
+                    notes.append(stretch.warning)
+                yield stretch
+
+        # The references are read when the signal has ended, and are all there then.
+        events = chain(join_stretches(taken()), references)
         found = known_passes(first.load_cell, events, segmenter)
         return BagPasses(tuple(found), first.load_cell, tuple(notes))
 
@@ -121,50 +130,18 @@ def passes_of_bag(
         return BagPasses(problem=error)
 
 
-def _noted(
-    stretches: Iterable[Recording], notes: list[str]
-) -> tuple[Recording, Iterator[Recording]]:
-    """Return the first stretch, and all of them, which append to `notes` as they are read."""
-    stretches = iter(stretches)
-    first = next(stretches)
-
-    def all_of_them() -> Iterator[Recording]:
-        for stretch in chain([first], stretches):
-            notes.extend(filter(None, (stretch.unfinished or stretch.doubt,)))
-            yield stretch
-
-    return first, all_of_them()
-
-
-def _with_references(stretches: Iterable[Recording]) -> Iterator[Event]:
-    """Yield the joined signal of stretches, and the known masses of each before it."""
-    references: deque[Reference] = deque()
-
-    def taken() -> Iterator[Recording]:
-        for stretch in stretches:
-            references.extend(stretch.references)
-            yield stretch
-
-    for event in join_stretches(taken()):
-        while references:
-            yield references.popleft()
-        yield event
-    yield from references
-
-
 def train(
     bags: Sequence[Path | str], output: Path, estimators: Sequence[str] | None,
     base: LineParameters, *, budget: int = BUDGET, lane: str | None = None,
-    jobs: int | None = None,
+    n_jobs: int | None = None,
 ) -> int:  # fmt: skip
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
     The file holds `base` besides, and selects the first estimator. Without names all are tuned and
     compared on held-out passes, and the file holds the one that is chosen. `budget` is the largest
-    number of evaluations of each estimator at each speed; `jobs` is the number of processes, one
-    for each core by default. Returned is how many bags were passed over.
+    number of evaluations of each estimator at each speed; `n_jobs` is as in `run_jobs`.
+    Returned is how many bags were passed over.
     """
-    n_jobs = jobs or ALL_CORES
     read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
     passes, source = read.passes, read.lines
     base = replace(base, segmenter=stated_lag(passes, base.segmenter))

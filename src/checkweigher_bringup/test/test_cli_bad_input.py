@@ -20,6 +20,7 @@ def refused(*arguments: object) -> str:
     assert done.returncode == 2, done.stderr
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 1, done.stderr
+    assert lines[0].isprintable()
     return lines[0]
 
 
@@ -82,7 +83,7 @@ class TestBags:
         ('/**/typo:\n  ros__parameters: {}', 'typo'),
         ('/**:\n  ros__parameters: {no_such_name: 1}', 'no_such_name'),
         ('just text', 'not a parameter file'),
-        ('a: [', 'not a YAML file'),
+        ('a: [', 'bad YAML'),
     ],
 )
 def test_parameters(command: str, text: str, names: str, tmp_path: Path):
@@ -99,6 +100,7 @@ def test_parameters(command: str, text: str, names: str, tmp_path: Path):
         ('weigh', BAG, '--estimator', 'best'),
         ('weigh', BAG, '--params', '/no/such/file'),
         ('weigh', BAG, '--lane', 'other'),
+        ('weigh', '/no/such/\x1b[31m\x07'),
         ('replay', BAG, '--listeners', '-1'),
         ('replay', BAG, '--rate', '-1'),
         ('replay', BAG, '--rate', 'nan'),

@@ -72,8 +72,7 @@ class Tried:
             # The tests may run under nohup, which has the command ignore SIGHUP, too.
             ['env', '--default-signal', sys.executable, '-m', 'checkweigher_bringup.cli', *words],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-            env={**os.environ, 'CHECKWEIGHER_TEST': str(folder), 'TMPDIR': str(scratch),
-                 'JOBLIB_TEMP_FOLDER': str(scratch)},
+            env={**os.environ, 'CHECKWEIGHER_TEST': str(folder), 'TMPDIR': str(scratch)},
             start_new_session=True,
         )  # fmt: skip
         end = time.monotonic() + delay
@@ -123,7 +122,7 @@ def problem(name: str, number: int, tried: Tried) -> str:
         ('replay --processes', signal.SIGTERM, 6),
         ('run --processes', signal.SIGKILL, 7),
         ('run', signal.SIGHUP, 2),  # as of a terminal that is closed
-        ('tune', signal.SIGKILL, 4),  # with what joblib has beside its workers
+        ('tune', signal.SIGKILL, 4),  # with what loky has beside its workers
     ],
 )
 def test_every_process_ends_with_its_command(
@@ -132,6 +131,26 @@ def test_every_process_ends_with_its_command(
     tried = Tried(COMMANDS[name], tmp_path, number, processes=processes)
 
     assert not problem(name, number, tried)
+
+
+IN_A_TEXT = """
+import os, signal, time
+from checkweigher_bringup import cli
+
+cli.build_parser = lambda _: exec('os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)')
+cli.main([])
+"""
+
+
+def test_a_signal_is_the_status_also_where_python_executes_a_text(tmp_path: Path):
+    (tmp_path / 'interrupted.py').write_text(IN_A_TEXT)
+    path = os.pathsep.join([str(tmp_path), os.environ.get('PYTHONPATH', '')])
+
+    done = subprocess.run(
+        [sys.executable, '-m', 'interrupted'], env={**os.environ, 'PYTHONPATH': path}, check=False
+    )
+
+    assert done.returncode == 128 + signal.SIGTERM
 
 
 @pytest.mark.soak

@@ -3,11 +3,9 @@
 """The driver node: sends the events of a source of samples and photo-eye edges."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 import time
 from typing import Any
 
-from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from std_srvs.srv import Trigger
 
 from checkweigher_driver.calibration.services import CalibrationServices
@@ -24,10 +22,10 @@ from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 from checkweigher_dsp.health.findings import Finding
+from checkweigher_dsp.health.host_clock import HostClock
 from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.reasons import Reason, StopReason
+from checkweigher_dsp.reasons import StopReason
 from checkweigher_dsp.records import (
-    Decision,
     ExternalReject,
     EyeEdge,
     Reference,
@@ -51,14 +49,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
 
     The source is read in a thread of its own, by blocking reads. Each activation is a `stream` of
-    its own, sent in step with the line behind the driver; the service line_history returns the
-    latest of it.
+    its own, sent in step with the line behind the driver.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DriverParameters, read_only=True, overrides=overrides)
         self._source: Source | None = None
-        self._stop_makers: set[bytes] = set()  # of the stop requests that have come
 
         def read(kind: type[Parameters]) -> Parameters:
             return declare(self, kind, f'{kind.node}.', read_only=True)
@@ -78,20 +74,19 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
+        self._host_clock = HostClock()
         self.stream = SourceStream(
             self, self.parameters, self._watch, self._note, lambda: self._outputs.ready
         )
         self.subscribe(ports.SEGMENTER_STATUS, self.stream.hear_segmenter)
-        self.subscribe(ports.VERDICT, self._on_verdict, needed=False, doubted=_rejected)
-        self.subscribe(ports.VERDICT, self.stream.hear_number, qos=ports.VERDICT.qos, needed=False)
-        self._requests = self.subscribe(
-            ports.STOP_REQUEST, self._on_stop_request, doubted=self._stop_alone
-        )
-        self.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._on_line_history)
+        self.subscribe(ports.ITEMS, self._outputs.announce, needed=False)
+        self.subscribe(ports.VERDICT, self._on_verdict, needed=False)
+        self.subscribe(ports.STOP_REQUEST, self._on_stop_request)
         if self._outputs.exist:
+            self.subscribe(ports.PERMISSION, self._outputs.take_permission)
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
         self._calibration = CalibrationServices(
-            self, calibration, self.parameters.source, lambda: self.stream.history(),
+            self, calibration, self.parameters.source, lambda: self.stream.sent.history(),
             self._restart_stream,
         )  # fmt: skip
         self._look_timer = self.create_timer(
@@ -188,27 +183,12 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_verdict(self, verdict: Verdict) -> None:
         self._outputs.verdict(verdict)  # before all else: the rejector waits
-        self.stream.hear_verdict(verdict)
+        self.stream.hear_verdict()
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
-        topic = self.resolve_topic_name(ports.STOP_REQUEST.name)
-        found = self.get_publishers_info_by_topic(topic)
-        makers = {bytes(maker.endpoint_gid) for maker in found}
-        if makers - self._stop_makers:
-            # A reject node that was started again: that it sees no reason to stop takes nothing
-            # back. The one before, if it was killed, is in the graph for some time still.
-            self._outputs.forget_shown()
-        self._stop_makers = makers
-        if request is None:
-            self._outputs.take_request(False)
-        else:
-            self._outputs.take_request(True, request.reason, request.hint)
+        self._outputs.take_request(request)
         ready = request is None or request.reason is not StopReason.NOT_READY
         self.stream.hear_reject(ready=ready)
-
-    def _stop_alone(self, request: StopRequest | None) -> StopRequest | None:
-        """Take a stop from any node, and from a stranger no leave to run."""
-        return request or self._requests.refuse_doubted(request)
 
     def _note(self, event: Event) -> None:
         """Take an event that is about to be sent."""
@@ -233,9 +213,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self.stream.failure or source.trouble or self._inputs.trouble
 
     def _look_after_machine(self) -> None:
-        """Report trouble of the machine when it changes; stop the line that gets no verdicts."""
-        if self._outputs.exist and not self._requests.has_maker():
-            self._outputs.lose_request()
+        """Report trouble of the machine when it changes."""
         self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
@@ -244,10 +222,6 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         response.message = self._outputs.reset() or 'nothing was missed'
         return response
 
-    def _on_line_history(self, request: Any, response: Any) -> Any:
-        """Return the latest edges that were sent, and the verdicts that came."""
-        return to_message(ports.LINE_HISTORY, self.stream.history())
-
     def _restart_stream(self) -> str:
         """Begin a new stream with a load cell that has changed; return why that failed."""
         self.trigger_deactivate()
@@ -255,17 +229,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return '' if self.state == 'active' else self._failure
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the aspects of source, samples, clock, eyes and outputs."""
+        """Return the aspects of source, samples, clocks, eyes and outputs."""
         source = self._source
         if source is not None and self.state == 'active':
             self._watch.look(source.trouble, source.figures())
         found = self._watch.findings(now, time.time() - time.monotonic())
-        return [*found, self._outputs.finding(), self._inputs.finding()]
-
-
-def _rejected(verdict: Verdict) -> Verdict:
-    """Return a verdict that may be a stranger's as the fault that it is."""
-    return replace(verdict, decision=Decision.FAULT, reasons=(Reason.FOREIGN_PUBLISHER.value,))
+        own = self._host_clock.finding(now), self._outputs.finding(), self._inputs.finding()
+        return [*found, *own]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

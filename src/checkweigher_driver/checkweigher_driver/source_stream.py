@@ -4,6 +4,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 import math
 import threading
 import time
@@ -15,11 +16,9 @@ from checkweigher_driver.sources import Source
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_dsp.records import (
     EyeEdge,
-    LineHistory,
     SampleBlock,
     StreamState,
     StreamStatus,
-    Verdict,
 )
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.connections import has_matched_all
@@ -35,7 +34,15 @@ _END_PATIENCE = 2.0  # s, for the last read of a source
 # there may not know the writer yet, and hears of a stream with the next heartbeat, after 3 s: it
 # would take the first items for those of another stream.
 _REPEATS = (0.2, 0.5, 1.0)
-_MAX_EDGES, _MAX_VERDICTS = 400, 200  # of the history: 20 s and more at five items a second
+_MAX_EDGES = 400  # of the history: 20 s and more at five items a second
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHistory:
+    """The latest edges of a stream, and the time of its last sample in ns."""
+
+    stamp: int
+    edges: tuple[EyeEdge, ...] = ()
 
 
 class SentStream:
@@ -47,7 +54,6 @@ class SentStream:
         self.edges_sent = 0
         self._stamp = 0  # ns, of the last block
         self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
-        self._verdicts: deque[Verdict] = deque(maxlen=_MAX_VERDICTS)
 
     def add(self, event: Event) -> None:
         """Take an event that is about to be sent."""
@@ -58,21 +64,9 @@ class SentStream:
             self._edges.append(event)
             self.edges_sent += 1
 
-    def add_verdict(self, verdict: Verdict) -> None:
-        """Take a verdict that came."""
-        self._verdicts.append(verdict)
-        self.flow.judged(verdict.estimate_id or verdict.item_id)  # as the segmenter counts
-
-    def history(self, last_number: int) -> LineHistory:
-        """Return the latest edges and verdicts, and the largest number of a verdict."""
-        return LineHistory(
-            stream=self.number,
-            stamp=self._stamp,
-            first_edge=self.edges_sent - len(self._edges),
-            edges=tuple(self._edges),
-            verdicts=tuple(self._verdicts),
-            last_item_id=last_number,
-        )
+    def history(self) -> StreamHistory:
+        """Return the latest edges."""
+        return StreamHistory(self._stamp, tuple(self._edges))
 
     def status(self, state: StreamState, text: str) -> StreamStatus:
         """Return how far the stream is."""
@@ -111,7 +105,6 @@ class SourceStream:
         self._machine_ready = machine_ready
         self._waits = StoppableWaits(LOCK)
         self._running = False
-        self._last_number = 0  # of all verdicts, those of streams before included
         self._announce(0)
 
     def _announce(self, number: int) -> None:
@@ -170,18 +163,10 @@ class SourceStream:
                 flow.items_judged = status.items
             flow.taken(status.samples, status.edges, status.items)
 
-    def hear_verdict(self, verdict: Verdict) -> None:
-        """Take a verdict."""
+    def hear_verdict(self) -> None:
+        """Count a verdict."""
         with self._waits.change():
-            self.sent.add_verdict(verdict)
-
-    def hear_number(self, verdict: Verdict) -> None:
-        """Note that a number has been given, also one from before this driver was started."""
-        self._last_number = max(self._last_number, verdict.item_id)
-
-    def history(self) -> LineHistory:
-        """Return the latest of the stream, and the largest number of a verdict."""
-        return self.sent.history(self._last_number)
+            self.sent.flow.judged()
 
     def hear_reject(self, *, ready: bool) -> None:
         """Take whether the reject node says that it is active."""

@@ -8,11 +8,12 @@ writes the tables of docs/interfaces.md and config/line.yaml from them.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
 import math
-from pathlib import Path
 import reprlib
 from typing import Any, ClassVar, Self, cast
+
+from checkweigher_dsp.printable import one_line
 
 _MAX_LENGTH = 100_000  # values of a list, characters of a text
 _MAX_COST = 0.05  # s, of an item
@@ -20,6 +21,14 @@ _MAX_COST = 0.05  # s, of an item
 
 class ParameterError(ValueError):
     """A parameter that cannot be used; the message names it, its value and what is allowed."""
+
+
+class SettingsError(ParameterError):
+    """Settings that cannot be used; one line with file, line, field, fault and advice."""
+
+    def __init__(self, text: str, *path: object) -> None:
+        super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
+        self.text, self.path = text, path
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +43,8 @@ class Description:
 
 
 def parameter(
-    default: Any,
-    text: str,
+    default: Any = MISSING,
+    text: str = '',
     *,
     unit: str = '',
     minimum: float = -math.inf,
@@ -47,6 +56,7 @@ def parameter(
     The type of `default` (bool, int, float, str or tuple of float) is the parameter's type. `text`
     and `unit` (SI, empty for a pure number) are for the ROS descriptor and the docs. The range is
     inclusive; that of a tuple holds for each element. A string may be any if it has no `choices`.
+    A field of `Settings` may have other types and no default: then it must be given.
     """
     description = Description(text, unit, minimum, maximum, choices)
     return field(default=default, metadata={'description': description})
@@ -116,39 +126,44 @@ def _names_like(name: str, known: list[str]) -> list[str]:
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
     """Return `value` in the field's type, or raise `ParameterError`."""
-    default, description = entry.default, describe(entry)
-    if isinstance(default, (bool, str)):
-        text = isinstance(default, str)
-        if not isinstance(value, str if text else bool):
-            kind = 'a string' if text else 'true or false'
-            raise ParameterError(f'{name}: {reprlib.repr(value)} is not {kind}')
+    try:
+        return convert(type(entry.default), describe(entry), value)
+    except ValueError as error:
+        raise ParameterError(f'{name}: {error}') from None
+
+
+def convert(kind: type, description: Description, value: object) -> object:
+    """Return a value as `kind`; ValueError says what it has to be."""
+    if issubclass(kind, (bool, str)):
+        if not isinstance(value, kind):
+            expected = 'a string' if kind is str else 'true or false'
+            raise ValueError(f'{reprlib.repr(value)} is not {expected}')
         if description.choices and value not in description.choices:
             choices = ', '.join(description.choices)
-            raise ParameterError(f'{name}: {reprlib.repr(value)} is not one of {choices}')
+            raise ValueError(f'{reprlib.repr(value)} is not one of {choices}')
         if isinstance(value, str) and len(value) > _MAX_LENGTH:
-            raise ParameterError(f'{name}: {len(value)} characters, at most {_MAX_LENGTH}')
+            raise ValueError(f'{len(value)} characters, at most {_MAX_LENGTH}')
         return value
-    if isinstance(default, tuple):
+    if issubclass(kind, tuple):
         if isinstance(value, str) or not isinstance(value, Collection):
-            raise ParameterError(f'{name}: {reprlib.repr(value)} is not a list of numbers')
+            raise ValueError(f'{reprlib.repr(value)} is not a list of numbers')
         if len(value) > _MAX_LENGTH:
-            raise ParameterError(f'{name}: {len(value)} values, at most {_MAX_LENGTH}')
-        return tuple(_check_number(name, 0.0, description, element) for element in value)
-    return _check_number(name, default, description, value)
+            raise ValueError(f'{len(value)} values, at most {_MAX_LENGTH}')
+        return tuple(_number(float, description, element) for element in value)
+    return _number(kind, description, value)
 
 
-def _check_number(name: str, default: object, description: Description, value: object) -> float:
-    whole = isinstance(default, int)
+def _number(kind: type, description: Description, value: object) -> float:
+    whole = kind is int
     if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-        kind = 'whole number' if whole else 'number'
-        raise ParameterError(f'{name}: {reprlib.repr(value)} is not a {kind}')
+        raise ValueError(f'{reprlib.repr(value)} is not a {"whole number" if whole else "number"}')
     try:
         number = value if whole else float(value)
     except OverflowError:
         number = math.nan  # a whole number that no float can hold
     if not description.minimum <= number <= description.maximum:  # NaN is not
         span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
-        raise ParameterError(f'{name}: {value} is not in {span}')
+        raise ValueError(f'{value} is not in {span}')
     return number
 
 
@@ -172,47 +187,42 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
 
 def _is_common(name: str) -> bool:
     """Return whether any ROS node may have a parameter of this name."""
-    return name in ('use_sim_time', 'allowed_publishers', 'locked') or name.startswith(
-        'qos_overrides.'
-    )
+    return name == 'use_sim_time' or name.startswith('qos_overrides.')
 
 
-def read_parameter_file(
-    path: Path,
-    sets: Mapping[str, type[Parameters]],
-    other_nodes: tuple[str, ...] = (),
+def by_node(
+    sections: object, sets: Mapping[str, type[Parameters]], other_nodes: tuple[str, ...] = (),
     lane: str | None = None,
-) -> dict[str, dict[str, object]]:
-    """Read a ROS parameter file into names and values for each node.
+) -> dict[str, dict[str, object]]:  # fmt: skip
+    """Return names and values for each node from the sections of a ROS parameter file.
 
-    The file is YAML as ``ros2 run --params-file`` takes it. A section ``/**`` addresses all nodes
-    that know the name, ``/**/segmenter`` or ``/lane1/segmenter`` one of them, and wins over it.
-    `sets` has the classes of parameters by name of the node; sections of `other_nodes` are passed
-    over. `lane` is the namespace of the nodes, where the file addresses several lanes.
+    A section ``/**`` addresses all nodes that know the name, ``/**/segmenter`` or
+    ``/lane1/segmenter`` one of them, and wins over it. `sets` has the classes of parameters by name
+    of the node; sections of `other_nodes` are passed over. `lane` is the namespace of the nodes,
+    where the file addresses several lanes.
 
     Raises
     ------
-    ParameterError
-        If the file is not there, is no parameter file, addresses a node or under ``/**`` a
-        parameter that does not exist, or several lanes without `lane`.
+    SettingsError
+        If it is no parameter file, addresses a node or under ``/**`` a parameter that does not
+        exist, or several lanes without `lane`.
     """
+    found = check_sections(sections)
     own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
     shared: dict[str, object] = {}
-    sections = _load_yaml(path)
-    passed_over = _of_other_lanes(path, map(str, sections), lane)
-    for address, section in sections.items():
-        values = section.get('ros__parameters') if isinstance(section, dict) else None
-        if not isinstance(values, dict):
-            raise ParameterError(f'{path}: section {address!r} has no ros__parameters')
+    passed_over = _of_other_lanes(map(str, found), lane)
+    known = {node: parameters.entries() for node, parameters in sets.items()}
+    for address, values in found.items():
         node = str(address).rsplit('/', 1)[-1]
         if node != '**' and node not in own:
-            raise ParameterError(f'{path}: section {address!r} addresses none of {", ".join(own)}')
-        if str(address) not in passed_over:
-            (shared if node == '**' else own[node]).update(flatten(values))
-    known = {node: parameters.entries() for node, parameters in sets.items()}
-    for name in shared:
-        if not _is_common(name) and name not in set().union(*known.values()):
-            raise ParameterError(f'{path}: none of {", ".join(sets)} has a parameter {name}')
+            raise SettingsError(f'addresses none of {", ".join(own)}', address)
+        if str(address) in passed_over:
+            continue
+        for name, value in flatten(values).items():
+            if node == '**' and not (_is_common(name) or name in set().union(*known.values())):
+                why = f'none of {", ".join(sets)} has a parameter {name}'
+                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
+            (shared if node == '**' else own[node])[name] = value
     return {
         node: {name: value for name, value in shared.items() if name in names}
         | {name: value for name, value in own[node].items() if not _is_common(name)}
@@ -220,25 +230,41 @@ def read_parameter_file(
     }
 
 
-def _of_other_lanes(path: Path, addresses: Iterable[str], lane: str | None) -> set[str]:
+def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
+    """Return the values of each section of a ROS parameter file, or raise `SettingsError`."""
+    if not isinstance(sections, dict):
+        raise SettingsError('not a parameter file: no "node: ros__parameters:" section')
+    found = {}
+    for address, section in sections.items():
+        values = section.get('ros__parameters') if isinstance(section, dict) else None
+        if not isinstance(values, dict):
+            raise SettingsError('has no ros__parameters, which must be there', address)
+        found[address] = values
+    return found
+
+
+def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
+    """Return an error of a parameter with its place in the sections of a file."""
+    made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
+    node, _, own = name.partition('.')
+    for address, section in sections.items():
+        if str(address).rsplit('/', 1)[-1] in ('**', node):
+            values = section['ros__parameters']
+            if own in flatten(values):
+                steps = [own] if own in values else own.split('.')
+                made.path = address, 'ros__parameters', *steps
+    return made
+
+
+def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     """Return the addresses that name another namespace than that of the lane."""
     named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
     named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
         names = ', '.join(lanes)
-        raise ParameterError(f'{path}: addresses several lanes, {names}; name one of them')
+        raise SettingsError(f'addresses several lanes, {names}; name one of them')
     return {each for each in named if lane is not None and named[each] != lane.strip('/')}
-
-
-def _load_yaml(path: Path) -> dict[object, object]:
-    # Its import takes as long as a tenth of all others, and is for a file alone.
-    from checkweigher_dsp.yaml_files import read_yaml_as
-
-    content = read_yaml_as(path, ParameterError)
-    if not isinstance(content, dict):
-        raise ParameterError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
-    return content
 
 
 def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:

@@ -68,6 +68,8 @@ class StopReason(StrEnum):
     INSPECTION_FAULT = 'InspectionFault'
     MISSED_EXTERNAL_REJECT = 'MissedExternalReject'
     PERFORMANCE_TEST = 'PerformanceTest'
+    NO_ITEMS = 'NoItems'
+    FOREIGN_PUBLISHER = 'ForeignPublisher'
     UNKNOWN = 'Unknown'
 
     @property
@@ -93,7 +95,7 @@ _HINTS = {
     Reason.NO_LOAD: 'the load cell saw no weight under the product; check its sign and zero',
     Reason.BAD_WINDOW: 'a weigh window arrived whose fields contradict each other',
     Reason.NO_ESTIMATE: 'no mass came in time for the rejector; check that all stages run',
-    Reason.UNKNOWN_ITEM: 'a mass came of what the eyes never saw; is there a second line?',
+    Reason.UNKNOWN_ITEM: 'a mass came of an item that was never announced; is there a second line?',
     Reason.LATE_EDGE: 'an edge came after younger ones; check the clock and path of the photo-eyes',
     Reason.PRODUCT_ASKEW: 'the length is that of a product that lies askew; check its guidance',
     Reason.BELT_SPEED_CHANGED: 'another speed than the item before; expected once after a change',
@@ -127,5 +129,7 @@ _STOP_HINTS = {
     StopReason.INSPECTION_FAULT: 'an inspection device is not ready; check it',
     StopReason.MISSED_EXTERNAL_REJECT: 'an inspection device rejected what may have passed; look',
     StopReason.PERFORMANCE_TEST: 'the performance test is overdue or failed; make it',
+    StopReason.NO_ITEMS: 'items leave the belt and segmenter announces none; start it again',
+    StopReason.FOREIGN_PUBLISHER: 'a stranger publishes topics of this line; stop that node',
     StopReason.UNKNOWN: 'a stop request came without a reason that this version knows',
 }

@@ -7,19 +7,22 @@ time that is not known is None. A number that is not known is NaN. How a record 
 message follows from names and types of the fields: see `checkweigher_dsp.ros.conversion`.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 import math
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.reasons import Reason, StopReason
+from checkweigher_dsp.reasons import StopReason
 
 GRAMS = 1000.0  # in a kilogram
 NANOSECONDS = 1_000_000_000
 MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
+
+# A segmenter that was started again goes on at the next multiple of this number of items.
+NUMBERS_AT_ONCE = 1_000
 
 MAX_MASS = 1e6  # kg
 MAX_WINDOW = 2**16  # samples of a window, or of a message
@@ -193,7 +196,7 @@ class StreamStatus:
 
     `stamp` is that of the last sample in ns; `samples` and `edges` were sent by the driver, or
     taken by the segmenter, which `items` have left. `text` is for a technician, empty while all
-    is well.
+    is well. The segmenter has announced what the edges up to `last_edge`, in ns, show.
     """
 
     stamp: Stamp
@@ -203,6 +206,28 @@ class StreamStatus:
     edges: int = 0
     items: int = 0
     text: str = ''
+    last_edge: Stamp | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """An item on the line: the number that its window, estimate and verdict carry.
+
+    It is announced once it can no longer be merged with another one, and again when it is
+    `complete`: nothing more will be known of it by the photo-eyes before its verdict. `stamp` is
+    the first of `t1`, `t2` and `t3` that is known, in ns. `line_speed`, in m/s, is its own or,
+    without it, that of the last whole item. `stream` is the number of the driver's stream.
+    """
+
+    stamp: Stamp | None
+    stream: int
+    item_id: int  # from 1, in order of entry
+    t1: Stamp | None = None  # it begins to enter
+    t2: Stamp | None = None  # it is fully on the belt
+    t3: Stamp | None = None  # it begins to leave
+    line_speed: float = math.nan
+    complete: bool = False
+    reasons: tuple[str, ...] = ()  # why it cannot be weighed so far; empty if it can
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,22 +316,6 @@ class MassEstimate:
         return not self.reasons
 
 
-_Weighed = TypeVar('_Weighed', WeighWindow, MassEstimate)
-
-
-def mistrusted(record: _Weighed, reason: Reason) -> _Weighed:
-    """Return as a fault what cannot be trusted for a reason."""
-    reasons = tuple(dict.fromkeys((reason.value, *record.reasons)))
-    if isinstance(record, WeighWindow):
-        return replace(record, reasons=reasons)
-    return replace(record, reasons=reasons, mass=math.nan, std_dev=math.nan)
-
-
-def foreign(record: _Weighed) -> _Weighed:
-    """Return a record that may be a stranger's as a fault: nothing in it is trusted."""
-    return mistrusted(record, Reason.FOREIGN_PUBLISHER)
-
-
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What is to become of one item; masses and limits in kg.
@@ -339,6 +348,36 @@ class Verdict:
     batch_surplus: float = 0.0
     station: int = 0
     station_at: Stamp | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProductOnLine:
+    """Limits, batch and rules by which items are judged since `stamp`, ns; masses with packaging.
+
+    While `product` is empty, none is selected: nothing is accepted then if one is `needed`. Masses
+    are in kg, lengths in m, speeds in m/s. `batch_items` to `batch_surplus` are the counts of
+    `BatchTally` with which the batch goes on.
+    """
+
+    stamp: Stamp
+    product: str = ''
+    batch: str = ''
+    needed: bool = False
+    lower_limit: float = -math.inf
+    upper_limit: float = math.inf
+    min_length: float = 0.0
+    max_length: float = math.inf
+    min_speed: float = 0.0
+    max_speed: float = math.inf
+    nominal: float = 0.0
+    tu1: float = 0.0
+    tu1_quota: float = 0.025
+    mean_value: bool = False
+    performance_test: bool = False
+    batch_items: int = 0
+    batch_accepted: int = 0
+    batch_below_tu1: int = 0
+    batch_surplus: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -530,17 +569,8 @@ class StopRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class LineHistory:
-    """Memory that the driver has of a stream.
+class Permission:
+    """Whether the line may `run`, given at `stamp`, ns of the system clock; it soon runs out."""
 
-    `stream` is its number, `stamp` the time of the last sample in ns; `edges` and `verdicts` are
-    the latest, after `first_edge` others. No verdict of any stream has had a number above
-    `last_item_id`.
-    """
-
-    stream: int
     stamp: Stamp
-    first_edge: int = 0
-    edges: tuple[EyeEdge, ...] = ()
-    verdicts: tuple[Verdict, ...] = ()
-    last_item_id: int = 0
+    run: bool

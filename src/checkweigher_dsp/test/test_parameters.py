@@ -11,13 +11,9 @@ from hypothesis import strategies as st
 import pytest
 
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
-from checkweigher_dsp.parameters import (
-    ParameterError,
-    Parameters,
-    parameter,
-    read_parameter_file,
-)
+from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, parameter
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.yaml_files import opened
 
 
 @dataclass(frozen=True)
@@ -57,6 +53,11 @@ class Larder(Parameters):
 
 
 SETS = {'oven': Oven, 'fridge': Fridge}
+
+
+def read_parameter_file(path, sets, other_nodes=(), lane=None):
+    with opened(path) as sections:
+        return by_node(sections, sets, other_nodes, lane)
 
 
 @pytest.fixture
@@ -184,7 +185,7 @@ def test_a_parameter_of_every_node_may_stand_in_a_section_of_its_own(read):
 def test_a_node_that_there_is_not_is_refused(read):
     message = _refuse(read, '/**/ovne:\n  ros__parameters: {heat: 7.0}\n')
 
-    assert "'/**/ovne'" in message
+    assert 'line 1: /**/ovne: addresses none' in message
     assert 'oven, fridge, driver' in message
 
 
@@ -198,14 +199,12 @@ def test_a_name_for_all_that_none_knows_is_refused(read):
      'oven:\n  ros__parameters: [1, 2]\n', 'oven:\n  ros_parameters: {heat: 1.0}\n'],
 )  # fmt: skip
 def test_a_section_without_ros_parameters_is_refused(read, text):
-    assert "section 'oven' has no ros__parameters" in _refuse(read, text)
+    assert 'line 1: oven: has no ros__parameters' in _refuse(read, text)
 
 
-@pytest.mark.parametrize(
-    'text', ['a: [1\nb: 2\n', '\tx: 1\n', 'a: b: c\n', '!!python/none x\n', 'a: 2024-13-01']
-)
+@pytest.mark.parametrize('text', ['a: [1\nb: 2\n', '\tx: 1\n', 'a: b: c\n', '!!python/none x\n'])
 def test_what_is_not_yaml_is_refused_in_one_line(read, text):
-    assert 'not a YAML file' in _refuse(read, text)
+    assert 'bad YAML' in _refuse(read, text)
 
 
 @pytest.mark.parametrize('text', ['', '3\n', '- 1\n- 2\n', 'just words\n'])
@@ -217,7 +216,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
     path = tmp_path / 'picture.yaml'
     path.write_bytes(b'\xff\xd8\xff\xe0')
 
-    with pytest.raises(ParameterError, match=r'picture\.yaml: not a YAML file'):
+    with pytest.raises(ParameterError, match=r'picture\.yaml: .* decode'):
         read_parameter_file(path, SETS)
 
 
@@ -302,7 +301,7 @@ def test_an_inner_name_for_all_that_none_knows_is_refused(tmp_path):
     path = tmp_path / 'kitchen.yaml'
     path.write_text('/**:\n  ros__parameters: {shelf: {bords: 5}}\n', encoding='utf-8')
 
-    with pytest.raises(ParameterError, match=r'kitchen\.yaml: none of larder .* shelf\.bords'):
+    with pytest.raises(ParameterError, match=r'line 2: .* none of larder .* shelf\.bords'):
         read_parameter_file(path, {'larder': Larder})
 
 
@@ -327,7 +326,7 @@ def test_of_several_lanes_none_is_taken_by_chance(tmp_path):
     path = tmp_path / 'kitchens.yaml'
     path.write_text(LANES, encoding='utf-8')
 
-    with pytest.raises(ParameterError, match=r'kitchens\.yaml: addresses .* lanes, left, right; '):
+    with pytest.raises(ParameterError, match=r'yaml: line 1: addresses .* lanes, left, right; '):
         read_parameter_file(path, {'larder': Larder})
     path.write_text(LANES.replace('right', 'left/fridge'), encoding='utf-8')
     with pytest.raises(ParameterError, match='several lanes, left, left/fridge; name one'):

@@ -113,14 +113,10 @@ def _row(entry: Entry) -> tuple[str, ...]:
     if len(changed) > _MOST:
         what.append(f'and {len(changed) - _MOST} more')
     return (
-        str(entry.sequence), _time(entry.time), shortened(entry.who), shortened(entry.kind),
-        '\n'.join(what), shortened(entry.why or '', _LONGEST),
+        str(entry.sequence), shortened(entry.time)[:19].replace('T', ' '),  # to the second
+        shortened(entry.who), shortened(entry.kind), '\n'.join(what),
+        shortened(entry.why or '', _LONGEST),
     )  # fmt: skip
-
-
-def _time(time: object) -> str:
-    """Return a time of the log to the second."""
-    return shortened(time)[:19].replace('T', ' ')
 
 
 def _change(what: object, old: object, new: object) -> str:

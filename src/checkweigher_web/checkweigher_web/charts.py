@@ -95,11 +95,8 @@ def _stretch_chart(item: Item, stretch: Stretch, load_cell: LoadCell) -> Options
     series = [_line('raw', place(stretch.time), force, RAW, width=1)]
     expected = expected_rise(item, stretch, load_cell)
     if expected is not None:
-        line = GRAMS * expected.force
-        name = expected.name
-        series.append(
-            _line(name, place(expected.time), line, REFERENCE, width=2, dash='dashed')
-        )  # fmt: skip
+        time, load = place(expected.time), GRAMS * expected.force
+        series.append(_line('load by the eyes', time, load, REFERENCE, width=2, dash='dashed'))
     marks = fault_marks(item, stretch, load_cell)
     numbered = [(str(k), place(m.begin), place(m.end)) for k, m in enumerate(marks, 1)]
     series[0]['markArea'] = {

@@ -46,7 +46,6 @@ class Mark:
 class Expected:
     """A signal that should have been there: `time` (n,) in ns, `force` (n,) in kg."""
 
-    name: str
     time: NDArray[np.int64]
     force: NDArray[np.float64]
 
@@ -117,13 +116,13 @@ def expected_rise(item: Item, stretch: Stretch, load_cell: LoadCell) -> Expected
     rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
     if Reason.EDGE_MISMATCH not in item.verdict.reasons or rise is None or rest is None:
         return None
-    time = stretch.time[(stretch.time >= stretch.time[0]) & (stretch.time <= rest[1])]
+    time = stretch.time[stretch.time <= rest[1]]
     before, level = scene.between(int(stretch.time[0]), rise[0]), scene.between(*rest)
     if not len(before) or not len(level):
         return None
     share = np.clip((time - rise[0]) / max(rise[1] - rise[0], 1), 0.0, 1.0)
     empty = float(np.mean(before))
-    return Expected('load by the eyes', time, empty + (float(np.mean(level)) - empty) * share)
+    return Expected(time, empty + (float(np.mean(level)) - empty) * share)
 
 
 def _missing_edges(scene: Scene) -> Iterator[Mark]:

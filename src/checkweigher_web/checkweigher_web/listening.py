@@ -8,7 +8,6 @@ import time
 
 from checkweigher_dsp.health.status_board import StatusBoard
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.graph.hosts import hosts_of_lanes
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_web.lane import SHOWN, Lane
@@ -68,10 +67,6 @@ class Watch:
         """End the search for lanes."""
         self._ended.set()
         self._thread.join()
-
-    def hosts(self) -> dict[str, set[str]]:
-        """Return the hosts on which each lane runs, by their names in the line description."""
-        return hosts_of_lanes(self._finder)
 
     def _look(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD):

@@ -54,7 +54,8 @@ class Overview:
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
     def _rows(self, now: float) -> list[LaneView]:
-        lanes, hosts, board = dict(self._watch.lanes), self._watch.hosts(), self._watch.board
+        lanes, board = dict(self._watch.lanes), self._watch.board
+        hosts = board.hosts()
         told = by_lane(board.rows(now)) if board.heard else []
         silent = lanes.keys() - {row.lane.strip('/') for row in told}
         text = 'no diagnostics have come; see whether its nodes run'

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a lane: views that follow what the lane shows."""
 
+from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 import time
@@ -112,7 +113,8 @@ class LanePage:
         items, only_faults = self._drawing.items(), bool(self._only_faults.value)
         if items:
             self._show_item(items[0])
-        self._show_stop()
+        stop = self._lane.stop
+        self._stop.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
         self._list.show(self._drawing.rows(only_faults=only_faults))
         self._list.choose(self._chosen)
         listed = self._drawing.items(only_faults=only_faults)
@@ -162,10 +164,6 @@ class LanePage:
         """Show everything at the next update."""
         self._version = None
 
-    def _show_stop(self) -> None:
-        stop = self._lane.stop
-        self._stop.set_text('' if stop is None else f'STOP {stop.reason}: {stop.hint}')
-
     def _update_slowly(self) -> None:
         if self._board is not None:
             rows = [
@@ -194,14 +192,12 @@ class LanePage:
 
     def _show_reasons(self, statistics: Statistics | None) -> None:
         """Show why items were faults, the most frequent reason first."""
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         if statistics is not None:
-            counts = dict(zip(statistics.reasons, statistics.reason_counts, strict=True))
+            counts.update(dict(zip(statistics.reasons, statistics.reason_counts, strict=True)))
         self._headline.set_text('' if counts else 'no fault until now')
-        self._diagnostics.show(
-            (str(counts[each]), each, hint(each))
-            for each in sorted(counts, key=counts.__getitem__, reverse=True)
-        )
+        frequent = counts.most_common()
+        self._diagnostics.show((str(count), reason, hint(reason)) for reason, count in frequent)
 
     def _show_standstill(self, why: str) -> None:
         """Show why the lane does not weigh, and its latest item as what has been."""

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page of a recorded shift: the views of a lane, and what moves through it."""
 
-from collections.abc import Callable
 from functools import partial
 
 from nicegui import ui
-from nicegui.events import GenericEventArguments
 
 from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import NANOSECONDS
@@ -41,13 +39,17 @@ class PlaybackPage:
                 .props('type=range min=1 max=1 step=1 value=1 aria-label="item of the shift"')
             )
             self._slider.on(
-                'input', self._moved, js_handler='event => emit(Number(event.target.value))'
-            )
+                'input', lambda event: self._go(int(event.args) - 1),
+                js_handler='event => emit(Number(event.target.value))',
+            )  # fmt: skip
             with ui.element('div').classes('in-a-row'):
-                for text, step in (('previous item', -1), ('next item', 1)):
-                    _button(text, partial(self._step, step))
-                for text, forward in (('previous fault', False), ('next fault', True)):
-                    _button(text, partial(self._go_to_fault, forward))
+                for text, move in (
+                    ('previous item', partial(self._step, -1)),
+                    ('next item', partial(self._step, 1)),
+                    ('previous fault', partial(self._go_to_fault, False)),
+                    ('next fault', partial(self._go_to_fault, True)),
+                ):
+                    ui.button(text, on_click=move).props('outline no-caps dense padding="xs sm"')
                 self._where = ui.label('').classes('where')
         self._views = LanePage(Drawing(self._playback))
         self._timer = ui.timer(_PERIOD, self._follow)
@@ -67,9 +69,6 @@ class PlaybackPage:
         if whole:
             self._timer.deactivate()
 
-    def _moved(self, event: GenericEventArguments) -> None:
-        self._go(int(event.args) - 1)
-
     def _step(self, step: int) -> None:
         self._go(self._playback.place + step)
 
@@ -79,11 +78,11 @@ class PlaybackPage:
         self._show_place()
 
     def _go_to_fault(self, forward: bool) -> None:
-        if self._playback.go_to_fault(forward=forward):
-            self._views.show_latest()
-            self._show_place()
-        else:
+        place = self._playback.next_fault(forward=forward)
+        if place is None:
             ui.notify(f'no fault {"after" if forward else "before"} this item')
+        else:
+            self._go(place)
 
     def _show_place(self) -> None:
         self._slider.props['value'] = self._playback.place + 1
@@ -94,7 +93,3 @@ class PlaybackPage:
             self._where.set_text(
                 f'item {place + 1} of {len(items)}, {clock(verdict.t3 or verdict.t1)}'
             )
-
-
-def _button(text: str, click: Callable[[], None]) -> None:
-    ui.button(text, on_click=click).props('outline no-caps dense padding="xs sm"')

@@ -18,13 +18,12 @@ from fastapi import FastAPI, Response
 from nicegui import app as nicegui
 from nicegui import ui
 import rclpy
-from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions
 import uvicorn
 
 from checkweigher_dsp.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
-from checkweigher_web.access.login import add_login, add_style
+from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
 from checkweigher_web.audit_view import Auditor
@@ -73,7 +72,7 @@ def serve(
 
     Raises
     ------
-    PageError, CertificateError, UsersError
+    PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
     with _listening(site) as (found, listener):
@@ -104,7 +103,7 @@ def serve_shift(site: Site, shift: Shift, name: str, report: Path | None = None)
 
     Raises
     ------
-    PageError, CertificateError, UsersError
+    PageError, CertificateError, SettingsError
         If the site cannot be served.
     """
     with _listening(site) as (found, listener):
@@ -211,8 +210,7 @@ def _application(site: Site) -> tuple[Access, FastAPI]:
     """Return who may do what at a site, and the application with its login."""
     access = Access(site)
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    add_style(app, STYLE)
-    add_login(app, access, get_logger('page'))
+    add_login(app, access, STYLE)
     return access, app
 
 

@@ -171,7 +171,7 @@ class Playback:
         self.shift = shift
         self.name = name
         self.load_cell = shift.recording.load_cell
-        self._place = 0
+        self.place = 0  # of the item among all
         self._moves = 0
 
     @property
@@ -179,24 +179,16 @@ class Playback:
         """What changes where the views have to."""
         return self._moves, min(len(self.shift.items), self.place + 1)
 
-    @property
-    def place(self) -> int:
-        """Place of the item among all, from 0."""
-        return self._place
-
     def go(self, place: int) -> None:
         """Show the item at a place, or at the nearest there is."""
-        self._place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
+        self.place = min(max(place, 0), max(len(self.shift.items) - 1, 0))
         self._moves += 1
 
-    def go_to_fault(self, *, forward: bool) -> bool:
-        """Show the next fault, or the one before; tell whether there is one."""
+    def next_fault(self, *, forward: bool) -> int | None:
+        """Return the place of the next fault, or of the one before; None without one."""
         faults = self.shift.faults
         at = bisect_right(faults, self.place) if forward else bisect_left(faults, self.place) - 1
-        if not 0 <= at < len(faults):
-            return False
-        self.go(faults[at])
-        return True
+        return faults[at] if 0 <= at < len(faults) else None
 
     def items(self) -> list[Item]:
         """Return the items until now without their signals, the latest first."""

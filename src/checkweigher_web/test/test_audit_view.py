@@ -2,27 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the page shows of an audit log is what the command `audit` says, the latest first."""
 
-import asyncio
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-import threading
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 import pytest
 from running import run_command
 
 from checkweigher_dsp.production.audit_log import (
-    FIRST_PREVIOUS,
     AuditError,
     AuditLog,
-    Entry,
     head_path,
     read_log,
 )
 from checkweigher_dsp.production.audit_seal import add_seal, seals_path
-from checkweigher_web import audit_view
-from checkweigher_web.audit_view import NEWEST, Auditor, AuditView, view_of
+from checkweigher_web.audit_view import NEWEST, view_of
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))
 PUBLIC = KEY.public_key()
@@ -171,34 +165,3 @@ def test_a_key_without_seals_is_an_error(log: Path):
     view = view_of(log, PUBLIC)
     assert (view.whole, view.seals_hold) == (True, False)
     assert view.seals.startswith(f'There are no seals in {seals_path(log)}')
-
-
-def forged(log: Path, **values: object) -> None:
-    """Write a log whose one entry has values that no node writes, chained as it should be."""
-    entry = Entry(1, 't', 's', 'k', 'x', None, None, FIRST_PREVIOUS, who='w', why='y')
-    entry = replace(entry, **values)  # type: ignore[arg-type]
-    entry = replace(entry, hash=entry.digest())
-    log.write_bytes(entry.line())
-    head_path(log).write_text(f'{{"sequence":1,"hash":"{entry.hash}"}}\n')
-
-
-@pytest.mark.parametrize('name', ['time', 'source', 'kind', 'subject', 'old', 'new', 'who', 'why'])
-@pytest.mark.parametrize('value', [7, ['a'], {'a': 'b'}, '\x1b[2J\n', '\ud800', 'a' * 100_000])
-def test_an_entry_of_anything_is_a_row_of_short_lines(tmp_path: Path, name: str, value: object):
-    forged(tmp_path / 'audit.log', **{name: value})
-    view = view_of(tmp_path / 'audit.log', None)
-    assert view.whole
-    assert all(text.isprintable() and len(text) < 1000 for row in view.rows for text in row)
-
-
-def test_a_log_is_read_beside_the_loop_of_the_page(log: Path, monkeypatch: pytest.MonkeyPatch):
-    threads: list[threading.Thread] = []
-
-    def noted(*given: object) -> AuditView:
-        threads.append(threading.current_thread())
-        return view_of(*given)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(audit_view, 'view_of', noted)
-    view = asyncio.run(Auditor(PUBLIC).read(log, 'R1'))
-    assert [row[0] for row in view.rows] == ['2']
-    assert threads[0] is not threading.main_thread()

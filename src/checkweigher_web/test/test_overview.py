@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from operator import itemgetter
 from pathlib import Path
 import re
+import socket
 import subprocess
 import sys
 
@@ -22,7 +23,7 @@ import pytest
 from running import ROOT
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
-from served_page import served
+from served_page import line_of, served
 import yaml
 
 pytestmark = needs_browser
@@ -33,7 +34,7 @@ lanes:
   good: {{host: hall, params: good.yaml, recipes: {RECIPES}, product: crisps_150g}}
   ill: {{host: hall, params: ill.yaml}}
 """
-VALUES: dict[str, dict[str, object]] = {
+VALUES: dict[str, dict[str, dict[str, object]]] = {
     'good': {'driver': {'simulator': {'count': 0, 'masses': [0.15]}}},
     # Each item is too heavy, and the first one stops the line.
     'ill': {
@@ -97,7 +98,11 @@ def test_each_lane_has_its_row_the_worst_first(browser: Chrome, port: int):
     # On a busy machine a verdict may be late, which is an ERROR of the other lane as well.
     assert rows[0] == ill or good[STATE] == 'ERROR'
     assert ' → ' in ill[-1]  # what to check
-    assert (good[LANE], good[HOST], good[PRODUCT]) == ('good', 'hall', 'crisps_150g')
+    assert (good[LANE], good[HOST], good[PRODUCT]) == (
+        'good',
+        socket.gethostname(),
+        'crisps_150g',
+    )
     assert float(good[RATE]) > 0
     assert errors_of(browser) == []
 
@@ -122,23 +127,15 @@ def test_everything_can_be_seen_at_any_width(browser: Chrome, port: int):
 
 
 def test_a_page_waits_for_its_lane_and_tells_when_that_is_silent(browser: Chrome, tmp_path: Path):
-    params = tmp_path / 'late.yaml'
-    sections = {f'/**/{node}': {'ros__parameters': each} for node, each in VALUES['good'].items()}
-    params.write_text(yaml.safe_dump(sections))
-    words = 'run', '--namespace', 'late', '--params', str(params)
     with served() as (_, port):
         browser.get(f'http://127.0.0.1:{port}/lane/late')
         until(browser, lambda: "no lane 'late' runs here" in text_of(browser, '.panel'))
         assert text_of(browser, '.head .title') == 'lane late'
         assert browser.find_element(By.LINK_TEXT, 'All lanes').is_displayed()
         assert shortcomings(browser) == []
-        line = subprocess.Popen([sys.executable, '-m', 'checkweigher_bringup.cli', *words])
-        try:
+        with line_of(tmp_path / 'late.yaml', VALUES['good'], '--namespace', 'late'):
             until(browser, lambda: 'ACCEPT' in text_of(browser, '.decision'))
             assert 'silent' not in text_of(browser, '.item')
-        finally:
-            line.terminate()
-            line.wait()
         silent = r'silent for \d+ s, last item at \d\d:\d\d:\d\d'
         until(browser, lambda: re.search(silent, text_of(browser, '.item')))
         until(browser, lambda: browser.find_elements(By.CSS_SELECTOR, '.decision.NONE'))

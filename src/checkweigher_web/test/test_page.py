@@ -5,8 +5,6 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 import re
-import subprocess
-import sys
 
 from browsers import (
     WIDTHS,
@@ -18,23 +16,21 @@ from browsers import (
     text_of,
     until,
 )
+from persons import Line, Person, add_users
 import pytest
 import rclpy
 from rclpy.node import Node
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from served_page import served
-import yaml
+from served_page import line_of, served
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.results import weigh
-from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 pytestmark = needs_browser
-PASSWORD = 'correct horse'
 LINE = {
     'driver': {'source': 'simulator', 'simulator': {'count': 0, 'seed': 3}},
     'reject': {'lower_limit': 0.1, 'upper_limit': 0.2},
@@ -46,26 +42,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the users, and one for the items that are kept."""
     folder = tmp_path_factory.mktemp('line')
     (folder / 'kept').mkdir()
-    anna = User('anna', Role.OPERATOR, hash_password('anna', PASSWORD))
-    write_users(folder / 'users', {'anna': anna})
+    add_users(folder / 'users')
     return folder
 
 
 @pytest.fixture(scope='module')
 def port(folder: Path) -> Iterator[int]:
     """Run an endless line and the page, and give the port."""
-    params = folder / 'line.yaml'
-    sections = {f'/**/{node}': {'ros__parameters': values} for node, values in LINE.items()}
-    params.write_text(yaml.safe_dump(sections))
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--params', str(params)]
-    line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-    try:
-        options = '--users', str(folder / 'users'), '--keep', str(folder / 'kept')
-        with served(*options) as (_, found):
-            yield found
-    finally:
-        line.terminate()
-        line.wait()
+    options = '--users', str(folder / 'users'), '--keep', str(folder / 'kept')
+    with line_of(folder / 'line.yaml', LINE), served(*options) as (_, found):
+        yield found
 
 
 def test_an_item_is_shown_with_mass_verdict_and_signal(browser: Chrome, port: int):
@@ -131,64 +117,50 @@ def test_signals_are_taken_only_while_somebody_looks(
     until(browser, lambda: 'page_signals' not in nodes())
 
 
-def press(browser: Chrome, name: str) -> None:
-    path = f'//button[normalize-space()="{name}"]'
-    until(browser, lambda: browser.find_elements(By.XPATH, path))
-    browser.execute_script('arguments[0].click()', browser.find_elements(By.XPATH, path)[-1])
+@pytest.fixture
+def anna(browser: Chrome, port: int, folder: Path) -> Person:
+    """Return an operator who has logged in."""
+    person = Person(browser, Line(port, folder))
+    person.log_in('anna')
+    return person
 
 
-def log_in(browser: Chrome, port: int) -> None:
-    browser.get(f'http://127.0.0.1:{port}/login')
-    browser.find_element(By.NAME, 'name').send_keys('anna')
-    browser.find_element(By.NAME, 'password').send_keys(PASSWORD + Keys.ENTER)
-    until(browser, lambda: 'anna' in text_of(browser, '.head'))
-
-
-def test_an_item_of_a_line_that_stands_is_no_news(browser: Chrome, port: int):
+def test_an_item_of_a_line_that_stands_is_no_news(browser: Chrome, anna: Person):
     def shade() -> str:
         return str(browser.execute_script('return document.querySelector(".decision").className'))
 
-    def does(name: str) -> None:
-        press(browser, name)
-        until(browser, lambda: text_of(browser, '.dialog h2') == name)
-        press(browser, name)
-        until(browser, lambda: text_of(browser, '.dialog .result').startswith('✓'))
-        press(browser, 'Close')
-        until(browser, lambda: not text_of(browser, '.dialog'))
-
-    log_in(browser, port)
     until(browser, lambda: text_of(browser, '.mass').endswith(' g'))
     assert shade().split()[-1] in ('ACCEPT', 'UNDER', 'OVER', 'FAULT')
-    does('Stop')
+    anna.does('Stop', '✓')
     until(browser, lambda: shade() == 'decision NONE')
     number, when = rows_of(browser)[0][:2]
     said = 'weighing is stopped, last item at '
     until(browser, lambda: text_of(browser, '.item').split('\n')[1] == said + when)
     assert f'item {number}' in text_of(browser, '.item')
     assert shortcomings(browser) == []
-    does('Start')
+    anna.does('Start', '✓')
     until(browser, lambda: shade() != 'decision NONE')
     assert 'stopped' not in text_of(browser, '.item')
 
 
-def test_an_item_of_the_running_line_is_kept(browser: Chrome, port: int, folder: Path):
-    log_in(browser, port)
-    press(browser, 'Log out')
+def test_an_item_of_the_running_line_is_kept(
+    browser: Chrome, port: int, folder: Path, anna: Person
+):
+    anna.log_out()
     browser.get(f'http://127.0.0.1:{port}/')
     until(browser, lambda: rows_of(browser))
     assert 'keep this item' not in text_of(browser, 'main')
-    log_in(browser, port)
+    anna.log_in('anna')
 
     said: list[str] = []
 
     def kept() -> bool:
         """Try it with the latest item: the page has to have held what that needs."""
-        press(browser, 'keep this item')
-        press(browser, 'Keep')
-        until(browser, lambda: text_of(browser, '.dialog .result'))
-        said.append(text_of(browser, '.dialog .result'))
-        press(browser, 'Close')
-        until(browser, lambda: not text_of(browser, '.dialog'))
+        anna.press('keep this item', '.signal')
+        anna.press('Keep')
+        anna.until(lambda: anna.text('.dialog .result'))
+        said.append(anna.text('.dialog .result'))
+        anna.close()
         return said[-1].startswith('✓')
 
     until(browser, kept)

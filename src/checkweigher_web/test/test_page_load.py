@@ -8,8 +8,6 @@ from http.client import HTTPException
 from pathlib import Path
 import signal
 import statistics
-import subprocess
-import sys
 import threading
 import time
 
@@ -17,9 +15,8 @@ from browsers import needs_browser, open_browser, text_of, until
 import pytest
 import rclpy
 from running import BAGS, PATIENCE
-from served_page import get, get_text, served
+from served_page import get, get_text, line_of, served
 from viewers import viewers
-import yaml
 
 from checkweigher_dsp.records import Verdict
 from checkweigher_dsp.ros import ports
@@ -143,23 +140,15 @@ class Clock:
 @contextmanager
 def judged_line(folder: Path, clock: Clock) -> Iterator[int]:
     """Run an endless line whose verdicts `clock` takes, and give its process."""
-    parameters = folder / 'line.yaml'
-    values = {'simulator': {'count': 0, 'seed': 3}}
-    parameters.write_text(yaml.safe_dump({'/**/driver': {'ros__parameters': values}}))
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'run', '--params', str(parameters)]
-    line = subprocess.Popen(words, stdout=subprocess.DEVNULL)
-    try:
-        with listening() as spinner:
-            node = PortNode('judged')
-            node.subscribe(ports.VERDICT, clock.judge)
-            spinner.add(node)
-            wait_for(lambda: clock.judged)
-            started = Path(f'/proc/{line.pid}/task').glob('*/children')
-            (of_line,) = [int(each) for path in started for each in path.read_text().split()]
-            yield of_line
-    finally:
-        line.terminate()
-        line.wait()
+    values = {'driver': {'simulator': {'count': 0, 'seed': 3}}}
+    with line_of(folder / 'line.yaml', values) as line, listening() as spinner:
+        node = PortNode('judged')
+        node.subscribe(ports.VERDICT, clock.judge)
+        spinner.add(node)
+        wait_for(lambda: clock.judged)
+        started = Path(f'/proc/{line.pid}/task').glob('*/children')
+        (of_line,) = [int(each) for path in started for each in path.read_text().split()]
+        yield of_line
 
 
 def said_of(name: str, delays: Sequence[float]) -> str:

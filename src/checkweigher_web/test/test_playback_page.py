@@ -18,7 +18,6 @@ from browsers import (
 )
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
-from running import run_command
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -160,14 +159,3 @@ def test_the_report_is_shown_and_nothing_in_it_runs(page: Chrome, port: int):
     assert text_of(page, 'p') == 'accuracy'
     assert page.title != 'it ran'
     page.get(f'http://127.0.0.1:{port}/')
-
-
-def test_what_the_page_cannot_show_is_a_line(bag: Path, tmp_path: Path):
-    cases: tuple[tuple[tuple[object, ...], str], ...] = (
-        (('--bag', bag, '--report', tmp_path / 'none'), 'there is no such file'),
-        (('--report', bag), '--report: goes with --bag only'),
-    )
-    for options, text in cases:
-        done = run_command('page', '--port', 0, *options)
-        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
-        assert text in done.stderr

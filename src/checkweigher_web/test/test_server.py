@@ -35,16 +35,6 @@ def test_a_name_that_points_here_is_refused(port: int):
     assert get(port, Host=f'localhost:{port}').status == 200
 
 
-def test_a_socket_of_another_site_is_refused(port: int):
-    upgrade = {
-        'Connection': 'Upgrade', 'Upgrade': 'websocket', 'Sec-WebSocket-Version': '13',
-        'Sec-WebSocket-Key': 'MDEyMzQ1Njc4OWFiY2RlZg==',
-    }  # fmt: skip
-    path = '/_nicegui_ws/socket.io/?EIO=4&transport=websocket'
-    assert get(port, path, Origin='http://evil.example', **upgrade).status == 403
-    assert get(port, path, Origin=f'http://127.0.0.1:{port}', **upgrade).status == 101
-
-
 def test_only_the_loopback_address_listens(port: int):
     for address in {each[4][0] for each in socket.getaddrinfo(socket.gethostname(), None)}:
         if not str(address).startswith('127.'):
@@ -57,38 +47,23 @@ def test_a_lane_that_is_not_there_is_no_error(port: int, path: str):
     assert get(port, path.replace('<', '%3C').replace('>', '%3E')).status == 200
 
 
-def test_a_port_that_is_taken_is_one_line(port: int):
-    done = run_command('page', '--port', port)
-    assert done.returncode == 2
-    assert done.stderr == (
-        f'checkweigher page: port {port}: address already in use; choose another one with --port\n'
-    )
-
-
-def test_a_port_that_there_is_not_is_one_line():
-    done = run_command('page', '--port', 70000)
-    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
-    assert 'is not in 0..65535' in done.stderr
-
-
-def test_a_folder_for_items_that_cannot_be_used_is_one_line(monkeypatch: pytest.MonkeyPatch):
+def test_what_cannot_be_served_is_one_line(
+    port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setenv('XDG_CONFIG_HOME', os.devnull)
-    for folder, said in (
-        ('/nowhere/at/all', 'there is no folder /nowhere/at/all; make it first'),
-        ('/tmp', 'needs a user: checkweigher user add NAME --role R'),
-    ):
-        done = run_command('page', '--port', 0, '--keep', folder)
-        assert (done.returncode, done.stderr.count('\n')) == (2, 1)
-        assert said in done.stderr
-
-
-def test_a_key_that_cannot_verify_seals_is_one_line(tmp_path: Path):
-    file = tmp_path / 'file'
+    file, bag = tmp_path / 'file', BAGS / 'paper_90'
     file.write_text('no key')
+    taken = f'checkweigher page: port {port}: address already in use; choose another one with'
     for options, said in (
+        (('--port', port), taken),
+        (('--port', 70000), 'is not in 0..65535'),
+        (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
+        (('--keep', '/tmp'), 'needs a user: checkweigher user add NAME --role R'),
         (('--trust', file), f'{file}: is not an Ed25519 public key'),
         (('--trust', tmp_path / 'none'), 'none: cannot be read: No such file'),
         (('--trust', file, '--bag', tmp_path), '--trust: of a running line only'),
+        (('--bag', bag, '--report', tmp_path / 'none'), 'there is no such file'),
+        (('--report', file), '--report: goes with --bag only'),
     ):
         done = run_command('page', '--port', 0, *options)
         assert (done.returncode, done.stderr.count('\n')) == (2, 1)

@@ -85,11 +85,10 @@ def test_playback_shows_the_shift_until_a_place(shift: Shift):
     assert (playback.statistics.items, playback.statistics.faults) == (6, 1)
     assert len(playback.empty_belt()) > 0
     before = playback.version
-    assert playback.go_to_fault(forward=True)
-    assert (playback.place, playback.version != before) == (7, True)
-    assert not playback.go_to_fault(forward=True)
-    assert playback.go_to_fault(forward=False)
-    assert playback.place == 3
+    assert (playback.next_fault(forward=True), playback.next_fault(forward=False)) == (7, 3)
+    playback.go(7)
+    assert playback.version != before
+    assert playback.next_fault(forward=True) is None
     playback.go(99)
     assert playback.place == 9
 

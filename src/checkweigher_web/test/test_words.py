@@ -7,16 +7,15 @@ import math
 
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.production.statistics import ProductionStatistics
-from checkweigher_dsp.records import Decision, FillerFeedback, Verdict
+from checkweigher_dsp.records import Decision, FillerFeedback, ProductOnLine, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules
-from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_web.lane import Item
 from checkweigher_web.words import about, batch_rules, production
 
 PLAIN = Product('crisps', 0.150, tu1=0.14325, tu2=0.1365)
 RULED = replace(PLAIN, tu1_quota=0.025, mean_value=True)
-REJECT = RejectParameters(
-    product='crisps', batch='L1', nominal=0.150, tu1=0.14325, tu1_quota=0.025, mean_value=True
+RULES = ProductOnLine(
+    1, 'crisps', 'L1', nominal=0.150, tu1=0.14325, tu1_quota=0.025, mean_value=True
 )
 
 
@@ -24,7 +23,7 @@ def judged(*masses: float) -> list[Verdict]:
     """Return the verdicts of items by the rules, as the reject stage gives them."""
     rules = BatchRules()
     items = (Verdict(n, None, Decision.ACCEPT, mass=mass) for n, mass in enumerate(masses, start=1))
-    return [rules.judge(item, REJECT) for item in items]
+    return [rules.judge(item, RULES) for item in items]
 
 
 def shown(product: Product, verdicts: list[Verdict]) -> list[str]:

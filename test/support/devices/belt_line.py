@@ -36,8 +36,7 @@ PARAMETERS = """
   ros__parameters: {{estimator: hann}}
 /**/reject:
   ros__parameters:
-    {{lower_limit: 0.12, upper_limit: 0.2, rejector_distance: 0.5, min_belt_speed: 0.1,
-     verdict_margin: 0.2}}
+    {{lower_limit: 0.12, upper_limit: 0.2, rejector_distance: 0.5, verdict_margin: 0.2}}
 /**/driver:
   ros__parameters:
     source: aed

@@ -21,6 +21,7 @@ from checkweigher_driver.line_io.modbus import (
 )
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
+from checkweigher_dsp.records import Permission
 
 PLC = Path(__file__).with_name('modbus_plc.py')
 BAG = BAGS / 'paper_90'
@@ -104,3 +105,16 @@ def switching(plc, port_parameters=None, held=lambda: False, **parameters):
         yield outputs
     finally:
         outputs.close()
+
+
+def permit(outputs):
+    """Give the permission to run, again and again; return what ends that, as a dead reject does."""
+    ended = threading.Event()
+
+    def give():
+        while not (ended.is_set() or outputs._closed):
+            outputs.take_permission(Permission(time.time_ns(), run=True))
+            ended.wait(0.1)
+
+    threading.Thread(target=give, daemon=True).start()
+    return ended.set

@@ -9,7 +9,7 @@ from statistics import median
 
 from checkweigher_bringup.commissioning.static_guide import ask
 from checkweigher_bringup.errors import UserError
-from checkweigher_bringup.output import check_output_file
+from checkweigher_bringup.output import check_output_file, make_folder
 from checkweigher_bringup.recorder import record
 from checkweigher_bringup.settings import (
     check_namespace,
@@ -20,7 +20,6 @@ from checkweigher_bringup.settings import (
 from checkweigher_bringup.training import BUDGET, read_passes, train
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.whole_file import output_error
 
 _SECONDS = 60.0  # in a minute
 _TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
@@ -31,10 +30,7 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise output_error(folder, error) from None
+    make_folder(folder, exist_ok=True)
     base = line_parameters(arguments.params, None)
     bags = [_record_at(speed, folder, base, arguments) for speed in arguments.speeds]
     new = output.with_name(f'{output.stem}.new{output.suffix}')

@@ -46,9 +46,9 @@ class MachineFolder:
     """Where a line keeps what becomes of its machine; `made` makes it.
 
     `cell.yaml` is the calibration, `machine.yaml` what was trained, `recipes.yaml` the products,
-    `audit.log` who changed what, `passes_N` the recorded passes, `kept` the items that were kept,
-    `batches` records and reports of the batches, `plans` those of verifications, `verifications` a
-    folder for each.
+    `items.numbers` and `verdicts.numbers` the latest numbers of items, `audit.log` who changed
+    what, `passes_N` the recorded passes, `kept` the items that were kept, `batches` records and
+    reports of the batches, `plans` those of verifications, `verifications` a folder for each.
     """
 
     path: Path
@@ -110,6 +110,8 @@ class MachineFolder:
             setting['restart_file'] = str(self._restart_file)
         return {
             'driver': {'calibration.file': str(self.path / 'cell.yaml')},
+            'segmenter': {'numbers': str(self.path / 'items.numbers')},
+            'reject': {'numbers': str(self.path / 'verdicts.numbers')},
             'product': {
                 'recipes': str(self.path / 'recipes.yaml'),
                 'audit_log': log,

@@ -32,12 +32,13 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
         _wait_for_line(node, states)  # else the first passes may be over before they are heard
         before = states[-1]
         request = BeginTest.Request(who=who, reason=reason)
-        print(_ask(node, request), flush=True)
+        print(ask(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
         print('every item is rejected until the test has ended', flush=True)
         try:
             return _follow(states, before, timeout)
         except BaseException:
-            _ask(node, BeginTest.Request(who=who, reason='interrupted', cancel=True))
+            request = BeginTest.Request(who=who, reason='interrupted', cancel=True)
+            ask(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request)
             raise
 
 
@@ -48,10 +49,6 @@ def _wait_for_line(node: PortNode, states: list[PerformanceTest]) -> None:
             topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
             raise UserError(f'nothing on {topic}: is the line running, with a product selected?')
         time.sleep(_POLL_PERIOD)
-
-
-def _ask(node: PortNode, request: BeginTest.Request) -> str:
-    return ask(node, BeginTest, ports.BEGIN_TEST, 'product', _PATIENCE, request)
 
 
 def _follow(states: list[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:

@@ -18,15 +18,15 @@ from checkweigher_bringup.commissioning.verification_bags import (
 from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
 from checkweigher_bringup.commissioning.verification_terminal import Terminal
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.output import make_folder
 from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning, write_parameter_file
-from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.audit_log import AuditError, Entry, read_log
 from checkweigher_recording.archive.copying import local_bag
-from checkweigher_recording.whole_file import check_new, output_error, write_whole
+from checkweigher_recording.whole_file import check_new, write_whole
 from checkweigher_validation.archive.program import program_digest
-from checkweigher_validation.verification.plan import Plan, PlanError, read_plan
+from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
 
@@ -67,10 +67,7 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     `make` gets what gives the identity, and the path of the bag; `audit` is the log of the line.
     """
     bag, identity = folder / 'bag', _IdentityOnDisk(folder / 'parameters.yaml', audit)
-    try:
-        folder.mkdir()
-    except OSError as error:
-        raise output_error(folder, error) from None
+    make_folder(folder)
     try:
         make(identity, bag)
     finally:
@@ -155,10 +152,7 @@ def write_report(bag: Path, folder: Path) -> str:
     from checkweigher_validation.report.verification_page import render_verification
 
     report = report_of(read_procedure(bag))
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise output_error(folder, error) from None
+    make_folder(folder, exist_ok=True)
     write_whole(folder / 'report.json', as_json(report))
     write_whole(folder / 'report.html', render_verification(report))
     return str(report['verdict'])
@@ -167,13 +161,11 @@ def write_report(bag: Path, folder: Path) -> str:
 def plan_of(path: Path) -> tuple[Plan, str]:
     """Return the plan of a file, and its text."""
     try:
-        text = read_input(path).decode('utf-8')
+        text = path.read_text(encoding='utf-8')
         return read_plan(text), text
     except OSError as error:
         raise UserError(f'{path}: {error.strerror or error}') from None
-    except UnicodeDecodeError:
-        raise UserError(f'{path}: is not text in UTF-8') from None
-    except PlanError as error:
+    except ValueError as error:
         raise UserError(f'{path}: {error}') from None
 
 

@@ -15,6 +15,7 @@ from checkweigher_dsp.records import (
     GRAMS,
     NANOSECONDS,
     EyeEdge,
+    LoadCell,
     Reference,
     SampleBlock,
     StepState,
@@ -80,7 +81,7 @@ def procedure_of_bags(
         (ports.VERIFICATION, VerificationStep(begin, '', StepState.PLAN, text=text)),
         (ports.VERIFICATION, VerificationStep(begin, '', StepState.IDENTITY, text=what)),
     )
-    with BagWriter(output, ports.ALL) as writer:
+    with BagWriter(output, ports.RECORDED) as writer:
         for port, record in told:
             writer.put(port, begin, serialize(port, record, begin))
         items = 0
@@ -94,7 +95,7 @@ def procedure_of_bags(
 def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
     """Refuse bags that cannot be of one procedure."""
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
-        if second.blocks[0].stamp < end_of(first):
+        if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
             raise UserError(f'{after}: begins before {before} ends; they are of no one procedure')
         if second.load_cell != first.load_cell:
             raise UserError(f'{after}: has another calibration than {before}; record all again')
@@ -107,17 +108,16 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
                 )
 
 
-def end_of(recording: Recording) -> int:
-    """Return the end of the last sample, ns."""
-    last = recording.blocks[-1]
-    return last.stamp + round(len(last.counts) * NANOSECONDS / recording.load_cell.sample_rate)
+def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
+    """Return the end of the last sample of a block, ns."""
+    return block.stamp + round(len(block.counts) * NANOSECONDS / load_cell.sample_rate)
 
 
 def _records(
     bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
 ) -> Iterator[_Record]:
     """Yield all records of a step in their order; `items` have gone before."""
-    begin, end = recording.blocks[0].stamp, end_of(recording)
+    begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
         begin, end = _rest(bag, recording, Steadiness(plan.duration, plan.tolerance))
     yield begin, ports.VERIFICATION, VerificationStep(begin, step.name, StepState.BEGUN, begin)
@@ -147,12 +147,11 @@ def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int,
     """Return begin and end, ns, of the first stretch in which the load is at rest."""
     reading = RestReading(recording.load_cell, steadiness)
     following: int | None = None
-    rate = recording.load_cell.sample_rate
     for block in recording.blocks:
         whole = following in (None, block.first_index)
         following = block.first_index + len(block.counts)
         if reading.add(block.counts, whole=whole) is not None:
-            end = block.stamp + round(len(block.counts) * NANOSECONDS / rate)
+            end = end_of_block(block, recording.load_cell)
             return end - round(steadiness.duration * NANOSECONDS), end
     raise UserError(
         f'{bag}: the load is nowhere at rest for {steadiness.duration:g} s to within '

@@ -22,7 +22,11 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
 from checkweigher_bringup.commissioning.service_call import answer_of, ask
 from checkweigher_bringup.commissioning.static_guide import read_at_rest
-from checkweigher_bringup.commissioning.verification_bags import Identity, NodeValues
+from checkweigher_bringup.commissioning.verification_bags import (
+    Identity,
+    NodeValues,
+    end_of_block,
+)
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
 from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
@@ -103,7 +107,8 @@ def procedure_on_line(
                 break
         what = identity.at_begin(_parameters(node, _ANSWER_PATIENCE), 'on a running line')
         namespace = node.get_namespace().strip('/')
-        with BagWriter(output, ports.ALL, namespace, in_place=True) as bag, _writing(bag, node):
+        recorded = ports.RECORDED
+        with BagWriter(output, recorded, namespace, in_place=True) as bag, _writing(bag, node):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
@@ -126,7 +131,7 @@ class VerificationNode(RecorderNode):
     """
 
     def __init__(self) -> None:
-        recorded = tuple(port for port in ports.ALL if port is not ports.VERIFICATION)
+        recorded = tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION)
         super().__init__(recorded, None, ports.VERIFICATION.maker)
         self.feed = SampleFeed(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
         self.verdicts: queue.Queue[Verdict] = queue.Queue()
@@ -155,11 +160,6 @@ class VerificationNode(RecorderNode):
         # On a busy computer samples come later than verdicts: a step begins after both.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
-
-
-def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
-    """Return the end of the last sample of a block, ns."""
-    return block.stamp + round(len(block.counts) * NANOSECONDS / load_cell.sample_rate)
 
 
 @contextmanager
@@ -255,7 +255,7 @@ class _Guide:
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
-            said = ask(self._node, Trigger, ports.ZERO, 'segmenter', _ANSWER_PATIENCE)
+            said = ask(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
             self._operator.tell(f'zero: {said}')
         found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
         assert feed.latest is not None

@@ -36,7 +36,6 @@ from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.verification.plan import (
     VERIFICATIONS,
     Plan,
-    PlanError,
     read_plan,
 )
 from checkweigher_validation.verification.steps import Step
@@ -209,7 +208,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             return response
         try:
             plan = read_plan(request.plan)
-        except PlanError as error:
+        except ParameterError as error:
             response.message = f'the plan: {error}'
             return response
         name = f'{datetime.now(UTC):%Y%m%dT%H%M%SZ}'

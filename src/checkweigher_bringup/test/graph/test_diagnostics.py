@@ -25,7 +25,7 @@ from checkweigher_dsp.health.status_board import Row, StatusBoard, headline
 from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 
@@ -190,13 +190,21 @@ def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner:
     eyes = told.node.create_publisher(
         ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
     )
-    wait_for(lambda: eyes.get_subscription_count() > 0)
+    items = told.node.create_publisher(ports.ITEMS.type, ports.ITEMS.name, ports.ITEMS.qos)
+    wait_for(lambda: eyes.get_subscription_count() > 0 and items.get_subscription_count() > 0)
     for number in range(3):
         for step, eye, blocked in (
             (0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True),
         ):  # fmt: skip
             stamp = START + number * NANOSECONDS + step * NANOSECONDS // 10
             eyes.publish(to_message(ports.PHOTO_EYES, EyeEdge(stamp, eye, blocked)))
+    # The announcements come on another topic: they must not overtake the edges.
+    wait_for(lambda: f'{LANE}/reject' in told.last)
+    wait_for(lambda: told.values('reject').get('photo_eyes received') == '9')
+    for number in range(3):
+        t1, t2, t3 = (START + number * NANOSECONDS + k * NANOSECONDS // 10 for k in (0, 2, 4))
+        item = Item(t1, 0, number + 1, t1, t2, t3, 0.5, True)
+        items.publish(to_message(ports.ITEMS, item))
 
     hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after the reject time')
     assert 'actuator_delay' in hint

@@ -67,7 +67,7 @@ def spinner() -> Iterator[Spinner]:
 
 def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: Path):
     witness = Witness()
-    for node in (*make_stages(allowed_publishers='slow_edges'), witness, SlowEdges()):
+    for node in (*make_stages(), witness, SlowEdges()):
         spinner.add(node)
     file = parameter_file(
         tmp_path / 'driver.yaml',

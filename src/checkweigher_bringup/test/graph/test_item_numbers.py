@@ -15,40 +15,44 @@ import time
 from typing import Any
 
 from checkweigher_msgs.msg import Verdict
-from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from graph import wait_for
 import pytest
-from rclpy.task import Future
 from supervised_line import SupervisedLine, supervised_line
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, LineHistory
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import stamp_from, to_record
+from checkweigher_dsp.records import NANOSECONDS, NUMBERS_AT_ONCE
+from checkweigher_dsp.ros.conversion import stamp_from
 
 # Of each campaign, and where its chances begin: CHECKWEIGHER_SHARD tells one from another.
 KILLS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '40'))
 SHARD = int(os.environ.get('CHECKWEIGHER_SHARD', '0'))
-NODES = ('segmenter', 'driver', 'reject', 'identifier', 'reject', 'driver', 'segmenter')
+NODES = ('segmenter', 'driver', 'reject', 'identifier', 'reject', 'driver', 'segmenter', 'denoise')
+# The start of a simulation, whose stamps begin again with each stream.
+_RESTART = NANOSECONDS
+_DEADLINE = 2.0  # s, in which reject judges what left while the segmenter was dead
+_SETTLE = 4.0  # s, in which the verdicts on what has entered come
 
 
 class Campaign:
-    """Kills of nodes of a line, and what the driver and a listener have heard of its items."""
+    """Kills of nodes of a line, and what a listener has heard of its items.
+
+    A product is known by the stamp of its t1, or of its t3 where the segmenter was dead at t1. Only
+    one product is on the weigh belt at a time. A driver that is started again begins with the same
+    stamps, so that a stamp may be that of several products.
+    """
 
     def __init__(self, line: SupervisedLine) -> None:
         self.line = line
-        self.answer = Future()
-        self._client = line.listener.create_client(LineHistoryService, ports.LINE_HISTORY.name)
         self.killed: Counter[str] = Counter()
-        self.verdicts: dict[tuple[int, int], set[int]] = {}  # by stream and t1
-        self.entered: dict[tuple[int, int], None] = {}
-        self.numbers: dict[int, set[tuple[int, int]]] = {}
-        self.heard: Counter[int] = Counter()
-        self.starts: Counter[int | None] = Counter()  # a simulation begins each stream with these
+        self.entered: Counter[int] = Counter()  # products by t1
+        self.judged: Counter[int] = Counter()  # verdicts by t1 of their product
+        self.numbers: Counter[int] = Counter()
+        self.unknown: list[Any] = []
+        self._t1_of: dict[int, int] = {}  # by t3
+        self._last_t1: int | None = None
+        self._waiting: list[Any] = []  # verdicts
 
-    def kill(self, name: str, *, look: bool = True) -> None:
+    def kill(self, name: str) -> None:
         """Kill a node that has been started."""
-        if look:
-            self.look()  # the history of the driver is short, and goes with it
         wait_for(lambda: self._killed(name))
         self.killed[name] += 1
 
@@ -73,51 +77,46 @@ class Campaign:
             self._hear(verdict)
 
     def _hear(self, verdict: Any) -> None:
-        self.heard[verdict.item_id] += 1
-        self.starts[stamp_from(verdict.t1)] += 1
+        self.numbers[verdict.item_id] += 1
+        self._waiting.append(verdict)
 
-    def judge_until_known(self) -> None:
-        """Let the line run until an item is weighed, and the driver knows its number."""
-        self.judge_until(Verdict.ACCEPT)
-        while self.look() < max(self.heard):
-            self.judge_for(0.1)
+    def _look(self) -> None:
+        """Count the products whose edges have come, and the verdicts on them."""
+        while not self.line.edges.empty():
+            _, edge = self.line.edges.get()
+            stamp = stamp_from(edge.header.stamp)
+            if edge.blocked and edge.eye == edge.INFEED:
+                self._last_t1 = stamp
+                self.entered[stamp] += 1
+            elif edge.blocked and self._last_t1 is not None:
+                self._t1_of[stamp] = self._last_t1
+        for verdict in self._waiting:
+            t1, t3 = stamp_from(verdict.t1), stamp_from(verdict.header.stamp)
+            if product := t1 or self._t1_of.get(t3, 0):
+                self.judged[product] += 1
+            else:
+                self.unknown.append(verdict)
+        self._waiting = []
 
-    def look(self) -> int:
-        """Take what the driver knows of its stream; return the largest number that it knows."""
-        while not self.answer.done():  # DDS may lose one where both ends have hardly met
-            self.answer = self._client.call_async(LineHistoryService.Request())
-            with suppress(AssertionError):
-                wait_for(self.answer.done, timeout=5)
-        history: LineHistory = to_record(ports.LINE_HISTORY, self.answer.result())
-        self.answer = Future()
-        for edge in history.edges:
-            if edge.eye is Eye.INFEED and edge.blocked:
-                self.entered[history.stream, edge.stamp] = None
-        for verdict in history.verdicts:
-            if verdict.t1 is not None:
-                item = history.stream, verdict.t1
-                self.verdicts.setdefault(item, set()).add(verdict.item_id)
-                self.numbers.setdefault(verdict.item_id, set()).add(item)
-        return history.last_item_id
+    def check(self, *, gap: bool = False) -> None:
+        """Print the counts, and check that each item has one verdict under a number of its own.
 
-    def check(self) -> None:
-        """Print the counts, and check that each item has one verdict under a number of its own."""
-        # What came later is on its way: a mass is waited for until the item is at the rejector.
-        last = {stream: t1 - 2 * NANOSECONDS for stream, t1 in sorted(self.verdicts)}
-        due = [item for item in self.entered if item[0] in last and item[1] <= last[item[0]]]
-        doubled = [item for item, numbers in self.verdicts.items() if len(numbers) > 1]
-        twice = [number for number, items in self.numbers.items() if len(items) > 1]
-        twice += [number for number, count in self.heard.items() if count > 1]
-        # A driver that has hardly begun may miss a verdict that the listener has heard.
-        streams = Counter(t1 for _, t1 in due)
-        unknown = [item for item in due if item not in self.verdicts]
-        lost = [(stream, t1) for stream, t1 in unknown if self.starts[t1] < streams[t1]]
+        With a `gap` no node saw some of the items.
+        """
+        self.judge_for(_SETTLE)
+        self._look()
+        last = self._last_t1 or 0
+        due = {t1: n for t1, n in self.entered.items() if abs(last - t1) > _SETTLE * NANOSECONDS}
+        doubled = {t1: self.judged[t1] for t1, n in self.entered.items() if self.judged[t1] > n}
+        lost = {t1: n for t1, n in due.items() if self.judged[t1] < n}
+        twice = [number for number, count in self.numbers.items() if count > 1]
         killed = ', '.join(f'{name} {count}' for name, count in self.killed.items())
         print(
-            f'killed {killed}; {len(due)} items, doubled {len(doubled)}, lost {len(lost)}, '
-            f'numbers used twice {len(twice)}'
+            f'killed {killed}; {sum(self.entered.values())} items, doubled {len(doubled)}, '
+            f'lost {len(lost)}, numbers used twice {len(twice)}, no product {len(self.unknown)}'
         )
-        assert (doubled, lost, twice) == ([], [], [])
+        assert (doubled, twice, self.unknown) == ({}, [], [])
+        assert gap or not lost
 
 
 @pytest.fixture
@@ -126,23 +125,25 @@ def campaign(tmp_path: Path) -> Iterator[Campaign]:
         yield Campaign(line)
 
 
-@pytest.mark.parametrize('kills', [2, pytest.param(KILLS, marks=pytest.mark.soak)])
+@pytest.mark.parametrize('kills', [3, pytest.param(KILLS, marks=pytest.mark.soak)])
 def test_each_item_has_one_verdict_and_one_number_over_kills_of_segmenter_and_reject(
     campaign: Campaign, kills: int
 ):
     chance = random.Random(kills + SHARD)
     campaign.judge_until(Verdict.ACCEPT)
     for number in range(kills):
-        if number % 5 == 0:  # from now on it counts from 1 again
+        if number % 5 == 0:
             campaign.kill('segmenter')
-            campaign.judge_until(Verdict.FAULT)
+            campaign.judge_until(Verdict.ACCEPT)
+            campaign.judge_for(_DEADLINE)
         if number % 5 == 3:
             campaign.judge_for(chance.uniform(0, 3))
-        else:  # hardly has it begun to judge, and the numbers are those of the segmenter
+        else:  # hardly has it begun to judge
             campaign.judge_until(Verdict.ACCEPT)
+        # A kill between keeping a number and sending its verdict loses that; the driver sees it.
+        campaign.judge_for(chance.uniform(0.1, 0.5))
         campaign.kill('reject')
     campaign.judge_until(Verdict.ACCEPT)
-    campaign.look()
     campaign.check()
 
 
@@ -152,19 +153,20 @@ def test_numbers_go_on_over_kills_of_any_node(campaign: Campaign):
     campaign.judge_until(Verdict.ACCEPT)
     for name in islice(cycle(NODES), SHARD, SHARD + KILLS):
         campaign.kill(name)
-        campaign.judge_until_known()
-        campaign.judge_for(chance.uniform(0, 2))
-    campaign.look()
+        campaign.judge_until(Verdict.ACCEPT)
+        campaign.judge_for(chance.uniform(_DEADLINE, 4))
     campaign.check()
 
 
-def test_numbers_go_on_where_both_that_know_them_are_killed(campaign: Campaign):
-    campaign.judge_until_known()
-    campaign.kill('segmenter')  # from now on it counts from 1 again
-    campaign.judge_until_known()
-    os.kill(campaign.line.pid('driver'), signal.SIGKILL)
-    campaign.kill('reject', look=False)
-    before = max(campaign.heard)
-    campaign.judge_until_known()
-    campaign.check()
-    assert min(number for number in campaign.heard if number > before) == before + 1
+def test_numbers_go_on_at_the_next_thousand_where_both_that_know_them_are_killed(
+    campaign: Campaign,
+):
+    campaign.judge_until(Verdict.ACCEPT)
+    before = max(campaign.numbers)
+    campaign.kill('segmenter')
+    campaign.kill('reject')
+    campaign.judge_until(Verdict.ACCEPT)
+    while max(campaign.numbers) < NUMBERS_AT_ONCE:
+        campaign.judge_until(Verdict.ACCEPT)
+    campaign.check(gap=True)  # what passed while neither was there the driver's own watch ejects
+    assert before < NUMBERS_AT_ONCE

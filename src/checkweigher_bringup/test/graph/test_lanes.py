@@ -64,7 +64,11 @@ class Lane:
                     'max_rejects_in_a_row': 2,
                     'rejector_distance': 30.0,
                 },
-                'product': {'recipes': str(recipes), 'audit_log': str(self.log)},
+                # Without a product a line with recipes accepts nothing, by no limits.
+                'product': {
+                    'recipes': str(recipes) if namespace == CHANGED else '',
+                    'audit_log': str(self.log),
+                },
             },
         )
         self.command = node_command(LINE, namespace, self.file)
@@ -154,7 +158,7 @@ def test_what_is_done_to_one_lane_touches_no_other(lanes: dict[str, Lane]):
     assert changed.verdicts[-1].lower_limit == -float('inf')
     assert changed.statistics[-1] == ('crisps', 'monday')
     first, *rest = changed.offline(len(changed.verdicts))
-    assert changed.verdicts[0] == first
+    assert changed.verdicts[0].mass == first.mass
     assert changed.verdicts[-1].mass != rest[-1].mass
     for namespace, lane in lanes.items():
         verdicts = list(lane.verdicts)

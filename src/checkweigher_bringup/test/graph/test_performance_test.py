@@ -49,7 +49,7 @@ class Watched:
         return self.line.call(Trigger, 'reset_stop_request')
 
     def wait_until_accepting(self) -> None:
-        wait_for(lambda: not self.line.parameters()['reject']['performance_test'])
+        wait_for(lambda: not self.line.products[-1].performance_test)
 
 
 def test_an_overdue_test_stops_the_line_until_one_has_passed(spinner: Spinner, tmp_path: Path):
@@ -94,9 +94,7 @@ def test_a_failed_test_stops_the_line_and_counts_after_a_restart(spinner: Spinne
     spinner.remove(line.product)
     wait_for(lambda: 'product' not in line.operator.get_node_names())
     watched.tests.clear()
-    line.product = ProductNode(
-        {**parameters, 'audit_log': str(line.log), 'allowed_publishers': 'operator'}
-    )
+    line.product = ProductNode({**parameters, 'audit_log': str(line.log)})
     spinner.add(line.product)
     assert watched.wait_for_state('FAILED').who == 'ann'
 

@@ -5,14 +5,21 @@
 from collections.abc import Iterator
 import math
 from pathlib import Path
+import subprocess
+from typing import Any
 
+from checkweigher_msgs.srv import NewBatch
 from graph import wait_for
 from product_line import RECIPES, TU1_GROSS, Line
 import pytest
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner, node_command, spinning, write_parameter_file
 from checkweigher_dsp.nodes.product import ProductNode
+from checkweigher_dsp.ros import ports
 
 
 @pytest.fixture
@@ -23,7 +30,6 @@ def spinner() -> Iterator[Spinner]:
 
 def test_a_selected_product_has_its_limits_from_the_next_item_on(spinner: Spinner, tmp_path: Path):
     line = Line(spinner, tmp_path)
-    assert line.judge(0.147).decision == 1  # ACCEPT: there is no limit yet
     answer = line.select('crisps')
     assert (answer.success, answer.message) == (True, '')
     verdict = line.judge(0.147)
@@ -56,7 +62,7 @@ def test_a_speed_at_which_the_line_weighs_nothing_is_refused(spinner: Spinner, t
     before = line.parameters()
     answer = line.select('snails')
     assert not answer.success
-    assert answer.message.startswith('reject: reject.max_speed: 0.05 is below min_belt_speed 0.1')
+    assert answer.message.startswith('snails.speed: 0.05 m/s is below min_belt_speed of segmenter')
     assert line.parameters() == before
 
 
@@ -66,10 +72,7 @@ def test_a_product_gets_back_what_another_one_had_set(spinner: Spinner, tmp_path
     assert line.select('crisps').success
     assert line.parameters()['identifier']['estimator'] == 'hann'
     assert line.select('nuts').success
-    after = line.parameters()
-    assert after.pop('reject')['lower_limit'] == 0.19
-    before.pop('reject')
-    assert after == before
+    assert line.parameters() == before
 
 
 def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinner, tmp_path: Path):
@@ -88,6 +91,48 @@ def test_a_recipe_that_one_node_refuses_changes_nothing_anywhere(spinner: Spinne
     assert [(e.old, e.new) for e in denoise][-1:] == [(2048, 1024)]
     (refused,) = line.entries('refused')
     assert refused.old == 'half_trained'
+
+
+def test_a_line_that_could_not_go_back_accepts_nothing(spinner: Spinner, tmp_path: Path):
+    line = Line(spinner, tmp_path)
+    assert line.select('nuts').success
+    denoise, changes = line.stages['denoise'], []
+
+    def once(parameters: list[Any]) -> SetParametersResult:
+        changes.extend(parameters)
+        return SetParametersResult(successful=len(changes) == 1, reason='no more')
+
+    denoise.add_on_set_parameters_callback(once)
+    answer = line.select('half_trained')
+    assert answer.message.endswith('and could not be put back: denoise: no more')
+    assert list(line.judge(0.2).reasons) == ['NoProduct']
+    denoise.remove_on_set_parameters_callback(once)
+    assert line.select('nuts').success
+    assert line.parameters()['denoise']['stretch'] == 1024
+    assert line.judge(0.2).decision == 1  # ACCEPT
+
+
+def test_a_limit_that_is_set_holds_until_another_product_is_selected(
+    spinner: Spinner, tmp_path: Path
+):
+    line = Line(spinner, tmp_path)
+
+    def set_limit(name: str, value: float) -> Any:
+        change = Parameter(name, value=value).to_parameter_msg()
+        return line.call(SetParameters, 'reject/set_parameters', parameters=[change]).results[0]
+
+    assert line.select('nuts').success
+    assert 'reject.lower_limit: 0.19 is above upper' in set_limit('upper_limit', 0.15).reason
+    assert set_limit('lower_limit', 0.17).successful
+    assert [line.judge(0.18).decision for _ in range(3)] == [1, 1, 1]  # ACCEPT
+    assert line.call(NewBatch, 'new_batch', batch='L2').success
+    verdict = line.judge(0.18)
+    assert (verdict.decision, verdict.batch, verdict.lower_limit) == (1, 'L2', 0.17)
+    assert line.select('nuts').success
+    assert line.judge(0.18).decision == 2  # UNDER
+    (changed,) = line.entries('parameter')
+    assert (changed.subject, changed.new) == ('/lane1/reject.lower_limit', 0.17)
+    assert line.entries('selection')[-1].old['lower_limit'] == 0.17
 
 
 @pytest.mark.parametrize(
@@ -122,17 +167,20 @@ def test_the_product_of_the_parameters_is_there_from_the_start(spinner: Spinner,
     line = Line(spinner, tmp_path, product='nuts', batch='monday')
     wait_for(lambda: bool(line.statistics))
     assert (line.statistics[-1].product, line.statistics[-1].batch) == ('nuts', 'monday')
-    assert line.parameters()['reject']['lower_limit'] == 0.19
-    wait_for(lambda: len(line.entries('parameter')) == 4)
-    assert {(e.subject, e.old, e.new) for e in line.entries('parameter')} == {
-        ('/lane1/reject.lower_limit', '-inf', 0.19),
-        ('/lane1/reject.nominal', 0.0, 0.2),
-        ('/lane1/reject.product', '', 'nuts'),
-        ('/lane1/reject.batch', '', 'monday'),
+    line.wait_for_product('nuts')
+    assert (line.products[-1].batch, line.products[-1].lower_limit) == ('monday', 0.19)
+    (selection,) = line.entries('selection')
+    changed = {name: (selection.old[name], new) for name, new in selection.new.items()}
+    assert {name: each for name, each in changed.items() if each[0] != each[1]} == {
+        'product': ('', 'nuts'),
+        'batch': ('', 'monday'),
+        'lower_limit': ('-inf', 0.19),
+        'nominal': (0.0, 0.2),
     }
+    assert not line.entries('parameter')
 
 
-def test_a_reject_node_that_is_started_again_accepts_nothing_before_it_has_the_limits(
+def test_a_reject_node_that_is_started_again_has_the_limits_before_its_first_verdict(
     spinner: Spinner, tmp_path: Path
 ):
     line = Line(spinner, tmp_path, needs_product=True)
@@ -141,21 +189,38 @@ def test_a_reject_node_that_is_started_again_accepts_nothing_before_it_has_the_l
     assert (verdict.decision, list(verdict.reasons)) == (verdict.FAULT, ['NoProduct'])
     assert line.select('nuts').success
     assert line.judge(0.2).decision == verdict.ACCEPT
+    wait_for(lambda: line.statistics[-1].items == 1)
 
     line.restart('reject')
 
-    verdict = line.judge(0.18)  # with its limits already or without them yet
-    assert verdict.decision in (verdict.FAULT, verdict.UNDER)
-    wait_for(lambda: bool(line.entries('restored')))
-    assert line.judge(0.18).decision == verdict.UNDER
+    line.wait_for_product('nuts')
+    verdict = line.judge(0.18)
+    assert (verdict.decision, verdict.product, verdict.batch_items) == (verdict.UNDER, 'nuts', 2)
     assert line.judge(0.2).decision == verdict.ACCEPT
-    (restored,) = line.entries('restored')
-    assert (restored.subject, restored.new) == ('reject', 'nuts')
-    found = [entry.subject for entry in line.entries('found')]
-    # What it was started with stands in the log, then that it was set.
-    assert found.count('/lane1/reject') == 2
-    limits = [e for e in line.entries('parameter') if e.subject == '/lane1/reject.lower_limit']
-    assert [(e.old, e.new) for e in limits] == [('-inf', 0.19), ('-inf', 0.19)]
+    assert not line.entries('restored')
+    # What it was started with stands in the log; the limits stand there since the selection.
+    assert len(line.entries('selection')) == 1
+
+
+def test_a_reject_process_that_is_killed_goes_on_with_limits_and_counts(
+    spinner: Spinner, tmp_path: Path
+):
+    line = Line(spinner, tmp_path, without='reject')
+    own = tmp_path / 'reject.yaml'
+    write_parameter_file(own, {'reject': line.for_reject})
+    command = node_command(ports.NODES['reject'], 'lane1', own)
+    for number in (1, 2):
+        with subprocess.Popen(command) as reject:
+            if number == 1:
+                wait_for(lambda: bool(line.select('nuts').success))
+            line.wait_for_product('nuts')
+            verdict = line.judge(0.18)
+            assert (verdict.decision, verdict.batch_items) == (verdict.UNDER, number)
+            wait_for(lambda number=number: line.statistics[-1].items == number)
+            reject.kill()
+        wait_for(lambda: 'reject' not in line.operator.get_node_names())
+        line.publishers.clear()
+        line.products.clear()
 
 
 def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(
@@ -167,7 +232,11 @@ def test_an_identifier_that_is_started_again_has_the_estimator_of_the_product(
     line.restart('identifier')
 
     wait_for(lambda: line.parameters()['identifier']['estimator'] == 'hann')
-    wait_for(lambda: line.parameters()['reject']['product'] == 'crisps')
+    line.wait_for_product('crisps')
+    assert [each.product for each in line.products[-3:]] == ['crisps', '', 'crisps']
+    wait_for(lambda: bool(line.entries('restored')))
+    (restored,) = line.entries('restored')
+    assert (restored.subject, restored.new) == ('identifier', 'crisps')
 
 
 def test_a_product_node_that_is_started_again_keeps_what_is_on_the_line(
@@ -185,4 +254,5 @@ def test_a_product_node_that_is_started_again_keeps_what_is_on_the_line(
 
     wait_for(lambda: len(line.entries('selection')) == 2)
     assert line.judge(0.18).decision == 2  # UNDER, for nuts
-    assert [entry.new for entry in line.entries('selection')] == ['nuts', 'nuts']
+    assert [entry.new['product'] for entry in line.entries('selection')] == ['nuts', 'nuts']
+    assert line.entries('selection')[1].old == line.entries('selection')[1].new

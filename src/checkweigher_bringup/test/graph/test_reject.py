@@ -6,10 +6,8 @@ from collections.abc import Iterator
 import signal
 import subprocess
 import sys
-from typing import Any
 
 from checkweigher_msgs.msg import StopRequest, Verdict
-from checkweigher_msgs.srv import LineHistory as LineHistoryService
 from graph import heard, publish, wait_for
 import pytest
 from rclpy.node import Node
@@ -21,13 +19,12 @@ from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes import recall
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.records import (
     NANOSECONDS,
+    NUMBERS_AT_ONCE,
     Eye,
     EyeEdge,
-    LineHistory,
     StreamState,
     StreamStatus,
 )
@@ -123,6 +120,7 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
     try:
         spinner.add(DriverNode({'simulator.count': 0, 'lossless': False}))
         judge_until(Verdict.ACCEPT)
+        del judged[:-1]  # those that were on the line at the start
         judge_until(Verdict.ACCEPT)
         segmenter.send_signal(signal.SIGKILL)
         segmenter.wait()
@@ -140,9 +138,9 @@ def test_a_killed_segmenter_costs_its_items_and_no_number_comes_twice(spinner: S
         segmenter.wait()
     numbers = [verdict.item_id for verdict in judged]
     assert len(set(numbers)) == len(numbers)
-    # It counts from 1 again, its items are numbered on.
+    # It goes on at the next thousand.
     before = [verdict.item_id for verdict in judged[: judged.index(weighed)]]
-    assert weighed.estimate_id < weighed.item_id
+    assert weighed.item_id // NUMBERS_AT_ONCE > judged[0].item_id // NUMBERS_AT_ONCE
     assert weighed.item_id > max(before)
     found = judged_items()
     assert found == list(range(found[0], found[-1] + 1))  # each has one verdict, and only one
@@ -167,18 +165,28 @@ def test_a_late_mass_is_counted_and_makes_no_second_verdict(spinner: Spinner):
     assert line.verdict().decision == Verdict.ACCEPT
 
 
-def test_an_item_that_nothing_comes_after_has_its_verdict_by_time_alone(spinner: Spinner):
-    line = RejectLine(spinner, min_belt_speed=0.4, edge_lateness=0.2, rejector_distance=10.0)
-    for edge in edges(1)[:2]:
-        line.edges.publish(to_message(ports.PHOTO_EYES, edge))
+def test_an_item_that_was_given_up_has_its_verdict_by_time_alone(spinner: Spinner):
+    line = RejectLine(spinner)
+    line.announce(1, t3=None, reasons=('MissingEdge',))
 
     verdict = line.verdict()
 
     assert list(verdict.reasons) == ['MissingEdge', 'NoEstimate']
     assert stamp_from(verdict.t1) == edges(1)[0].stamp
-    line.pass_item(2)  # the first one has not stopped the line
-    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
-    assert line.verdict().decision == Verdict.ACCEPT
+
+
+def test_an_item_that_leaves_without_the_segmenter_is_a_fault_in_time(spinner: Spinner):
+    line = RejectLine(spinner, **IN_TIME)
+    line.announce(1, t3=None, complete=False)
+    for edge in edges(1):
+        line.edges.publish(to_message(ports.PHOTO_EYES, edge))
+
+    verdict = line.verdict()
+
+    assert (verdict.item_id, list(verdict.reasons), verdict.late) == (1, ['NoEstimate'], False)
+    line.announce(1)  # it was behind
+    line.pass_item(2)
+    assert line.verdict().item_id == 2
 
 
 def test_without_deadlines_a_mass_is_waited_for(spinner: Spinner):
@@ -213,7 +221,9 @@ def test_a_reset_while_the_driver_has_trouble_shows_the_request_again(spinner: S
     line = RejectLine(spinner)
     assert line.stop().state == StopRequest.RUN
     status = StreamStatus(START, 1, StreamState.RUNNING, text='item 1; item 2; item 3; and others')
-    publish(line.node, ports.DRIVER_STATUS, to_message(ports.DRIVER_STATUS, status))
+    port = ports.DRIVER_STATUS
+    driver = line.node.create_publisher(port.type, port.name, port.qos)
+    driver.publish(to_message(port, status))
     first = line.stop()
     assert line.reset.wait_for_service(timeout_sec=PATIENCE)
 
@@ -224,67 +234,12 @@ def test_a_reset_while_the_driver_has_trouble_shows_the_request_again(spinner: S
     wait_for(answer.done)
     assert not answer.result().success
 
-
-class Historian:
-    """The service line_history in the place of the driver's; without a `history` no answer."""
-
-    def __init__(self, line: RejectLine) -> None:
-        self.line = line
-        self.history: LineHistory | None = None
-        line.node.create_service(LineHistoryService, ports.LINE_HISTORY.name, self._answer)
-        topic = ports.DRIVER_STATUS
-        self._status = line.node.create_publisher(topic.type, topic.name, topic.qos)
-        wait_for(lambda: self._status.get_subscription_count() > 0)
-
-    def _answer(self, request: Any, response: Any) -> Any:
-        # An answer of no stream is as good as none, and does not keep the service busy.
-        return to_message(ports.LINE_HISTORY, self.history or LineHistory(0, 0))
-
-    def begin_stream(self, number: int) -> None:
-        status = StreamStatus(START, number, StreamState.RUNNING)
-        self._status.publish(to_message(ports.DRIVER_STATUS, status))
-        wait_for(lambda: self.line.reject._stream == number)
-
-
-def test_numbers_wait_for_a_driver_that_does_not_answer_and_the_line_stands_meanwhile(
-    spinner: Spinner, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(recall, '_NO_ANSWER', 0.5)
-    line = RejectLine(spinner)
-    historian = Historian(line)
-    assert line.stop().state == StopRequest.RUN
-    historian.begin_stream(7)
-    line.pass_item(1)
-
-    request = line.stop()
-
-    assert (request.reason, 'line_history' in request.hint) == ('NotReady', True)
-    assert line.reset.wait_for_service(timeout_sec=PATIENCE)
+    line.node.destroy_publisher(driver)  # what it said holds no longer
+    wait_for(lambda: not line.reject._driver.count())
     answer = line.reset.call_async(Trigger.Request())
+    assert line.stop().state == StopRequest.RUN
     wait_for(answer.done)
-    assert not answer.result().success
-    assert line.verdicts.empty()
-    historian.history = LineHistory(7, edges(1)[-1].stamp, 0, tuple(edges(1)), (), 57)
-    assert line.verdict().item_id == 58
-    while line.stop().state != StopRequest.RUN:
-        pass
-
-
-def test_numbers_go_on_where_the_driver_begins_a_stream_before_it_has_answered(spinner: Spinner):
-    line = RejectLine(spinner)
-    historian = Historian(line)
-    historian.begin_stream(7)
-    line.pass_item(1)
-    wait_for(lambda: len(line.reject._recall.edges) == 3)
-
-    historian.history = LineHistory(8, START, last_item_id=57)
-    historian.begin_stream(8)
-
-    verdict = line.verdict()
-    assert (verdict.item_id, stamp_from(verdict.t1)) == (58, edges(1)[0].stamp)
-    assert verdict.decision == Verdict.FAULT
-    line.pass_item(1)  # a bag that is played again has the same stamps
-    assert line.verdict().item_id == 59
+    assert answer.result().success
 
 
 def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
@@ -301,4 +256,4 @@ def test_a_reject_that_nobody_sees_stops_the_line(spinner: Spinner):
 
     request = line.stop()
 
-    assert (request.reason, request.item_id) == ('UnconfirmedReject', 2)
+    assert (request.reason, request.item_id) == ('UnconfirmedReject', 4)

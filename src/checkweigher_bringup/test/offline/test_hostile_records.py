@@ -27,6 +27,7 @@ from checkweigher_dsp.records import (
     Decision,
     Eye,
     EyeEdge,
+    Item,
     MassEstimate,
     SampleBlock,
     WeighWindow,
@@ -233,10 +234,8 @@ def test_no_estimate_ends_the_reject_stage_and_the_next_ten_are_judged(windows: 
         estimate = replace(
             model, item_id=number, t1=window.t1, t2=window.t2, t3=window.t3, line_speed=1.0
         )
-        for stamp, eye, blocked in ((window.t1, 0, True), (window.t2, 0, False),
-                                    (window.t3, 1, True)):  # fmt: skip
-            assert stamp is not None
-            stage.take(EyeEdge(stamp, Eye(eye), blocked), now)
+        item = Item(window.t1, 1, number, window.t1, window.t2, window.t3, 1.0, True)
+        stage.take(item, now)
         decisions = [verdict.decision for verdict in stage.take(estimate, now)]
         assert decisions == [Decision.ACCEPT]
 

@@ -55,11 +55,12 @@ def check_line(
 ) -> tuple[SpoiltLine, list[Verdict], list[Verdict]]:
     """Check a line; return it, its verdicts, and those of the reject stage alone on a clock."""
     line = make_line(plan)
-    weighed = weigh(line, parameters(estimator, length_known=length_known))
+    known = parameters(estimator, length_known=length_known)
+    weighed = weigh(line, known)
     weighings = [weighing for _, weighing in weighed]
     estimates = [weighing.estimate for weighing in weighings]
     verdicts = [weighing.verdict for weighing in weighings]
-    in_time = verdicts_in_time(line, weighed, delays)
+    in_time = verdicts_in_time(line, known, weighed, delays)
     assert [*violations(line, verdicts, estimates)] == []
     assert [*wrong_masses(line, weighings, estimator)] == []
     # That the clock went back by little the reject stage alone cannot know.

@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 import re
 import sysconfig
-from typing import Any
+from typing import Any, cast
 
 from ament_index_python import get_packages_with_prefixes
 import yaml
@@ -20,10 +20,10 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
 )
 from checkweigher_driver.devices import source_class
-from checkweigher_dsp.input_files import read_input
-from checkweigher_dsp.parameters import flatten
+from checkweigher_dsp.parameters import ParameterError, check_sections, flatten, in_section
 from checkweigher_dsp.records import GRAMS
-from checkweigher_dsp.yaml_files import read_yaml
+from checkweigher_dsp.settings_files import plain
+from checkweigher_dsp.yaml_files import opened
 from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
@@ -62,7 +62,8 @@ def _installed() -> list[Path]:
 def read_version(path: Path) -> int:
     """Return the version of a calibration file; `CalibrationError` if it is no calibration."""
     try:
-        first = read_input(path).decode('utf-8')
+        with path.open(encoding='utf-8') as file:
+            first = file.readline()
     except OSError as error:
         raise CalibrationError(f'{path}: cannot be read: {error.strerror or error}') from None
     except UnicodeDecodeError as error:
@@ -160,26 +161,22 @@ def _kept_versions(path: Path) -> list[int]:
 def _sections(path: Path | None) -> dict[str, Any]:
     if path is None:
         return {}
-    try:
-        content = read_yaml(path)
-    except OSError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except ValueError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error}') from None
-    if not isinstance(content, dict) or not all(
-        isinstance(section, dict) and isinstance(section.get('ros__parameters'), dict)
-        for section in content.values()
-    ):
-        raise CalibrationError(f'{path}: not a parameter file: no "node: ros__parameters:" section')
-    return content
+    with opened(path) as sections:
+        check_sections(sections)
+    return cast(dict[str, Any], plain(sections))
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
     """Return the values of a source in a parameter file, by the names of its parameter set."""
+    with opened(path) as sections:
+        return _values_of(sections, source)
+
+
+def _values_of(sections: Any, source: str) -> dict[str, object]:
     found: dict[str, object] = {}
-    for address, section in _sections(path).items():
+    for address, values in check_sections(sections).items():
         if str(address).rsplit('/', 1)[-1] in ('**', 'driver'):
-            found.update(flatten(section['ros__parameters']))
+            found.update(flatten(values))
     prefix = f'{source}.'
     return {n.removeprefix(prefix): value for n, value in found.items() if n.startswith(prefix)}
 
@@ -193,16 +190,18 @@ def check_calibrated_source(source: str) -> None:
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
     """Return counts_per_kg and zero_counts of a source, None while there is no file.
 
-    Raises CalibrationError if the file is no calibration of this source.
+    Raises CalibrationError or SettingsError if the file is no calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():
         return None
     read_version(path)
-    values = source_values(path, source)
     found = []
-    for name in ('counts_per_kg', 'zero_counts'):
-        value = values.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise CalibrationError(f'{path}: {source}.{name} is {value}, must be a number')
-        found.append(float(value))
+    with opened(path) as sections:
+        values = _values_of(sections, source)
+        for name in ('counts_per_kg', 'zero_counts'):
+            value = values.get(name)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                error = ParameterError(f'driver.{source}.{name}: {value!r} is not a number')
+                raise in_section(error, sections)
+            found.append(float(value))
     return found[0], found[1]

@@ -27,9 +27,10 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
     StaticReading,
 )
-from checkweigher_dsp.parameters import ParameterError
+from checkweigher_driver.source_stream import StreamHistory
+from checkweigher_dsp.parameters import ParameterError, SettingsError
 from checkweigher_dsp.production.audit_trail import CALIBRATION
-from checkweigher_dsp.records import GRAMS, EyeEdge, LineHistory, LoadCell, SampleBlock
+from checkweigher_dsp.records import GRAMS, EyeEdge, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode
 
@@ -63,7 +64,7 @@ class CalibrationServices:
         node: StageNode[Any],
         parameters: CalibrationParameters,
         source: str,
-        history: Callable[[], LineHistory],
+        history: Callable[[], StreamHistory],
         restart: Callable[[], str],
     ) -> None:
         self._node = node
@@ -100,7 +101,7 @@ class CalibrationServices:
         path = self._parameters.path
         try:
             return None if path is None else read_calibration(path, self._source)
-        except CalibrationError as error:
+        except (CalibrationError, SettingsError) as error:
             raise ParameterError(f'calibration.file: {error}') from None
 
     def begin(self, load_cell: LoadCell) -> None:

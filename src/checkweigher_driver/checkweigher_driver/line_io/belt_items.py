@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
-from checkweigher_driver.line_io.verdict_watch import FLICKER
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
+from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Item, Verdict
+from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
 _MAX_ITEMS = 200  # more are on no belt
 _MAX_NAMES = 10
@@ -17,7 +17,8 @@ _MAX_NAMES = 10
 class BeltItem:
     """One item: its stamps at the infeed eye, its verdict if it has one, and where it is gone.
 
-    `end` is the time of the belt at which it has passed the rejector, ns, None before its verdict.
+    `number` is 0 before it is announced or judged. `end` is the time of the belt at which it has
+    passed the rejector, ns, None before its verdict.
     """
 
     entered: int | None
@@ -35,9 +36,10 @@ class BeltItem:
         return self.cleared - self.entered
 
     def __str__(self) -> str:
-        known = 'a product without a verdict'
+        name = f'item {self.number}' if self.number else 'a product'
+        known = f'{name} without a verdict'
         if self.decision is not None:
-            known = f'item {self.number} {self.decision.name}'
+            known = f'{name} {self.decision.name}'
         if self.entered is None:
             return known
         second, rest = divmod(self.entered, NANOSECONDS)
@@ -72,10 +74,18 @@ class BeltItems:
         self._items.append(BeltItem(edge.stamp))
         del self._items[:-_MAX_ITEMS]
 
+    def announce(self, item: Item) -> None:
+        """Add number and t2 of an announced item that the infeed eye showed, before its verdict."""
+        found = self._find(item.t1)
+        if found is not None and found.decision is None:
+            found.number, found.cleared = item.item_id, item.t2 or found.cleared
+
+    def _find(self, t1: int | None) -> BeltItem | None:
+        return next((each for each in self._items if each.entered == t1 is not None), None)
+
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
         """Take a verdict, and `end`; return the item. One whose place is not known is forgotten."""
-        found = (each for each in self._items if each.entered == verdict.t1 is not None)
-        item = next(found, None)
+        item = self._find(verdict.t1)
         if item is None:
             item = BeltItem(verdict.t1)  # first, so that its leaving drops no other item
             self._items.insert(0, item)

@@ -183,7 +183,7 @@ class GpioOutputParameters(Parameters):
 
 
 class GpioOutputs(OutputPort):
-    """Rejector, stop, permission and heartbeat as lines, the belt as an input."""
+    """Rejector, stop, permit and heartbeat as lines, the belt as an input."""
 
     parameters = GpioOutputParameters
 

@@ -21,7 +21,7 @@ class LatchEvent(Enum):
 
     MISS = auto()
     SHOW = auto()  # the stop request shows all that was missed
-    FORGET = auto()  # the node that made the stop request was started again, or has gone
+    FORGET = auto()  # reject is not ready, or silent: it may have been started again
     RUN = auto()  # the stop request was taken back
     RESET = auto()
 

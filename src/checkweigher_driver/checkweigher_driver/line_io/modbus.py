@@ -242,7 +242,7 @@ class ModbusOutputParameters(_DeviceParameters):
         super().__post_init__()
         used = {self.reject: 'the rejector'}
         for name, coil, what in (
-            ('stop', self.stop, 'the stop request'), ('permit', self.permit, 'the permission'),
+            ('stop', self.stop, 'the stop request'), ('permit', self.permit, 'the permit'),
             *(('stations', coil, 'another station') for coil in self.station_coils),
         ):  # fmt: skip
             if coil in used:
@@ -257,7 +257,7 @@ class ModbusOutputParameters(_DeviceParameters):
 
 
 class ModbusOutputs(OutputPort):
-    """Rejector, stop and permission as coils, the belt as an input, and a register that counts."""
+    """Rejector, stop and permit as coils, the belt as an input, and a register that counts."""
 
     parameters = ModbusOutputParameters
 

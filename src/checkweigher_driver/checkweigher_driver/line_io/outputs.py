@@ -18,7 +18,14 @@ from checkweigher_driver.line_io.rejector_control import (
 )
 from checkweigher_driver.prompt_threads import shorten_switch_interval
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Verdict
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    EyeEdge,
+    Item,
+    Permission,
+    StopRequest,
+    Verdict,
+)
 
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 _CLOSE_TIME = 3.0  # s
@@ -29,7 +36,7 @@ class OutputPort(ABC):
     """The outputs and the belt input of a machine. Only one thread uses it.
 
     All methods but `close` raise OSError or ValueError if the port cannot be reached. `name` is
-    that of these outputs, the same at each start; `permits` tells whether the permission is wired,
+    that of these outputs, the same at each start; `permits` tells whether the permit is wired,
     `stations` how many stations beside the rejector are.
     """
 
@@ -67,8 +74,8 @@ class MachineOutputs:
     """Reject at the time that a verdict names, and stop the line when it has to.
 
     The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector in
-    its safe state, the stop output set. The stop output stays set until a stop request has said
-    that the line may run. A rejected product that the rejector can have missed sets it as well,
+    its safe state, the stop output set. The stop output is set without a fresh permission to run. A
+    rejected product that the rejector can have missed sets it as well,
     until a stop request that showed the product is taken back, or `reset`; so does what a run
     before this one has left on the belt, by the record that each keeps.
 
@@ -163,21 +170,15 @@ class MachineOutputs:
         with self._change() as control:
             control.make_safe()
 
-    def take_request(self, stop: bool, reason: str = '', hint: str = '') -> None:
-        """Take a stop request: whether to stop, the `StopReason`, and what the request shows."""
+    def take_permission(self, permission: Permission) -> None:
+        """Process a permission of reject."""
         with self._change() as control:
-            control.take_request(stop, reason, hint)
+            control.take_permission(permission, time.monotonic_ns())
 
-    def lose_request(self) -> None:
-        """Stop the line until a request says that it may run: no node gives verdicts."""
+    def take_request(self, request: StopRequest | None) -> None:
+        """Process a stop request, None if it says that the line may run."""
         with self._change() as control:
-            control.stop_requested = True
-            control.missed.take(LatchEvent.FORGET)
-
-    def forget_shown(self) -> None:
-        """Note that another node makes the stop request: it has shown nothing yet."""
-        with self._change() as control:
-            control.forget_shown()
+            control.take_request(request)
 
     def reset(self) -> str:
         """Let the line run again after a product that can have been missed; return which."""
@@ -191,6 +192,12 @@ class MachineOutputs:
         with self._changed:
             if not self._closed:
                 self._control.edge(edge, time.monotonic_ns())
+
+    def announce(self, item: Item) -> None:
+        """Add the number of an item that the segmenter has announced."""
+        with self._changed:
+            if not self._closed:
+                self._control.announce(item)
 
     def verdict(self, verdict: Verdict) -> None:
         """Take a verdict; of one that accepts, only that it has come matters."""

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Permissions to pass the rejector: one for each accepted item, on the time of the belt.
+"""Permits to pass the rejector: one for each accepted item, on the time of the belt.
 
-A permission begins shortly before the leading edge of its item is at the rejector, and ends
+A permit begins shortly before the leading edge of its item is at the rejector, and ends
 shortly after the trailing edge. No two of them touch: each begins by a rising edge of its own, so
 that a PLC can take one for one product.
 """
@@ -13,7 +13,7 @@ from checkweigher_driver.line_io.reject_pulses import BeltTime
 
 
 class Permits:
-    """The permissions; `margin` at both ends and the shortest `pause` between them in ns.
+    """The permits; `margin` at both ends and the shortest `pause` between them in ns.
 
     One that was not given before its item is there is not given at all: it would be the next one's.
     """

@@ -15,7 +15,16 @@ from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, Reje
 from checkweigher_driver.line_io.verdict_watch import VerdictWatch
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, Verdict
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    EyeEdge,
+    Item,
+    Permission,
+    StopRequest,
+    Verdict,
+)
+from checkweigher_dsp.ros.ports import FRESH_TIME
 
 # Relative to the product before: how far the travel time of two merged products is off.
 _OTHER_WAY = 0.2
@@ -23,6 +32,7 @@ _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # A reject time further ahead is not on the clock of this machine.
 _FURTHEST = 600 * NANOSECONDS
 _CLOCK_STEP = 5_000_000  # ns
+_PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 # The speed by the eyes may then be that of a belt that stood for a while.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 
@@ -60,7 +70,7 @@ class OutputParameters(Parameters):
         minimum=0.005, maximum=10,
     )  # fmt: skip
     permit_margin: float = parameter(
-        0.02, 'time by which a permission begins before its product is at the rejector, and ends '
+        0.02, 'time by which a permit begins before its product is at the rejector, and ends '
         'after it has passed', unit='s', minimum=0, maximum=10,
     )  # fmt: skip
     watchdog_time: float = parameter(
@@ -82,7 +92,7 @@ class OutputParameters(Parameters):
 
 
 class Levels(NamedTuple):
-    """Rejector, stop output, permission to pass the rejector and each station, on or off."""
+    """Rejector, stop output, permit to pass the rejector and each station, on or off."""
 
     reject: bool
     stop: bool
@@ -122,7 +132,7 @@ class SwitchFigures:
 
 
 class Switches(NamedTuple):
-    """When rejector, permission and the next station switch, ns; None where that is not to come."""
+    """When rejector, permit and the next station switch, ns; None where that is not to come."""
 
     reject: int | None
     permit: int | None
@@ -141,12 +151,12 @@ class RejectorControl:
     """Levels of the outputs at each moment, and what the rejector can have missed.
 
     `now` is ns of the monotonic clock throughout. `active` tells whether the safe state was left,
-    `connected` whether the port can be switched; `stop_requested` and `held` are the two reasons to
-    stop the line beside a missed product; `belt_runs` is None where no input tells.
+    `connected` whether the port can be switched. The line stops without a fresh permission of
+    reject, while it is `held`, and for a missed product; `belt_runs` is None where no input tells.
 
-    Pulses and permissions rest on where the items are. Where the belt may have stood unseen that is
-    not known any more: nothing is permitted, and the line stops until a person has looked. There
-    are permissions only for a machine that `permits`. A machine has as many `stations` beside its
+    Pulses and permits rest on where the items are. Where the belt may have stood unseen that is
+    not known any more: nothing may pass, and the line stops until a person has looked. There
+    are permits only for a machine that `permits`. A machine has as many `stations` beside its
     rejector; in the safe state they rest, for the rejector has what is in doubt.
     """
 
@@ -178,7 +188,8 @@ class RejectorControl:
             reject=parameters.safe_state == 'eject', stop=True, stations=(False,) * stations
         )
         self.active = self.held = self.connected = False
-        self.stop_requested = True  # until a request says that the line may run
+        self._permission: tuple[int, bool] | None = None  # when the last one came; whether to run
+        self._silent = False  # no permission has come for too long, and reject has said nothing yet
         self.belt_runs: bool | None = None
         self.missed = MissedProducts()
         self.figures = SwitchFigures()
@@ -206,6 +217,7 @@ class RejectorControl:
 
     def levels(self, now: int) -> Levels:
         """Return what the outputs have to be."""
+        permitted = self._is_permitted(now)
         if not self.active:
             return self.safe_levels
         self._check_silence(now)  # while it is known what was on the belt before
@@ -216,12 +228,20 @@ class RejectorControl:
         if self._latched and not latched:
             self._looked_at = now
         self._latched = latched
-        stop = self.stop_requested or self.held or latched
+        stop = not permitted or self.held or latched
         if stop and self._released:
             self._stand(now)
         self._may_run = not stop
         self._released |= self._may_run
         return Levels(reject, stop, self._permits.given(now), tuple(stations))
+
+    def _is_permitted(self, now: int) -> bool:
+        """Return whether a permission to run is fresh; without any, reject has ended or hangs."""
+        came, run = self._permission or (now, False)
+        if now - came > _PERMISSION_TIME:
+            self._permission, self._silent, run = None, True, False
+            self.missed.take(LatchEvent.FORGET)
+        return run
 
     def _act(self, pulses: RejectPulses, now: int) -> bool:
         """Tell whether the rejector or a station is to act."""
@@ -266,7 +286,7 @@ class RejectorControl:
             self._alive = None
 
     def next_switches(self, now: int) -> Switches:
-        """Return when rejector and permission switch next, ns; None for what is not to come."""
+        """Return when rejector and permit switch next, ns; None for what is not to come."""
         if not self.active:
             return Switches(None, None)
         changes = (pulses.next_change(now) for pulses in self._stations)
@@ -300,6 +320,10 @@ class RejectorControl:
         """Take an edge of the photo-eyes: a product that leaves the belt must have its verdict."""
         self._verdicts.edge(edge, now)
         self._items.edge(edge)
+
+    def announce(self, item: Item) -> None:
+        """Add the number of an item that the segmenter has announced."""
+        self._items.announce(item)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
         """Take a verdict: schedule a pulse, or permit an accepted product to pass."""
@@ -445,7 +469,7 @@ class RejectorControl:
             )
             self._check_lateness('a station was', on, done - due.station)
         if before.permit and not after.permit and due.permit is not None:
-            self._check_lateness('the end of a permission was', True, done - due.permit)
+            self._check_lateness('the end of a permit was', True, done - due.permit)
 
     def _check_lateness(self, what: str, matters: bool, late: int) -> None:
         if matters and late > self._late_tolerance:
@@ -460,21 +484,26 @@ class RejectorControl:
             for pulses in self._stations if resumes else ():
                 pulses.resume(here)
 
-    def take_request(self, stop: bool, reason: str, hint: str) -> None:
-        """Take a stop request."""
-        self.stop_requested = stop
-        if not stop:
+    def take_permission(self, permission: Permission, now: int) -> None:
+        """Process a permission of reject."""
+        self._end_silence()
+        self._permission = now, permission.run
+
+    def take_request(self, request: StopRequest | None) -> None:
+        """Process a stop request: what it shows, or takes back if it is None."""
+        self._end_silence()
+        if request is None:
             self._asked = ''
             self.missed.take(LatchEvent.RUN)
-        elif reason == StopReason.NOT_READY:  # a reject node that was started again
+        elif request.reason is StopReason.NOT_READY:  # a reject node that was started again
             self.missed.take(LatchEvent.FORGET)
-        elif reason != StopReason.DRIVER_TROUBLE:
-            self._asked = f'{reason}: {hint}'
-        elif self.missed.text in hint:
+        elif request.reason is not StopReason.DRIVER_TROUBLE:
+            self._asked = f'{request.reason}: {request.hint}'
+        elif self.missed.text in request.hint:
             self.missed.take(LatchEvent.SHOW)
 
-    def forget_shown(self) -> None:
-        """Note that another node makes the stop request: it has shown nothing yet."""
-        self.missed.take(LatchEvent.FORGET)
-        if self._asked:  # what the one before knew alone, and nobody has taken back
+    def _end_silence(self) -> None:
+        """Latch what reject asked for before a silence: after a restart it knows nothing of it."""
+        if self._silent and self._asked:
             self.missed.add(self._asked)
+        self._silent = False

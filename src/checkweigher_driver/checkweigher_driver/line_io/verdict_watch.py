@@ -3,9 +3,8 @@
 """The time by which each product that leaves the weigh belt must have its verdict."""
 
 from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict
+from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-# An eye that was clear for less is flickering (more than the debounce_time of any line).
-FLICKER = 20_000_000  # ns
 # Until a first product has shown how long it takes to the rejector.
 _FIRST_TIMEOUT = NANOSECONDS
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from checkweigher_driver.line_io.belt_items import BeltItems
-from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_dsp.records import Decision, Eye, EyeEdge, Item, Verdict
 
 MS = 1_000_000
 T1 = 1_700_000_000_500_000_000
@@ -39,6 +39,25 @@ def test_an_item_is_named_by_its_number_decision_and_time():
     assert items.names() == (
         'item 7 UNDER (entered 22:13:20.5)', 'a product without a verdict (entered 22:13:21.5)'
     )  # fmt: skip
+
+
+def test_an_announced_item_has_its_number_without_a_verdict():
+    items = entered(T1, T1 + 1000 * MS)
+    items.announce(Item(T1, 1, 7, t1=T1, t2=T1 + 120 * MS))
+    assert items.names() == (
+        'item 7 without a verdict (entered 22:13:20.5)',
+        'a product without a verdict (entered 22:13:21.5)',
+    )
+    assert items.judge(verdict(7, T1), 500).passage == 120 * MS
+
+
+def test_an_announcement_of_an_item_that_has_a_verdict_or_was_not_seen_is_dropped():
+    items = entered(T1)
+    items.judge(verdict(1001, T1, Decision.FAULT), 500)
+    items.announce(Item(T1, 1, 8, t1=T1))
+    items.announce(Item(T1 + 300 * MS, 1, 9, t1=T1 + 300 * MS))
+    items.announce(Item(T1 + 300 * MS, 1, 10, t3=T1 + 300 * MS))
+    assert items.names() == ('item 1001 FAULT (entered 22:13:20.5)',)
 
 
 def test_what_has_passed_the_rejector_is_gone_with_all_in_front_of_it():

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 
-from modbus_machine import BAG, MS, REJECTOR, RELEASE, reading, switching, wait_for
+from modbus_machine import BAG, MS, REJECTOR, RELEASE, permit, reading, switching, wait_for
 
 from checkweigher_driver.line_io.modbus_link import ModbusLink
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
@@ -17,7 +17,7 @@ from checkweigher_recording.bags.reading import read_bag
 
 def run(outputs):
     outputs.activate()
-    outputs.take_request(False)
+    return permit(outputs)
 
 
 def reject(item, due, decision=Decision.FAULT):
@@ -113,23 +113,27 @@ def test_outputs_are_safe_before_they_are_active_and_after(plc):
         assert plc.state(RELEASE) is False
         outputs.activate()
         wait_for(lambda: plc.state(REJECTOR) is False, 'the end of the safe state')
-        assert plc.state(RELEASE) is False  # no request has said that the line may run
-        outputs.take_request(False)
+        assert plc.state(RELEASE) is False  # nothing has said that the line may run
+        fall_silent, began = permit(outputs), time.time_ns()
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
-        outputs.take_request(True)
+        wait_for(lambda: time.time_ns() > began + 1000 * MS, 'a second of permission')
+        assert plc.state(RELEASE) is True
+        fall_silent()
+        silent = time.time_ns()
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
         assert plc.state(REJECTOR) is False
-        outputs.take_request(False)
+        print(f'stopped after {(plc.switches(RELEASE)[-1][0] - silent) / MS:.0f} ms of silence')
+        permit(outputs)
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         outputs.safe()
         wait_for(lambda: plc.state(REJECTOR) is True, 'the safe state')
-        run(outputs)
+        outputs.activate()
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
     assert plc.state(REJECTOR) is True
     assert plc.state(RELEASE) is False
 
 
-def test_trouble_of_load_cell_or_eyes_stops_the_line_that_may_run_by_request(plc):
+def test_trouble_of_load_cell_or_eyes_stops_the_line_that_has_permission(plc):
     plc.start()
     trouble = []
     with switching(plc, held=lambda: bool(trouble)) as outputs:
@@ -137,7 +141,6 @@ def test_trouble_of_load_cell_or_eyes_stops_the_line_that_may_run_by_request(plc
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         trouble.append('the load cell is unplugged')
         wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
-        outputs.take_request(False)
         trouble.clear()
         wait_for(lambda: plc.state(RELEASE) is True, 'the release of the belt')
         assert outputs.trouble == ''
@@ -207,13 +210,15 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
     program.write_text(
         'import sys, time\n'
         'from checkweigher_driver.devices import make_outputs\n'
+        'from checkweigher_dsp.records import Permission\n'
         'values = {"modbus_outputs": {"host": "127.0.0.1", "port": int(sys.argv[1]), "stop": 1,\n'
         '                             "watchdog": 0}, "rejector": {}}\n'
         'outputs = make_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'
         'outputs.open()\n'
         'outputs.activate()\n'
-        'outputs.take_request(False)\n'
-        'time.sleep(60)\n'
+        'while True:\n'
+        '    outputs.take_permission(Permission(0, True))\n'
+        '    time.sleep(0.1)\n'
     )
     with subprocess.Popen([sys.executable, str(program), str(plc.port)]) as master:
         try:

@@ -18,7 +18,7 @@ def on(made, until=2000):
     return [now for now in range(0, until, 10) if made.given(now * MS)]
 
 
-def test_a_permission_lasts_while_its_item_is_at_the_rejector():
+def test_a_permit_lasts_while_its_item_is_at_the_rejector():
     made, _ = permits()
     assert made.permit(500 * MS, 200 * MS, 0)
     assert made.next_change(0) == 480 * MS
@@ -33,7 +33,7 @@ def test_an_item_that_is_at_the_rejector_already_is_not_permitted():
     assert on(made) == []
 
 
-def test_a_permission_that_nobody_asked_for_in_time_is_not_given():
+def test_a_permit_that_nobody_asked_for_in_time_is_not_given():
     made, _ = permits()
     made.permit(500 * MS, 200 * MS, 0)
     assert not made.given(530 * MS)
@@ -41,7 +41,7 @@ def test_a_permission_that_nobody_asked_for_in_time_is_not_given():
     assert made.next_change(540 * MS) is None
 
 
-def test_no_two_permissions_touch():
+def test_no_two_permits_touch():
     made, _ = permits()
     made.permit(720 * MS, 200 * MS, 0)
     made.permit(500 * MS, 200 * MS, 0)  # in whichever order the verdicts come
@@ -55,7 +55,7 @@ def test_a_rejected_item_is_not_let_pass_with_the_one_before_it():
     assert on(made) == list(range(480, 700, 10))
 
 
-def test_a_permission_waits_for_a_belt_that_stands_and_is_withdrawn_by_clear():
+def test_a_permit_waits_for_a_belt_that_stands_and_is_withdrawn_by_clear():
     made, belt = permits()
     made.permit(500 * MS, 100 * MS, 0)
     belt.stop(300 * MS)

@@ -16,17 +16,35 @@ from checkweigher_driver.line_io.rejector_control import (
     Switches,
 )
 from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_dsp.records import (
+    Decision,
+    Eye,
+    EyeEdge,
+    Item,
+    Permission,
+    StopRequest,
+    Verdict,
+)
+from checkweigher_dsp.ros.ports import FRESH_TIME
 
 MS = 1_000_000
+FOREVER = 10**12
 RUN, STOP, REJECT = Levels(False, False), Levels(False, True), Levels(True, False)
 
 
 def control(**parameters):
     made = RejectorControl(OutputParameters(**parameters), permits=True)
     made.active = made.connected = True
-    made.stop_requested = False
+    permit(made, time.monotonic_ns() + FOREVER)
     return made
+
+
+def permit(outputs, now, *, run=True):
+    outputs.take_permission(Permission(0, run), now)
+
+
+def trouble(text):
+    return StopRequest(StopReason.DRIVER_TROUBLE, 0, text=text)
 
 
 def fault(due, now, **others):
@@ -84,15 +102,28 @@ def test_a_missed_product_stops_the_line_until_a_request_that_shows_it_is_taken_
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 7')
     assert outputs.levels(now) == STOP
-    outputs.take_request(False, '', '')
+    outputs.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.take_request(True, StopReason.DRIVER_TROUBLE, 'the driver has trouble: item 7')
-    outputs.take_request(True, StopReason.NOT_READY, '')
-    outputs.take_request(False, '', '')
+    outputs.take_request(trouble('item 7'))
+    outputs.take_request(StopRequest(StopReason.NOT_READY, 0))
+    outputs.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.take_request(True, StopReason.DRIVER_TROUBLE, 'the driver has trouble: item 7')
-    outputs.take_request(False, '', '')
+    outputs.take_request(trouble('item 7'))
+    outputs.take_request(None)
     assert outputs.levels(now) == RUN
+
+
+def test_the_line_runs_while_a_permission_is_fresh():
+    outputs, now = control(), time.monotonic_ns()
+    assert RejectorControl(OutputParameters()).levels(now).stop
+    fresh = round(1e9 * FRESH_TIME)
+    permit(outputs, now)
+    assert outputs.levels(now + fresh) == RUN
+    assert outputs.levels(now + fresh + MS) == STOP
+    permit(outputs, now + 500 * MS)
+    assert outputs.levels(now + 500 * MS) == RUN
+    permit(outputs, now + 510 * MS, run=False)
+    assert outputs.levels(now + 510 * MS) == STOP
 
 
 T1 = 300 * MS  # of an item, before its t3
@@ -136,9 +167,9 @@ def test_a_belt_that_is_stopped_leaves_a_rejected_item_in_doubt_and_permits_noth
     outputs.levels(now)
     passing(outputs, now + 300 * MS, now, Decision.ACCEPT, 7)
     passing(outputs, now + 600 * MS, now, Decision.OVER, 8)
-    outputs.stop_requested = True
+    permit(outputs, now, run=False)
     outputs.levels(now + 100 * MS)
-    outputs.stop_requested = False
+    permit(outputs, now + FOREVER)
     assert 'the belt was stopped before all had passed the rejector' in outputs.missed.text
     assert 'item 8 OVER' in outputs.missed.text
     assert 'item 7' not in outputs.missed.text
@@ -151,7 +182,7 @@ def test_with_a_belt_input_a_stop_leaves_nothing_in_doubt():
     outputs.belt(True, now)
     outputs.levels(now)
     passing(outputs, now + 300 * MS, now, Decision.OVER)
-    outputs.stop_requested = True
+    permit(outputs, now, run=False)
     outputs.levels(now + 100 * MS)
     assert outputs.missed.text == ''
 
@@ -159,9 +190,9 @@ def test_with_a_belt_input_a_stop_leaves_nothing_in_doubt():
 def test_a_verdict_on_what_was_on_its_way_during_a_stop_stops_the_line_again():
     outputs, now = control(), time.monotonic_ns()
     outputs.levels(now)
-    outputs.stop_requested = True
+    permit(outputs, now, run=False)
     outputs.levels(now)
-    outputs.stop_requested = False
+    permit(outputs, now + FOREVER)
     outputs.levels(now)
     passing(outputs, now + 300 * MS, now, Decision.ACCEPT)
     assert permitted(outputs, now, 600) == []
@@ -208,13 +239,13 @@ def test_the_safe_state_leaves_what_is_on_the_belt_in_doubt_and_nothing_else():
     assert outputs.levels(now).stop
 
 
-def test_a_permission_that_ends_late_stops_the_line():
+def test_a_permit_that_ends_late_stops_the_line():
     outputs, now = control(late_tolerance=0.01), time.monotonic_ns()
     before, due = Levels(False, False, True), Switches(None, now)
     outputs.switched(before, RUN, due, now + 5 * MS, now + 9 * MS)
     assert outputs.missed.text == ''
     outputs.switched(before, RUN, due, now + 5 * MS, now + 11 * MS)
-    assert 'the end of a permission was 11 ms late' in outputs.missed.text
+    assert 'the end of a permit was 11 ms late' in outputs.missed.text
 
 
 def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
@@ -231,19 +262,27 @@ def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
     assert outputs.levels(now).stop
 
 
+def silence(outputs, now):
+    """Wait until the permission has run out."""
+    permit(outputs, now)
+    outputs.levels(now + 1000 * MS)
+
+
 def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not_shown():
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 6')
-    outputs.take_request(True, StopReason.DRIVER_TROUBLE, 'the driver has trouble: item 6')
-    outputs.forget_shown()
-    outputs.take_request(False, '', '')
+    outputs.take_request(trouble('item 6'))
+    silence(outputs, now)
+    outputs.take_request(None)
     assert outputs.levels(now) == STOP
     outputs.missed.take(LatchEvent.RESET)
-    outputs.take_request(True, StopReason.UNCONFIRMED_REJECT, 'check the rejector')
-    outputs.forget_shown()
-    outputs.take_request(False, '', '')
+    outputs.take_request(StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it'))
+    silence(outputs, now)
+    outputs.take_request(None)
+    permit(outputs, now + FOREVER)
     assert outputs.levels(now) == STOP
-    assert outputs.missed.text == 'UnconfirmedReject: check the rejector'
+    assert outputs.missed.text.startswith('UnconfirmedReject: ')
+    assert outputs.missed.text.endswith(': check it')
 
 
 def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_rejector():
@@ -251,9 +290,10 @@ def test_a_product_that_nobody_saw_leave_the_belt_is_ejected_when_it_is_at_the_r
     passing(outputs, now + 900 * MS, now, Decision.ACCEPT)  # 800 ms from entry to rejector
     entered = time.time_ns() - time.monotonic_ns() + now
     outputs.edge(EyeEdge(entered, Eye.INFEED, True), now)
+    outputs.announce(Item(entered, 1, 9, t1=entered))
     assert outputs.levels(now + 799 * MS) == RUN
     assert outputs.levels(now + 815 * MS)[:2] == (True, True)
-    assert 'a product without a verdict' in outputs.missed.text
+    assert 'item 9 without a verdict' in outputs.missed.text
     assert 'would be at the rejector by now' in outputs.missed.text
 
 

@@ -11,14 +11,13 @@ rounding.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import pywt
-
-from checkweigher_dsp.signal.array_cache import array_cache
 
 WAVELET = 'db16'
 LEVELS = 7
@@ -57,31 +56,24 @@ def shrink(coefficients: NDArray[np.float64], shrinkage: Shrinkage) -> NDArray[n
     return np.copysign(remaining, coefficients, out=remaining)
 
 
-@array_cache
+@lru_cache(maxsize=8)
 def band_responses(
     length: int, wavelet: str = WAVELET, levels: int = LEVELS
 ) -> NDArray[np.complex128]:
     r"""Return the frequency responses of the SWT bands on a circle of `length` samples.
 
-    They are read-only, (levels + 1, length // 2 + 1): details 1 to `levels`, then the
-    approximation. The filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros
-    between their taps (algorithme a trous), so that with the transforms H, G of the filters of an
-    orthogonal wavelet
+    The length is a multiple of ``2**levels``. The responses are read-only, (levels + 1, length // 2
+    + 1): details 1 to `levels`, then the approximation. The filters of level j are those of level 1
+    with :math:`2^{j-1} - 1` zeros between their taps (algorithme a trous), so that with the
+    transforms H, G of the filters of an orthogonal wavelet
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
-
-    Raises
-    ------
-    ValueError
-        If `length` is not a multiple of ``2**levels``.
 
     References
     ----------
     G. P. Nason, B. W. Silverman, The stationary wavelet transform and some statistical
     applications, 1995.
     """
-    if length <= 0 or length % 2**levels:
-        raise ValueError(f'length {length} is not a multiple of {2**levels}')
     filters = pywt.Wavelet(wavelet)
     lowpass = _circular_transform(filters.dec_lo, length)
     highpass = _circular_transform(filters.dec_hi, length)
@@ -104,7 +96,7 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
     return np.fft.fft(wrapped)
 
 
-@array_cache
+@lru_cache(maxsize=8)
 def _syntheses(
     length: int, wavelet: str, levels: int
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
@@ -138,11 +130,6 @@ def denoise_periodic(
     -------
     ndarray, (..., n) float64
         In the unit of `stretch`.
-
-    Raises
-    ------
-    ValueError
-        If n is not a multiple of ``2**len(details)``.
 
     References
     ----------
@@ -191,7 +178,7 @@ def threshold_universally(
 
     The coefficients of the part `measured` of the stretch give sigma, and its length is n: the
     padding around it holds no noise. With `each_level` sigma is that of each level, for noise that
-    is not white; else that of level 1. Stretches, result and errors are those of
+    is not white; else that of level 1. Stretches and result are those of
     `denoise_periodic`.
 
     References

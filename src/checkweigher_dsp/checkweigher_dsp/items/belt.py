@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 
 from checkweigher_dsp.items.eyes import Eyes
-from checkweigher_dsp.items.item import YET_TO_LEAVE, Item, State
+from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 from checkweigher_dsp.reasons import Reason
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
@@ -26,18 +26,13 @@ class UsualTransit:
         self._belt_lengths = belt_lengths
         self._outlier: int | None = None
 
-    def of(self, item: Item) -> int | None:
+    def of(self, item: TrackedItem) -> int | None:
         """Return how long an item takes, ns; before a whole one only its own length can tell."""
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
-    def set_usual_transit(self, transit: int) -> None:
-        """Take the transit, ns, of an item that was weighed, while no whole item is known here."""
-        if self.value is None and 0 < transit <= self.max_transit:
-            self.value = transit
-
-    def learn(self, item: Item, transit: int) -> None:
+    def learn(self, item: TrackedItem, transit: int) -> None:
         """Learn from a whole item; from one that is far off only if the next one agrees."""
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
@@ -70,43 +65,57 @@ class Belt:
         self.count = count
         # Items by their state: ENTERING or ON_BELT, in the order of their entry, and the two that
         # the outfeed eye may see yet.
-        self.items: list[Item] = []
-        self.given_up: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
-        self.abandoned: deque[Item] = deque()
+        self.items: list[TrackedItem] = []
+        self.given_up: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
+        self.abandoned: deque[TrackedItem] = deque()
         # What blocks an eye; an item that is longer than the belt blocks both.
-        self.at_infeed: Item | None = None
-        self.at_outfeed: Item | None = None
+        self.at_infeed: TrackedItem | None = None
+        self.at_outfeed: TrackedItem | None = None
         self.covered = False  # the outfeed eye, by an item from before the clock changed
-        self.entered_last: Item | None = None
-        self.left_last: Item | None = None
-        self.begun: Item | None = None  # the item of the last t1, also where its clock has gone
+        self.entered_last: TrackedItem | None = None
+        self.left_last: TrackedItem | None = None
+        # The item of the last t1, also where its clock has gone.
+        self.begun: TrackedItem | None = None
         self.freed: int | None = None  # ns, when something unknown had left
         self.cleared_first: int | None = None  # ns, the infeed eye, before it was ever blocked
         self.clock_is_new = False  # no edge of the infeed eye has come by this clock
         self.runs_on = False  # the belt, with what was abandoned: the clock alone has jumped
-        self._recent: deque[Item] = deque(maxlen=_KNOWN_ITEMS)
-        self._finished: list[Item] = []
+        self._recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
+        self._unsettled: deque[TrackedItem] = deque()
+        self._finished: list[TrackedItem] = []
 
     @property
     def only_entering(self) -> bool:
         """Whether one item is on the belt, which blocks the infeed eye."""
         return len(self.items) == 1 and self.items[0] is self.at_infeed
 
-    def new_item(self) -> Item:
+    def new_item(self) -> TrackedItem:
         """Return a further item, which has the next number."""
         self.count += 1
-        item = Item(self.count)
+        item = TrackedItem(self.count)
         self._recent.append(item)
+        self._unsettled.append(item)
         return item
 
-    def remove_newest(self) -> Item:
-        """Remove the newest item: it was none."""
+    def remove_newest(self) -> TrackedItem:
+        """Remove the newest item, which is not settled: it was none."""
         item = self.items.pop()
         self._recent.remove(item)
+        self._unsettled.remove(item)
         self.count -= 1
         return item
 
-    def put(self, item: Item) -> None:
+    def next_to_settle(self) -> TrackedItem | None:
+        """Return the first item whose number may change, None if there is none."""
+        return self._unsettled[0] if self._unsettled else None
+
+    def settle_next(self) -> TrackedItem:
+        """Return the first item whose number might have changed: it stays."""
+        item = self._unsettled.popleft()
+        item.settled = True
+        return item
+
+    def put(self, item: TrackedItem) -> None:
         """Put an item on the belt; with another one there neither can be weighed."""
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
@@ -115,7 +124,7 @@ class Belt:
             self.fault_all(Reason.DISTANCE_FAULT)
         self.entered_last = item
 
-    def move(self, item: Item, state: State) -> None:
+    def move(self, item: TrackedItem, state: State) -> None:
         """Change the state of an item; one that has left the belt does not come back onto it."""
         if state is State.LEAVING:
             self.at_outfeed = self.left_last = item
@@ -127,16 +136,16 @@ class Belt:
         if item.state in YET_TO_LEAVE or state not in YET_TO_LEAVE:
             item.state = state
 
-    def finish(self, item: Item) -> None:
+    def finish(self, item: TrackedItem) -> None:
         """Report an item: what the eyes have shown of it by now is what it is judged by."""
         self._finished.append(item)
 
-    def take_finished(self) -> list[Item]:
+    def take_finished(self) -> list[TrackedItem]:
         """Return the items reported since the last call."""
         finished, self._finished = self._finished, []
         return finished
 
-    def miss(self, item: Item, stamp: int) -> None:
+    def miss(self, item: TrackedItem, stamp: int) -> None:
         """Give up an item that was taken off `items`: its t3 does not come."""
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
@@ -258,7 +267,7 @@ class Belt:
                 return False
         return True
 
-    def take_leaving(self, stamp: int) -> Item:
+    def take_leaving(self, stamp: int) -> TrackedItem:
         """Take from the belt the item that an outfeed edge is of, and give up those before it.
 
         It is the one whose transit would be nearest to the usual one.
@@ -276,15 +285,15 @@ class Belt:
         del self.items[: position + 1]
         return item
 
-    def _is_entering(self, item: Item, stamp: int) -> bool:
+    def _is_entering(self, item: TrackedItem, stamp: int) -> bool:
         return item is self.at_infeed or (item.t2 is not None and item.t2 > stamp)
 
-    def entered_at(self, stamp: int) -> Item | None:
+    def entered_at(self, stamp: int) -> TrackedItem | None:
         """Return the item by which the infeed eye can have been blocked at `stamp`."""
         debounce = self.eyes.debounce
         return next((item for item in self._recent if item.accounts_for(stamp, debounce)), None)
 
-    def without_t2(self, stamp: int) -> Item | None:
+    def without_t2(self, stamp: int) -> TrackedItem | None:
         """Return an item at or past the outfeed eye that can have cleared the infeed at `stamp`."""
         for item in self._recent:
             begin = item.t1 if item.t1 is not None else stamp - 1

@@ -10,7 +10,6 @@ from operator import attrgetter
 from checkweigher_dsp.records import EyeEdge
 
 _STAMP = attrgetter('stamp')
-_MOST = 100_000  # edges for which no samples come
 
 
 class EdgeQueue:
@@ -28,10 +27,13 @@ class EdgeQueue:
         self._strays: list[EyeEdge] = []
         self._newest: int | None = None  # stamp of an edge by this clock
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether no edge waits, but for those that are kept apart."""
+        return not self._edges
+
     def add(self, edge: EyeEdge) -> None:
-        """Take an edge; where far too many wait for samples, pass it over."""
-        if len(self._edges) + len(self._strays) >= _MOST:
-            return
+        """Add an edge."""
         if self._newest is not None and edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
             return

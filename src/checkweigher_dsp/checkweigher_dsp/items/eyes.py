@@ -5,7 +5,7 @@
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 
-from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.records import Eye, EyeEdge
 
 _LONG_AGO = -(2**62)  # ns
@@ -18,7 +18,7 @@ class Switch:
 
     stamp: int  # ns
     previous: EyeEdge | None  # of the same eye
-    there: Item | None  # the item that blocked this eye until now
+    there: TrackedItem | None  # the item that blocked this eye until now
     blocked: bool  # whether an item blocks the eye now
 
 

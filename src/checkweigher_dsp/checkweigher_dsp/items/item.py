@@ -23,7 +23,7 @@ YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
 
 
 @dataclass(slots=True, eq=False)
-class Item:
+class TrackedItem:
     """One item on the line: what the eyes have seen of it; all times in ns."""
 
     item_id: int  # in the order of entry
@@ -38,6 +38,7 @@ class Item:
     usual_transit: int | None = None  # from eye to eye, of the last whole item before it
     given_up: int | None = None  # when it was given up
     outlier: bool = False  # far slower or faster than those before: its length may be wrong
+    settled: bool = False  # its number stays: it is no flicker of the item before
     state: State = State.ON_BELT
 
     @property
@@ -77,6 +78,6 @@ class Item:
         last = self.t2 if self.t2 is not None else self.t1
         return self.t1 <= stamp <= last + debounce
 
-    def snapshot(self) -> 'Item':
+    def snapshot(self) -> 'TrackedItem':
         """Return the item as it is now: later edges do not change the copy."""
         return replace(self, faults=dict(self.faults))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Item tracking: photo-eye edges become items, and some items become faults by them.
+"""TrackedItem tracking: photo-eye edges become items, and some items become faults by them.
 
 The four edges of an item are t1 (infeed blocked: it begins to enter), t2 (infeed clears: fully on
 the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
@@ -10,8 +10,13 @@ from collections.abc import Callable
 
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
-from checkweigher_dsp.items.item import Item
-from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, settle_first
+from checkweigher_dsp.items.item import TrackedItem
+from checkweigher_dsp.items.transitions import (
+    apply_edge,
+    apply_late_edge,
+    settle,
+    settle_first,
+)
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import EyeEdge
 
@@ -36,6 +41,12 @@ class ItemTracker:
         self._max_transit = max_transit
         self._eyes = Eyes(debounce, max_transit)
         self._belt = Belt(self._eyes, UsualTransit(max_transit, belt_lengths), count, unloaded)
+        self._settled: list[TrackedItem] = []
+
+    @property
+    def usual_transit(self) -> int | None:
+        """Time that the last whole item took from eye to eye, ns; None if there is none."""
+        return self._belt.transit.value
 
     @property
     def count(self) -> int:
@@ -76,9 +87,10 @@ class ItemTracker:
         """Tell whether an edge has come before."""
         return self._eyes.knows(edge)
 
-    def add(self, edge: EyeEdge) -> list[Item]:
+    def add(self, edge: EyeEdge) -> list[TrackedItem]:
         """Take one edge and return the items that it finishes: at t3, or given up."""
         self._expire(edge.stamp)
+        self.settle(edge.stamp)
         if self._eyes.is_new(edge):
             newest = self._eyes.newest
             if newest is not None and edge.stamp < newest:
@@ -86,15 +98,22 @@ class ItemTracker:
             else:
                 self._eyes.newest = edge.stamp
                 apply_edge(self._belt, edge)
+        self.settle(edge.stamp)
         return self._belt.take_finished()
 
-    def on_belt(self, t2: int) -> Item | None:
-        """Return the item on the belt for which the infeed eye cleared at `t2`, if there is one."""
-        return next((item for item in self._belt.items if item.t2 == t2), None)
+    def settle(self, stamp: int) -> None:
+        """Settle which items have entered, once no edge after `stamp` can change their number."""
+        self._settled += [item.snapshot() for item in settle(self._belt, stamp)]
 
-    def expire(self, stamp: int) -> list[Item]:
+    def take_settled(self) -> list[TrackedItem]:
+        """Return the items that have been settled since the last call, as they were then."""
+        settled, self._settled = self._settled, []
+        return settled
+
+    def expire(self, stamp: int) -> list[TrackedItem]:
         """Return the items that must have left by `stamp` without the outfeed eye seeing them."""
         self._expire(stamp)
+        self.settle(stamp)
         return self._belt.take_finished()
 
     def _expire(self, stamp: int) -> None:
@@ -103,15 +122,13 @@ class ItemTracker:
             settle_first(self._belt)
         self._belt.expire(stamp)
 
-    def give_up(self, reason: Reason) -> list[Item]:
+    def give_up(self, reason: Reason) -> list[TrackedItem]:
         """Return all items still on the belt, with `reason`: nothing more will come."""
         settle_first(self._belt)
         self._belt.abandon(reason)
+        if self._eyes.newest is not None:
+            self.settle(self._eyes.newest)
         return self._belt.take_finished()
-
-    def set_usual_transit(self, transit: int) -> None:
-        """Take how long an item that was weighed was on its way, ns, while nothing else tells."""
-        self._belt.transit.set_usual_transit(transit)
 
     def forget(self, *, backwards: bool = True) -> None:
         """Forget all times, and the edges if the clock may have gone back: they come again."""

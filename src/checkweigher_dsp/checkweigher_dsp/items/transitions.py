@@ -13,7 +13,7 @@ from typing import Any
 
 from checkweigher_dsp.items.belt import Belt
 from checkweigher_dsp.items.eyes import Switch
-from checkweigher_dsp.items.item import YET_TO_LEAVE, Item, State
+from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Eye, EyeEdge
 
@@ -26,9 +26,9 @@ class Transition:
 
     # Returns the item that the edge is of; or, where it is of none that is known, whether the case
     # holds.
-    guard: Callable[[Belt, Switch], Item | bool | None]
+    guard: Callable[[Belt, Switch], TrackedItem | bool | None]
     # Takes what the guard returned, notes what the edge shows, returns the item.
-    action: Callable[[Belt, Switch, Any], Item | None]
+    action: Callable[[Belt, Switch, Any], TrackedItem | None]
     state: State | None = None  # of the item from now on
     reasons: tuple[Reason, ...] = ()  # why it, or others on the belt, may not be weighed for it
 
@@ -64,7 +64,7 @@ def settle_first(belt: Belt) -> None:
         _put_unseen(belt, stamp, Reason.START_UP)
 
 
-def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> Item:
+def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
     """Put an item on the belt whose t2 alone the infeed eye showed."""
     item = belt.new_item()
     item.t2 = stamp
@@ -73,12 +73,37 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> Item:
     return item
 
 
+def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
+    """Return the items whose numbers can no longer change at `stamp`, ns: none is taken back.
+
+    Only the newest item can turn out to be a flicker of the one before, and only if it has blocked
+    the infeed eye for less than two debounce times. Two more after that no flicker follows.
+    """
+    settled = []
+    while (item := belt.next_to_settle()) is not None and _is_settled(belt, item, stamp):
+        if item in belt.items[-1:]:
+            _merge_flicker(belt)
+        if item is belt.next_to_settle():
+            settled.append(belt.settle_next())
+    return settled
+
+
+def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
+    if item.item_id < belt.count or item.t1 is None or item.state not in YET_TO_LEAVE:
+        return True
+    longest = _FLICKERS * belt.eyes.debounce
+    begin = item.t1 if item.t2 is None or item.length >= longest else item.t2
+    return stamp - begin >= longest
+
+
 def _merge_flicker(belt: Belt) -> None:
     """Take a pulse too short for an item as the end of the item before, which lost its t2."""
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return
     before, item = others[-1], belt.items[-1]
+    if item.settled:
+        return
     if before.t1 is None or before.t2 is not None or not item.length:
         return
     if item.length < _longest_flicker(belt, item):
@@ -87,7 +112,7 @@ def _merge_flicker(belt: Belt) -> None:
         belt.entered_last = belt.begun = before
 
 
-def _longest_flicker(belt: Belt, item: Item) -> int:
+def _longest_flicker(belt: Belt, item: TrackedItem) -> int:
     return belt.eyes.debounce * (_FLICKERS if Reason.CHATTERING_EYE in item.faults else 1)
 
 
@@ -102,7 +127,7 @@ def _shows_state(belt: Belt, switch: Switch) -> bool:
     return switch.previous is None and belt.eyes.shows_state(switch.stamp)
 
 
-def _last_at_outfeed(belt: Belt, switch: Switch) -> Item | None:
+def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Return the item that left last if it must still be in front of the outfeed eye."""
     last = belt.left_last
     if last is None:
@@ -123,7 +148,7 @@ def _ignore(belt: Belt, switch: Switch, _: bool) -> None:
     """Pass over an edge that shows nothing new."""
 
 
-def _set_t2(belt: Belt, switch: Switch, item: Item) -> Item:
+def _set_t2(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     item.t2 = switch.stamp
     return item
 
@@ -131,19 +156,19 @@ def _set_t2(belt: Belt, switch: Switch, item: Item) -> Item:
 # The infeed eye is blocked.
 
 
-def _flickering_entry(belt: Belt, switch: Switch) -> Item | None:
+def _flickering_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
     last = belt.entered_last if belt.entered_last is not None else belt.begun
     return last if belt.eyes.flickers(switch) else None
 
 
-def _reopen_entry(belt: Belt, switch: Switch, item: Item) -> Item:
+def _reopen_entry(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     if item.t1 is not None:
         item.t2 = None
     item.fault(Reason.CHATTERING_EYE)
     return item
 
 
-def _enter(belt: Belt, switch: Switch, _: bool) -> Item:
+def _enter(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
     _merge_flicker(belt)
     if belt.at_infeed is not None:
         belt.at_infeed.fault(Reason.MISSING_EDGE)
@@ -161,7 +186,7 @@ def _enter(belt: Belt, switch: Switch, _: bool) -> Item:
 # The infeed eye clears.
 
 
-def _entering(belt: Belt, switch: Switch) -> Item | None:
+def _entering(belt: Belt, switch: Switch) -> TrackedItem | None:
     item = switch.there
     return item if item is not None and item.t4 is None else None
 
@@ -175,7 +200,7 @@ def _keep_first(belt: Belt, switch: Switch, _: bool) -> None:
     belt.cleared_first = switch.stamp
 
 
-def _flickering_after_entry(belt: Belt, switch: Switch) -> Item | None:
+def _flickering_after_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
     last = belt.entered_last
     if last is None or last.t2 is None:
         return None
@@ -183,13 +208,13 @@ def _flickering_after_entry(belt: Belt, switch: Switch) -> Item | None:
     return last if began or belt.eyes.flickers(switch) else None
 
 
-def _extend_entry(belt: Belt, switch: Switch, item: Item) -> Item:
+def _extend_entry(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     item.fault(Reason.CHATTERING_EYE)
     item.t2 = switch.stamp
     return item
 
 
-def _reported(belt: Belt, switch: Switch) -> Item | None:
+def _reported(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Return the item at the infeed eye if it was reported before its t2."""
     blocked = switch.previous is not None and switch.previous.blocked
     item = belt.begun if blocked or belt.clock_is_new else None
@@ -198,7 +223,7 @@ def _reported(belt: Belt, switch: Switch) -> Item | None:
     return item if item.t4 is None or item.t4 > switch.stamp else None
 
 
-def _enter_unseen(belt: Belt, switch: Switch, _: bool) -> Item:
+def _enter_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
     belt.give_up_overdue(switch.stamp)
     return _put_unseen(belt, switch.stamp, Reason.MISSING_EDGE)
 
@@ -214,49 +239,49 @@ def _cover(belt: Belt, switch: Switch, _: bool) -> None:
     belt.covered = True
 
 
-def _leave_again(belt: Belt, switch: Switch, item: Item) -> Item:
+def _leave_again(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     item.t4 = None
     return item
 
 
-def _leaving_without_t4(belt: Belt, switch: Switch) -> Item | None:
+def _leaving_without_t4(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Return the last item if no other can be there: what is at one eye is not at the other."""
     blocked = switch.previous is not None and switch.previous.blocked
     return switch.there if belt.only_entering and blocked else None
 
 
-def _leave_again_beside(belt: Belt, switch: Switch, item: Item) -> Item:
+def _leave_again_beside(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     belt.items[0].fault(Reason.MISSING_EDGE)
     return _leave_again(belt, switch, item)
 
 
-def _given_up_comes(belt: Belt, switch: Switch) -> Item | None:
+def _given_up_comes(belt: Belt, switch: Switch) -> TrackedItem | None:
     """Return the item that was given up if the eye sees that, and not what is on the belt."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
     return gone[0] if gone and belt.is_none_due(switch.stamp) else None
 
 
-def _leave_late(belt: Belt, switch: Switch, item: Item) -> Item:
+def _leave_late(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     (belt.given_up or belt.abandoned).popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
     belt.fault_all(Reason.DISTANCE_FAULT)  # it was there as well
     return item
 
 
-def _leave(belt: Belt, switch: Switch, _: bool) -> Item:
+def _leave(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
     ambiguous = belt.drop_given_up()
     return _begin_to_leave(belt, switch, belt.take_leaving(switch.stamp), ambiguous)
 
 
-def _leave_unseen(belt: Belt, switch: Switch, _: bool) -> Item:
+def _leave_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
     ambiguous = belt.drop_given_up()
     item = belt.new_item()
     item.fault(Reason.MISSING_EDGE)
     return _begin_to_leave(belt, switch, item, ambiguous)
 
 
-def _begin_to_leave(belt: Belt, switch: Switch, item: Item, ambiguous: bool) -> Item:
+def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bool) -> TrackedItem:
     item.t3 = switch.stamp
     item.usual_transit = belt.transit.value
     if ambiguous and belt.transit.of(item) is None:
@@ -276,11 +301,11 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: Item, ambiguous: bool) -> 
 # The outfeed eye clears.
 
 
-def _leaving(belt: Belt, switch: Switch) -> Item | None:
+def _leaving(belt: Belt, switch: Switch) -> TrackedItem | None:
     return None if belt.is_next_departure(switch.stamp) else switch.there
 
 
-def _go(belt: Belt, switch: Switch, item: Item) -> Item:
+def _go(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     item.t4 = switch.stamp
     return item
 
@@ -295,7 +320,7 @@ def _is_covered(belt: Belt, switch: Switch) -> bool:
     return belt.covered
 
 
-def _go_again(belt: Belt, switch: Switch, item: Item) -> Item:
+def _go_again(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
     belt.freed = item.t4 = switch.stamp
     return item
 
@@ -310,7 +335,7 @@ def _go_beside(belt: Belt, switch: Switch, _: bool) -> None:
     belt.items[0].fault(Reason.DISTANCE_FAULT)
 
 
-def _go_unseen(belt: Belt, switch: Switch, _: bool) -> Item:
+def _go_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
     """Report the item that left without its t3; if another one has left, it may yet come."""
     _note_unseen(belt, switch)
     item = belt.left_last = belt.take_leaving(switch.stamp)

@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The record of the batch on the line, and what it says of that batch after a restart."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 from checkweigher_dsp.production.batch_record import (
-    EndedRecord,
     RecordError,
     RecordWriter,
     ended_record,
@@ -19,7 +17,7 @@ from checkweigher_dsp.production.recipes import product_of
 from checkweigher_dsp.production.statistics import ProductionRecord
 
 
-class BatchRecorder:
+class BatchRecorder(RecordWriter):
     """Write the record of each batch; take up the one that a restart has interrupted.
 
     The counts of an interrupted batch are put into `production`, which then goes on with its name.
@@ -34,7 +32,6 @@ class BatchRecorder:
     def __init__(
         self, folder: Path, production: ProductionRecord, time: str, audit: dict[str, str]
     ) -> None:
-        self._folder = folder
         self._audit = audit
         self.product, self.correction = '', 0.0
         last = last_record(folder)
@@ -46,11 +43,10 @@ class BatchRecorder:
                 f'{record_path(folder, production.batch)}: the batch {production.batch!r} has '
                 'ended; name another one in product.batch'
             )
-        self._writer = RecordWriter(folder)
+        super().__init__(folder)
         if ended:  # the line may have been cut off before that was in the audit log
-            self._writer.ended.put(ended)
-        self._writer.begin(production.batch, time, **audit)
-        self.write = self._writer.write
+            self.ended.put(ended)
+        self.begin(production.batch, time, **audit)
 
     def _restore(self, path: Path, production: ProductionRecord) -> None:
         for values in read_lines(path):
@@ -70,25 +66,11 @@ class BatchRecorder:
                 production.reset()
         production.product = None  # it is still to be selected
 
-    @property
-    def trouble(self) -> str:
-        """Why nothing can be written at present, empty if it can."""
-        return self._writer.trouble
-
     def has(self, batch: str) -> bool:
         """Tell whether there is a record of a batch."""
         return record_path(self._folder, batch).exists()
 
     def change(self, batch: str, time: str) -> None:
         """End the record and begin that of another batch."""
-        self._writer.end(time)
-        self._writer.begin(batch, time, **self._audit)
-
-    def ended(self) -> Iterator[EndedRecord]:
-        """Yield the records that are complete by now."""
-        while not self._writer.ended.empty():
-            yield self._writer.ended.get()
-
-    def close(self) -> None:
-        """Write what is left."""
-        self._writer.close()
+        self.end(time)
+        self.begin(batch, time, **self._audit)

@@ -8,7 +8,7 @@ import time
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import WorkloadWatch
-from checkweigher_dsp.records import WeighWindow, foreign
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -22,7 +22,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._windows = self.held_output(ports.DENOISED_WINDOW, ports.MASS_ESTIMATE)
         self._workload = WorkloadWatch()
         self.on_parameters()
-        self.subscribe(ports.WEIGH_WINDOW, self._on_window, doubted=foreign)
+        self.subscribe(ports.WEIGH_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
         """Begin to use a changed table."""

@@ -1,63 +1,109 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers that the reject nodes of a run have given, in a file that outlives their process."""
+"""Numbers of items that a node has given, in a file that outlives its process."""
 
 from contextlib import suppress
 import os
+from pathlib import Path
 
 from checkweigher_dsp.parent_process import parent_identity
+from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.state_files import state_file
+
+_LINE = 100  # bytes, of the identity of the run; each number follows in a line of its own
+_NUMBER = 21  # bytes
+_KEPT = 'kept over runs'
 
 
 class GivenNumbers:
-    """The file of the reject node of a lane; `last` is the largest number that has been given.
+    """The latest numbers that a node of a lane has given, in a file.
 
-    A run is what one process has started: `run`, `replay` or `ros2 launch`, which starts a node
-    again that has ended. Its children count on from each other. In another run items count from 1.
+    A run is what one process has started: `run` or `ros2 launch`, which starts a node again that
+    has ended. Its nodes count on from each other; in another run items count from 1. With a `path`
+    numbers go on over runs.
 
-    `trouble` says why the file cannot be used, empty if it can; the history of the driver has the
-    numbers as well.
+    Parameters
+    ----------
+    node : str
+        Full name of the node.
+    domain : int
+        ROS domain.
+    path : str
+        File; empty for one of this run, named after node and domain.
+    most : int
+        Number of numbers that are kept, the latest ones.
+
+    Attributes
+    ----------
+    numbers : frozenset of int
+        Numbers that were given before this process began.
+    trouble : str
+        Why the file cannot be used, empty if it can.
     """
 
-    def __init__(self, node: str, domain: int) -> None:
-        self.last = 0
+    def __init__(self, node: str, domain: int, path: str = '', most: int = 1) -> None:
+        self.numbers: frozenset[int] = frozenset()
         self.trouble = ''
-        self._run = parent_identity()
+        self._most = most
         self._file: int | None = None
         try:
-            path = state_file(f'{node.strip("/")}.{domain}.numbers')
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-            self.last = self._read(self._file)
+            file = Path(path) if path else state_file(f'{node.strip("/")}.{domain}.numbers')
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            self._begin(self._file, _KEPT if path else parent_identity())
         except (OSError, RuntimeError) as error:
             self._fail(error)
 
-    def give(self, number: int) -> None:
-        """Note a number that is about to be given. No disk is waited for: only a kill is outlived.
+    @property
+    def last(self) -> int:
+        """The largest number that was given before this process began, 0 for none."""
+        return max(self.numbers, default=0)
 
-        What is written has the same length each time: a full disk takes it.
+    def _begin(self, file: int, run: str) -> None:
+        """Read the numbers of this run; make the file as large as it will be."""
+        line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
+        data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
+        found: dict[int, int] = {}
+        if data.startswith(line):
+            for place, text in enumerate(data[_LINE:].splitlines()):
+                with suppress(ValueError):  # torn, or never written
+                    found[int(text)] = place
+        else:
+            os.ftruncate(file, 0)
+            os.pwrite(file, line.encode() + (b' ' * (_NUMBER - 1) + b'\n') * self._most, 0)
+        self.numbers = frozenset(found)
+        self._next = found[self.last] + 1 if found else 0
+
+    def give(self, number: int) -> None:
+        """Write a number that is about to be given.
+
+        It survives a kill of the process. No disk is waited for, and the file does not grow: a full
+        disk has room for it.
         """
-        if self._file is None or number <= self.last:
+        if self._file is None:
             return
-        self.last = number
         try:
-            os.pwrite(self._file, f'{self._run} {number:020d}\n'.encode(), 0)
+            data = f'{number:{_NUMBER - 1}d}\n'.encode()
+            os.pwrite(self._file, data, _LINE + self._next % self._most * _NUMBER)
+            self._next += 1
         except OSError as error:
             self._fail(error)
 
     def close(self) -> None:
-        """Let go of the file, which stays."""
+        """Close the file, which stays."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
 
-    def _read(self, file: int) -> int:
-        run, _, number = os.pread(file, 200, 0).partition(b'\n')[0].rpartition(b' ')
-        if run.decode(errors='replace') == self._run:
-            with suppress(ValueError):  # torn
-                return int(number)
-        return 0
-
     def _fail(self, error: Exception) -> None:
         self.trouble = f'the numbers of items are not kept over a restart: {error}'
         self.close()
+
+
+def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
+    """Return the file of the numbers that a node gives; the node warns if it cannot be used."""
+    name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
+    numbers = GivenNumbers(name, domain, path, most)
+    if numbers.trouble:
+        node.warn(numbers.trouble)
+    return numbers

@@ -16,7 +16,7 @@ from checkweigher_dsp.health.learning import describe, learning_finding
 from checkweigher_dsp.nodes.learned_record import LearnedRecord
 from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import WeighWindow, foreign
+from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -34,7 +34,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._audited: dict[tuple[float, float], tuple[bool, str]] = {}
         self._kept: tuple[object, ...] = ()
         self.on_parameters()
-        self.subscribe(ports.DENOISED_WINDOW, self._on_window, doubted=foreign)
+        self.subscribe(ports.DENOISED_WINDOW, self._on_window)
         self.create_service(
             Trigger, ports.FORGET_LEARNED, self._on_forget, callback_group=ReentrantCallbackGroup()
         )
@@ -44,10 +44,18 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         super().start()
         self._note_learned()
 
+    def destroy_node(self) -> None:
+        """Keep what was learned last."""
+        if self._record is not None:
+            self._record.close()
+        super().destroy_node()
+
     def on_parameters(self) -> None:
         """Begin to use a changed estimator."""
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
+            if self._record is not None:
+                self._record.close()
             wanted = self.parameters.learning.record
             self._record = LearnedRecord(wanted, self.get_fully_qualified_name())
             known = self._record.read() or known
@@ -83,7 +91,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._audited.clear()
         self._kept = ()
         if self._record is not None:
-            self._record.write(self._identifier.learned)
+            self._record.write(self._identifier.learned, now=True)
         response.success, response.message = True, f'{count} speeds and lengths forgotten'
         return response
 

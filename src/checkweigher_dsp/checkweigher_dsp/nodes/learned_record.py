@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a line has learned, in a file that outlives its process."""
 
-import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-import tempfile
 
 from checkweigher_dsp.estimation.learning.learner import LearnedKinds
-from checkweigher_dsp.estimation.learning.storage import from_text, to_text
+from checkweigher_dsp.parameters import SettingsError
+from checkweigher_dsp.settings_files import read_settings, write_settings
 from checkweigher_dsp.state_files import state_file
 
 _NONE = '-'
-_MAX_SIZE = 2**25  # bytes
 
 
 class LearnedRecord:
@@ -24,6 +23,7 @@ class LearnedRecord:
     def __init__(self, wanted: str, node: str) -> None:
         self.trouble = ''
         self._path: Path | None = None
+        self._writer = ThreadPoolExecutor(1, 'learned record')  # no item waits for a disk
         try:
             if wanted != _NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
@@ -35,23 +35,26 @@ class LearnedRecord:
         try:
             if self._path is None or not self._path.exists():
                 return None
-            if self._path.stat().st_size > _MAX_SIZE:
-                raise ValueError(f'more than {_MAX_SIZE} bytes')
-            return from_text(self._path.read_text(encoding='utf-8'))
-        except (OSError, ValueError) as error:
+            return read_settings(self._path, LearnedKinds)
+        except (OSError, SettingsError) as error:
             self._fail(error)
             return None
 
-    def write(self, known: LearnedKinds) -> None:
-        """Keep what is known, in place of what was."""
-        if self._path is None:
-            return
+    def write(self, known: LearnedKinds, *, now: bool = False) -> None:
+        """Keep what is known in place of what was: soon, or before this returns."""
+        if self._path is not None:
+            written = self._writer.submit(self._write, self._path, known)
+            if now:
+                written.result()
+
+    def close(self) -> None:
+        """Wait until what was to be kept is in the file."""
+        self._writer.shutdown()
+
+    def _write(self, path: Path, known: LearnedKinds) -> None:
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            number, name = tempfile.mkstemp(prefix=f'.{self._path.name}-', dir=self._path.parent)
-            with open(number, 'w', encoding='utf-8') as file:
-                file.write(to_text(known))
-            os.replace(name, self._path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_settings(path, known)
             self.trouble = ''
         except OSError as error:
             self._fail(error)

@@ -1,38 +1,67 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The recipe of the selected product in the parameters of the nodes of the line."""
+"""The product on the line: its limits for the reject node, its parameters in the other nodes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
+from rclpy.task import Future
+
+from checkweigher_dsp.production.audit_log import plain
 from checkweigher_dsp.production.recipes import NODES, Product
-from checkweigher_dsp.ros.line_parameters import LineParametersClient, RefusedError, Values
+from checkweigher_dsp.records import ProductOnLine
+from checkweigher_dsp.rejection.batch_rules import BatchTally
+from checkweigher_dsp.ros.line_parameters import (
+    HalfSetError,
+    LineParametersClient,
+    RefusedError,
+    Values,
+)
 
 
 class LineRecipe:
-    """Parameters that the selected product sets, in all nodes of the line or in none.
+    """Limits and parameters of the selected product, in all nodes of the line or in none.
 
-    The coroutines raise RefusedError if a node does not take a parameter or does not answer.
-    `announce` takes what is about to be set, by node; it raises if it must not be. `warn` takes a
-    warning for the log of the node.
+    While nodes have yet to take their parameters, no product is on the line: the reject node
+    accepts nothing. Each step waits until the reject node has taken the one before.
+
+    The coroutines raise RefusedError if a node does not take its part or does not answer.
+    `announce` takes parameters that are about to be set, by node; it raises if they must not be.
+    `publish` takes what is on the line from now on, `clock` returns the time in ns, and `tally` the
+    counts of a product in a batch.
+
+    Attributes
+    ----------
+    on_line : ProductOnLine
+        As it was published last, without a product while none is on the line.
+    in_use : ProductOnLine or None
+        By what the reject node judges, None until it has said that.
     """
 
     def __init__(
         self, line: LineParametersClient, announce: Callable[[dict[str, Values]], object],
-        warn: Callable[[str], object],
+        publish: Callable[[ProductOnLine], object], clock: Callable[[], int],
+        tally: Callable[[str, str], BatchTally],
     ) -> None:  # fmt: skip
         self._line = line
         self._announce = announce
-        self._warn = warn
+        self._publish = publish
+        self._clock = clock
+        self._tally = tally
+        self.on_line = ProductOnLine(0)
+        self.in_use: ProductOnLine | None = None
+        self._taken = Future()  # of what was published last, by the reject node
+        self._selected: ProductOnLine | None = None
         # Values before the first recipe that set them: products that leave them out get them back.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # by the selected product
         self._restarted: set[str] = set()
-        self._advised = False
 
     @property
     def ready(self) -> bool:
-        """Whether all nodes that a recipe may set are there."""
-        return all(self._line.ready(node) for node in NODES)
+        """Whether all nodes of a recipe are there."""
+        return self.in_use is not None and all(self._line.ready(node) for node in NODES)
 
     @property
     def lost(self) -> set[str]:
@@ -40,29 +69,55 @@ class LineRecipe:
         return self._restarted & self._set.keys()
 
     def add_started(self, nodes: set[str]) -> None:
-        """Take which nodes have been started."""
+        """Add nodes that have been started."""
         self._restarted |= nodes
 
-    async def product_on_line(self) -> str:
-        """Return the name of the product that the reject node has, empty for none."""
-        return str((await self._line.get('reject', ['product']))['product'])
+    def taken(self, product: ProductOnLine) -> None:
+        """Process what the reject node judges by from now on."""
+        # It may have the product since before a restart of this node, and limits that were set.
+        if product.product and (self.in_use is None or product.stamp == self.on_line.stamp):
+            self.on_line = self._selected = product
+        self.in_use = product
+        if product.stamp == self.on_line.stamp and not self._taken.done():
+            self._taken.set_result(product)
 
-    async def set(self, product: Product, batch: Values) -> None:
-        """Set the parameters of a product; if a node refuses, all keep what they had.
+    def update(self) -> None:
+        """Publish the counts by now, from which a reject node goes on that is started later."""
+        if self.on_line.product:
+            self._publish(self._counted(self.on_line))
 
-        `batch` has those of the reject node that are of the batch.
-        """
-        restarted, changes = set(self._restarted), product.changes()
-        changes['reject'].update(batch)
-        base = await self._base_of(changes)
-        await self._advise()
-        whole = {node: {**base[node], **changes.get(node, {})} for node in NODES if node in base}
-        self._announce(whole)  # all at once: a log that is full in between leaves no half recipe
-        await self._line.set(whole)
-        self._base, self._set = base, whole
+    async def set(self, product: Product, batch: str) -> None:
+        """Put a product on the line; if a node refuses, all keep what they had."""
+        restarted = set(self._restarted)
+        await self._check_speed(product)
+        self._base = await self._base_of(product.parameters)
+        own = product.parameters
+        whole = {node: {**base, **own.get(node, {})} for node, base in self._base.items()}
+        changes = {
+            node: new for node, new in whole.items()
+            if plain(new) != plain(await self._line.get(node, list(new)))
+        }  # fmt: skip
+        self._announce(changes)  # all at once: a log that is full in between leaves no half recipe
+        selected = product.on_line(batch)
+        try:
+            await self._change(changes, selected, self._selected)
+        except RefusedError:
+            if not self.on_line.product:
+                self._selected, self._set = None, {}
+            raise
+        self._set = whole
         self._restarted -= restarted
 
-    async def _base_of(self, changes: dict[str, Values]) -> dict[str, Values]:
+    async def _check_speed(self, product: Product) -> None:
+        """Refuse a product that is slower than all that is weighed."""
+        slowest: Any = await self._line.get('segmenter', ['min_belt_speed'])
+        if product.speed[1] < slowest['min_belt_speed']:
+            raise RefusedError(
+                f'{product.name}.speed: {product.speed[1]:g} m/s is below min_belt_speed of '
+                f'segmenter, {slowest["min_belt_speed"]:g}: slower than what is weighed at all'
+            )
+
+    async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
         """Return the line's own values of all parameters that a product has set or will set."""
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
@@ -70,37 +125,54 @@ class LineRecipe:
                 raise RefusedError(f'{node}: is not there')
             own = base.setdefault(node, {})
             own.update(await self._line.get(node, [name for name in values if name not in own]))
-        return base
+        return {node: base[node] for node in NODES if node in base}
 
-    async def _advise(self) -> None:
-        """Say once that the reject node would accept any item before it has its limits."""
-        if self._advised:
+    async def change(self, **values: Any) -> None:
+        """Change batch or test of the selected product, if there is one."""
+        if self._selected is None:
             return
-        needed = await self._line.get('reject', ['needs_product'])
-        self._advised = True
-        if not needed['needs_product']:
-            self._warn(
-                'reject.needs_product is false: after its start the reject node accepts by the '
-                'limits of its parameter file until it has those of a product'
-            )
+        changed = replace(self._selected, **values)
+        if self.on_line.product:
+            await self._change({}, changed, self._selected)
+        else:  # it will be, once all nodes have their parameters
+            self._selected = changed
 
-    async def set_of_reject(self, values: Values) -> None:
-        """Set parameters of the reject node beside those of the product, if there is one."""
-        if self._set:
-            self._announce({'reject': values})
-            await self._line.set({'reject': values})
-            self._set['reject'].update(values)
-
-    async def restore(self, batch: Callable[[], Values]) -> str:
-        """Set the parameters of the product in the nodes that lost them; return the product.
-
-        `batch` returns those of the batch, once nothing is accepted any more.
-        """
-        lost, product = self.lost, str(self._set['reject']['product'])
-        # Until all have theirs nothing is accepted, if the line needs a product.
-        await self._line.set({'reject': {'product': ''}})
-        self._set['reject'].update(batch())
-        nodes = [node for node in NODES if node in lost or node == 'reject']
-        await self._line.set({node: self._set[node] for node in nodes})
+    async def restore(self) -> str:
+        """Set the parameters of the product in the nodes that lost them; return the product."""
+        lost = self.lost
+        assert self._selected is not None
+        await self._change({n: self._set[n] for n in NODES if n in lost}, self._selected, None)
         self._restarted -= lost
-        return product
+        return self._selected.product
+
+    async def _change(
+        self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None
+    ) -> None:
+        """Set parameters while no product is on the line, then put one there.
+
+        If a node refuses, `otherwise` is on the line, or nothing if the parameters do not fit that.
+        """
+        try:
+            if values:
+                await self._tell(None)
+                await self._line.set(values)
+                otherwise = None
+            await self._tell(product)
+        except RefusedError as error:
+            self.put(None if isinstance(error, HalfSetError) else otherwise)
+            raise
+
+    async def _tell(self, product: ProductOnLine | None) -> None:
+        """Publish what is on the line, and wait until the reject node has taken it."""
+        self._taken = Future()
+        self.put(product)
+        await self._line.answer('reject', self._taken)
+
+    def put(self, product: ProductOnLine | None) -> None:
+        """Publish what is on the line from now on, None for no product."""
+        none = ProductOnLine(0, needed=True)
+        self.on_line = self._counted(replace(product or none, stamp=self._clock()))
+        self._publish(self.on_line)
+
+    def _counted(self, product: ProductOnLine) -> ProductOnLine:
+        return replace(product, **self._tally(product.product, product.batch).counts)

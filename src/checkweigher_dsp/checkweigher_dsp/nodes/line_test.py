@@ -32,7 +32,7 @@ class LineTest:
     """The performance test, with what it needs of the line.
 
     `publish` takes each new state, `clock` returns ns of the system clock. The line rejects all
-    items while a test goes on, by a parameter of the reject node in `recipe`.
+    items while a test goes on, which `recipe` has the reject node know.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class LineTest:
         self._clock = clock
         self._tests = PerformanceTests(datetime.now(UTC).astimezone().tzinfo or UTC)
         self._reason = ''
-        self._rejecting = False  # whether the reject node was told that a test goes on
+        self._rejecting = False  # whether the reject node knows that a test goes on
 
     def select(self, product: Product, batch: str) -> None:
         """Take the product and the batch on the line, whose parameters are set."""
@@ -62,13 +62,13 @@ class LineTest:
         plan = self._tests.plan_to_begin()
         product = self._tests.state.product
         self._trail.note(audit_trail.TEST_BEGUN, product, None, True, Author(who, reason))
-        await self._recipe.set_of_reject({'performance_test': True})
+        await self._recipe.change(performance_test=True)
         self._rejecting, self._reason = True, reason
         self._tests.begin(who, self._clock())
         self._publish(self._tests.state)
         return f'let the test product of {GRAMS * plan.mass:g} g pass {plan.passes} times'
 
-    def cancel(self, who: str, reason: str) -> str:
+    async def cancel(self, who: str, reason: str) -> str:
         """Break off the test that is under way; return what has become of it."""
         if not self._tests.wanted:
             return 'no performance test was under way'
@@ -96,7 +96,7 @@ class LineTest:
         if self._tests.advance(self._clock()):
             self._publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:
-            await self._recipe.set_of_reject({'performance_test': False})
+            await self._recipe.change(performance_test=False)
             self._rejecting = False
 
     def finding(self) -> Finding:

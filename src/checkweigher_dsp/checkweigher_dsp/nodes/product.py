@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The product node: recipes of the line, statistics of production, and the audit log."""
 
+from collections.abc import Awaitable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -12,41 +13,43 @@ from checkweigher_msgs.srv import BeginTest, NewBatch, RecordChange, ResetStatis
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.health.host_clock import HostClock
 from checkweigher_dsp.nodes.batch_recorder import BatchRecorder
 from checkweigher_dsp.nodes.line_audit import LineAudit
 from checkweigher_dsp.nodes.line_recipe import LineRecipe
 from checkweigher_dsp.nodes.line_test import LineTest
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.production.audit_log import AuditError, AuditLog
 from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.production.batch_record import RecordError
 from checkweigher_dsp.production.filler_feedback import FillerController
-from checkweigher_dsp.production.recipes import NODES, Product, RecipeError, read_recipes
+from checkweigher_dsp.production.recipes import NODES, Product, read_recipes
 from checkweigher_dsp.production.statistics import ProductionRecord
 from checkweigher_dsp.records import (
     NANOSECONDS,
     BatchResult,
     LoadCell,
     MassEstimate,
+    ProductOnLine,
     StopRequest,
     Verdict,
 )
+from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.conversion import to_message
 from checkweigher_dsp.ros.line_parameters import (
     LineNodes,
     LineParametersClient,
     RefusedError,
-    Values,
 )
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
+from checkweigher_dsp.settings_files import plain
 
 _PATIENCE = 2.0  # s, for an answer of another node
 _POLL_PERIOD = 0.5  # s
-_LONGEST_NAME = 64  # characters, of a person
 # Statistics that the audit log keeps.
 _AUDITED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 'mean', 'std_dev')
 
@@ -79,10 +82,11 @@ class ProductNode(StageNode[ProductParameters]):
         self._record: BatchRecorder | None = None
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         self._production = ProductionRecord(self.parameters.batch)
+        self._host_clock = HostClock()
         self._filler: FillerController | None = None
         try:
             self._open_files()
-        except (AuditError, RecipeError, RecordError) as error:
+        except (AuditError, SettingsError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
         self._started_nodes = LineNodes(self)
@@ -92,12 +96,11 @@ class ProductNode(StageNode[ProductParameters]):
         self._trail = self._audit.trail
         self._by = Author()  # who has asked for what is being changed
         self._recipe = LineRecipe(
-            line, lambda changes: self._audit.announce(changes, self._by), self.get_logger().warning
-        )
+            line, lambda changes: self._audit.announce(changes, self._by),
+            self.output(ports.PRODUCT_ON_LINE).send, self._stamp, self._production.tally,
+        )  # fmt: skip
         tests = self.output(ports.PERFORMANCE_TEST)
-        self._test = LineTest(
-            self._recipe, self._trail, tests.send, lambda: self.get_clock().now().nanoseconds
-        )
+        self._test = LineTest(self._recipe, self._trail, tests.send, self._stamp)
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
@@ -137,6 +140,7 @@ class ProductNode(StageNode[ProductParameters]):
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if self.parameters.recipes:
+            self.subscribe(ports.PRODUCT_IN_USE, self._recipe.taken)
             poll = partial(self.create_timer, _POLL_PERIOD, callback_group=group)
             self._start_timer = poll(self._select_at_start)
             poll(self._restore)
@@ -159,8 +163,11 @@ class ProductNode(StageNode[ProductParameters]):
             self._log = None
         super().destroy_node()
 
+    def _stamp(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
     def _time(self) -> str:
-        seconds = self.get_clock().now().nanoseconds / NANOSECONDS
+        seconds = self._stamp() / NANOSECONDS
         return datetime.fromtimestamp(seconds, UTC).isoformat(timespec='microseconds')
 
     def _begin_record(self, folder: Path) -> BatchRecorder:
@@ -179,40 +186,45 @@ class ProductNode(StageNode[ProductParameters]):
     def _find(self, name: str) -> tuple[dict[str, Product], Product]:
         path = self.parameters.recipes
         if not path:
-            raise RecipeError('the parameter recipes of the node product names no file')
+            raise SettingsError('the parameter recipes of the node product names no file')
         products = read_recipes(Path(path))
         if name not in products:
-            raise RecipeError(f'{path}: has no product {name!r}; it has {", ".join(products)}')
+            raise SettingsError(f'{path}: has no product {name!r}; it has {", ".join(products)}')
         return products, products[name]
+
+    async def _answer(self, response: Any, work: Awaitable[object], failed: str) -> Any:
+        """Return the response of a service to some work; `failed` begins the warning."""
+        try:
+            await work
+            response.success = True
+        except (AuditError, RefusedError, ValueError) as error:
+            response.message = str(error)
+            self.warn(f'{failed}: {error}')
+        return response
 
     async def _on_select(self, request: Any, response: Any) -> Any:
         self._by = self._audit.author_of(ports.SELECT_PRODUCT)
-        try:
-            await self._select(str(request.product))
-            response.success = True
-        except (AuditError, RecipeError, RefusedError) as error:
-            response.message = str(error)
-            self.warn(f'product {request.product!r} was not selected: {error}')
-        return response
+        failed = f'product {request.product!r} was not selected'
+        return await self._answer(response, self._select(request.product), failed)
 
     async def _select(self, name: str) -> None:
         products, product = self._find(name)
         self._notice_started()
-        self._trail.recipes({n: p.as_mapping() for n, p in products.items()}, self._by)
+        self._trail.recipes(plain(products), self._by)
         # Written before it is done: a change that cannot be written down is not made.
-        before = self._production.product
-        old = before.name if before else None
-        self._trail.note(audit_trail.SELECTION, 'product', old, name, self._by)
+        before, batch = self._production.product, self._production.batch
+        old, new = map(_audited, (self._recipe.in_use, product.on_line(batch)))
+        self._trail.note(audit_trail.SELECTION, 'product', old, new, self._by)
         # Items that are judged by the new recipe while it is set belong to it already.
         self._use(product)
         try:
-            await self._recipe.set(product, self._of_batch())
+            await self._recipe.set(product, batch)
         except RefusedError as error:
-            self._use(before)
+            self._use(before if self._recipe.on_line.product else None)
             self._trail.saw(audit_trail.REFUSED, 'product', name, str(error), self._by)
             raise
         self._control_filler(product)
-        self._test.select(product, self._production.batch)
+        self._test.select(product, batch)
         self.count('products selected')
         self._publish()
 
@@ -220,12 +232,7 @@ class ProductNode(StageNode[ProductParameters]):
         """Count for a product from now on."""
         self._production.product = product
         if self._record is not None and product is not None:
-            self._record.write('product', asdict(product))
-
-    def _of_batch(self) -> Values:
-        """Return the parameters of the reject node that are of the batch."""
-        counts = self._production.tally.counts
-        return {'batch': self._production.batch, 'batch_counts': counts}
+            self._record.write('product', {'name': product.name, **plain(product)})
 
     def _control_filler(self, product: Product) -> None:
         """Begin to control the filler for a product, or go on if it is the same one."""
@@ -251,11 +258,11 @@ class ProductNode(StageNode[ProductParameters]):
         try:
             if self._production.product is None:
                 # If only this node was started again, the product on the line stays.
-                name = await self._recipe.product_on_line() or name
-            if self._production.product is None and name:
-                await self._select(name)
+                name = self._recipe.on_line.product or name
+                if name:  # otherwise the limits of the line hold
+                    await self._select(name)
             self._start_timer.cancel()
-        except (AuditError, RecipeError, RefusedError) as error:
+        except (AuditError, SettingsError, RefusedError) as error:
             self.warn(f'product {name!r} was not selected: {error}')
 
     async def _restore(self) -> None:
@@ -266,7 +273,7 @@ class ProductNode(StageNode[ProductParameters]):
         if not lost or self._audit.awaits(lost):
             return
         try:
-            product = await self._recipe.restore(self._of_batch)
+            product = await self._recipe.restore()
             for node in sorted(lost):
                 self.warn(f'{node} was started again: it has the parameters of {product!r} again')
                 self._trail.saw(audit_trail.RESTORED, node, None, product)
@@ -278,6 +285,7 @@ class ProductNode(StageNode[ProductParameters]):
     def _on_verdict(self, verdict: Verdict) -> None:
         if not self._production.add(verdict):
             return  # it came before this node was started again
+        self._recipe.update()
         if self._record is not None:
             self._record.write('verdict', verdict)
         self._publish()
@@ -311,21 +319,13 @@ class ProductNode(StageNode[ProductParameters]):
         if not name or self._production.has_batch(name) or self._has_record(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
             return response
-        try:
-            await self._end_count(response, audit_trail.BATCH, name)
-        except (AuditError, RefusedError) as error:
-            response.message = str(error)
-            self.warn(f'batch {name!r}: {error}')
-        return response
+        work = self._end_count(response, audit_trail.BATCH, name)
+        return await self._answer(response, work, f'batch {name!r}')
 
     async def _on_reset(self, request: Any, response: Any) -> Any:
         self._by = self._audit.author_of(ports.RESET_STATISTICS)
-        try:
-            await self._end_count(response, audit_trail.RESET, None)
-        except AuditError as error:
-            response.message = str(error)
-            self.warn(str(error))
-        return response
+        work = self._end_count(response, audit_trail.RESET, None)
+        return await self._answer(response, work, 'statistics')
 
     async def _end_count(self, response: Any, kind: str, batch: str | None) -> None:
         finished = self._production.summary()
@@ -337,14 +337,14 @@ class ProductNode(StageNode[ProductParameters]):
                 self._record.write('reset', {'time': self._time()})
         else:
             await self._change_batch(batch)
-        response.success, response.finished = True, to_message(ports.STATISTICS, finished)
+        response.finished = to_message(ports.STATISTICS, finished)
         self._publish()
 
     async def _change_batch(self, batch: str) -> None:
         """Have the reject node count for another batch, then end the record of this one."""
         before, self._production.batch = self._production.batch, batch
         try:
-            await self._recipe.set_of_reject(self._of_batch())
+            await self._recipe.change(batch=batch)
         except (AuditError, RefusedError) as error:
             self._production.batch = before
             self._trail.saw(audit_trail.REFUSED, 'batch', batch, str(error), self._by)
@@ -359,27 +359,23 @@ class ProductNode(StageNode[ProductParameters]):
 
     def _tell_ended(self) -> None:
         """Tell of records that are complete, once the audit log has their hashes."""
-        for ended in self._record.ended() if self._record else ():
+        while self._record is not None and not self._record.ended.empty():
+            ended = self._record.ended.get()
             self._trail.saw_state(audit_trail.RECORD, ended.batch, ended.sha256)
-            stamp = self.get_clock().now().nanoseconds
             path = str(ended.path.resolve())
-            self._results.send(BatchResult(stamp, ended.batch, path, ended.sha256))
+            self._results.send(BatchResult(self._stamp(), ended.batch, path, ended.sha256))
 
     # Performance test
 
     async def _on_begin_test(self, request: Any, response: Any) -> Any:
         who, reason = one_line(request.who), one_line(request.reason)
         self._by = Author(who, reason)
-        try:
-            if request.cancel:
-                response.message = self._test.cancel(who, reason)
-            else:
-                response.message = await self._test.begin(who, reason)
-            response.success = True
-        except (AuditError, RefusedError, ValueError) as error:
-            response.message = str(error)
-            self.warn(f'performance test: {error}')
-        return response
+
+        async def work() -> None:
+            begin_or_cancel = self._test.cancel if request.cancel else self._test.begin
+            response.message = await begin_or_cancel(who, reason)
+
+        return await self._answer(response, work(), 'performance test')
 
     async def _look_after_test(self) -> None:
         self._by = Author()
@@ -398,10 +394,10 @@ class ProductNode(StageNode[ProductParameters]):
     # Diagnostics
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return which recipe is in use, and whether changes are written down."""
+        """Return which recipe is in use, whether changes are written down, and the clock."""
         return [
             self._diagnose_recipe(), self._audit.finding(), self._diagnose_record(),
-            self._test.finding(),
+            self._test.finding(), self._host_clock.finding(now),
         ]  # fmt: skip
 
     def _diagnose_recipe(self) -> Finding:
@@ -426,6 +422,13 @@ class ProductNode(StageNode[ProductParameters]):
             found.append(Concern(Level.ERROR, trouble, hint))
         folder = self.parameters.batch_folder
         return conclude('Batch record', f'written to {folder}', found, {'folder': folder})
+
+
+def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
+    """Return the product and its limits as the audit log keeps them."""
+    if product is None:
+        return None
+    return {'product': product.product, 'batch': product.batch, **limits_of(product)}
 
 
 main = partial(run, ProductNode)

@@ -1,132 +1,116 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reject node: photo_eyes and mass_estimate to verdict; with reject_eye to stop_request."""
+"""The reject node: items and mass_estimate to verdict; with reject_eye to stop_request."""
 
+from dataclasses import replace
 from functools import partial
 import time
 from typing import Any
 
-from checkweigher_msgs.srv import LineHistory as LineHistoryService
-from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import RejectorWatch, VerdictWatch
-from checkweigher_dsp.nodes.given_numbers import GivenNumbers
-from checkweigher_dsp.nodes.recall import Recall
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
+from checkweigher_dsp.nodes.permission import PermissionGiver
 from checkweigher_dsp.reasons import Reason, StopReason
 from checkweigher_dsp.records import (
-    NANOSECONDS,
     ExternalReject,
     Eye,
     EyeEdge,
-    LineHistory,
+    Item,
     LoadCell,
     MachineConditions,
     MassEstimate,
-    PerformanceState,
     PerformanceTest,
+    ProductOnLine,
     StopRequest,
     StreamState,
     StreamStatus,
     Verdict,
-    foreign,
 )
+from checkweigher_dsp.rejection.batch_rules import BatchTally
+from checkweigher_dsp.rejection.inspections import LATENESS
+from checkweigher_dsp.rejection.items import MAX_JUDGED
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
-from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.parameters import RejectParameters, limits_of
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.rejection.timing import StreamClock
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.connections import has_matched_all
-from checkweigher_dsp.ros.conversion import to_record
-from checkweigher_dsp.ros.graph.makers import Makers
+from checkweigher_dsp.ros.graph.strangers import StrangerWatch
 from checkweigher_dsp.ros.managed_node import ManagedStageNode
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
 from checkweigher_dsp.ros.outputs import Output
-from checkweigher_dsp.ros.port_node import locked
 from checkweigher_dsp.ros.running import run
 
 _LOOK_PERIOD = 1.0  # s
-_RECALL_PERIOD = 0.01  # s, in which a recall is looked after
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
-_NO_HISTORY = StopRequest(
-    StopReason.NOT_READY, 0, text='it waits for the driver to answer line_history; check its load'
-)
 
 
 class RejectNode(ManagedStageNode[RejectParameters]):
-    """Give every item that the eyes show its verdict, in time for the rejector.
+    """Give every announced item its verdict, in time for the rejector.
 
-    Only while it is active: else it asks the line to stop. When it becomes active in the middle of
-    a stream, it asks the driver what it has missed. In a process of its own, `alone`, it keeps the
-    largest number that it has given for the node that takes its place.
+    Only while it is active: else it asks the line to stop. With `keep_numbers`, or the parameter
+    `numbers`, the numbers of the items that have their verdict are in a file for the node that
+    takes its place. The announcements are latched, so that it judges what it has missed.
     """
 
-    def __init__(self, overrides: dict[str, object] | None = None, *, alone: bool = False) -> None:
+    def __init__(
+        self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
+    ) -> None:
+        self._numbers: GivenNumbers | None = None  # before the parameters, which may be refused
         super().__init__(RejectParameters, overrides=overrides)
         self._verdicts = self.held_output(ports.VERDICT)
-        self._stage = RejectStage(self.parameters)
-        self._numbers: GivenNumbers | None = None
-        if alone:
-            domain = self.context.get_domain_id()
-            self._numbers = GivenNumbers(self.get_fully_qualified_name(), domain)
-            self._stage.number_after(self._numbers.last)
-            if self._numbers.trouble:
-                self.warn(self._numbers.trouble)
+        if keep_numbers or self.parameters.numbers:
+            self._numbers = open_numbers(self, self.parameters.numbers, MAX_JUDGED)
+        judged = () if self._numbers is None else self._numbers.numbers
+        self._stage = RejectStage(self.parameters, judged=judged)
         self._monitor = RejectMonitor(self.parameters)
         self._stream_clock = StreamClock(running=self.parameters.deadlines)
         self._stream = 0
-        self._stream_ended = False
         self._active = False
-        self._recall: Recall | None = None
-        self._history: Client | None = None
-        answers = f'rr{self.resolve_service_name(ports.LINE_HISTORY.name)}Reply'
-        self._historians = Makers(
-            self, answers, 'driver', lambda: self.allowed_publishers, stage=False, mangled=False
-        )
-        self._status_topic = self.resolve_topic_name(ports.DRIVER_STATUS.name)
-        self._eyes_topic = self.resolve_topic_name(ports.PHOTO_EYES.name)
         self._verdict_watch, self._rejector_watch = VerdictWatch(), RejectorWatch()
         self._stop_requests = self.output(ports.STOP_REQUEST)
         self._shown: StopRequest | None = None
+        self._products = self.output(ports.PRODUCT_IN_USE)
+        self._in_use: ProductOnLine | None = None  # as it was published
+        # Before the estimates: of what has come, the product is taken first.
+        self.subscribe(ports.PRODUCT_ON_LINE, self._on_product)
         self.create_service(Trigger, ports.RESET_STOP_REQUEST, self._reset)
         self._timer = OneShotTimer(self, self._tick)
-        self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
-        self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
-        self._eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge, doubted=self._doubt)
-        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate, doubted=foreign)
+        load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
+        self._driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
+        self.subscribe(ports.ITEMS, self._on_item)
+        self.subscribe(ports.SEGMENTER_STATUS, self._on_segmenter, needed=False)
+        eyes = self.subscribe(ports.PHOTO_EYES, self._on_edge)
+        self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
         self.subscribe(ports.REJECT_EYE, self._on_reject_eye)
-        self._external = self.subscribe(
-            ports.EXTERNAL_REJECT, self._on_external_reject,
-            doubted=lambda reject: reject,  # a stranger's can but reject
+        self._external = self.subscribe(ports.EXTERNAL_REJECT, self._on_external_reject)
+        self._conditions = self.subscribe(ports.MACHINE_CONDITIONS, self._on_conditions)
+        self._tests = self.subscribe(ports.PERFORMANCE_TEST, self._on_test)
+        self._strangers = StrangerWatch(self)
+        self._permission = PermissionGiver(
+            self, {'eyes': eyes, 'load cell': load_cell}, lambda: self._request is not None,
+            deadlines=self.parameters.deadlines,
         )  # fmt: skip
-        self._conditions = self.subscribe(
-            ports.MACHINE_CONDITIONS, self._on_conditions, doubted=self._conditions_alone
-        )
-        self._tests = self.subscribe(
-            ports.PERFORMANCE_TEST, self._on_test, doubted=self._test_alone
-        )
         self.create_timer(_LOOK_PERIOD, self._look_around)
         self.begin()
 
     def start(self) -> None:
         """Activate, or say that the line must not run."""
-        # After the subscription to the edges is there: see `_driver_hears`.
-        self._history = self.create_client(LineHistoryService, ports.LINE_HISTORY.name)
         super().start()
+        self._show_product()
         if self.state == 'unconfigured':
             self._show_stop_request()
 
     def activate(self) -> None:
         """Begin to judge, and say that the line may run."""
-        self._stage.restart()
         self._monitor.restart()
-        self._recall = Recall()
-        if self._stream:
-            self._recall.hear_driver(ended=self._stream_ended)
         self._active = True
         self._stop_requests.send(self._monitor.request)
         self._shown = self._monitor.request
+        self._permission.give()
+        self._publish(self._stage.judge_complete(self._now()))
         self._wake()
 
     def deactivate(self) -> None:
@@ -134,9 +118,6 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         was_active, self._active = self._active, False
         self._show_stop_request()
         if was_active:
-            if self._driver_is_there():
-                self._recall = None  # what was kept back is judged after the next activation
-            self._settle(None)
             self._publish(self._stage.stop(self._now()))
         self._timer.clear()
 
@@ -144,10 +125,44 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         """Return the outputs of the request to stop and of the last verdicts."""
         return [self._stop_requests, self._verdicts]
 
+    def destroy_node(self) -> None:
+        """End the permission, destroy the node, and close the file of its numbers."""
+        if hasattr(self, '_permission'):
+            self._permission.end()
+        super().destroy_node()
+        if self._numbers is not None:
+            self._numbers.close()
+
     def on_parameters(self) -> None:
-        """Begin to use changed limits."""
+        """Use the changed parameters."""
         self._stage.parameters = self._monitor.parameters = self.parameters
         self._stream_clock.running = self.parameters.deadlines
+        self._permission.set_deadlines(deadlines=self.parameters.deadlines)
+        if self._stage.product.stamp:  # limits that are set hold until a product is selected
+            self._stage.product = replace(self._stage.product, **limits_of(self.parameters))
+        self._show_product()
+
+    def _on_product(self, product: ProductOnLine) -> None:
+        """Judge by what is on the line from now on."""
+        in_use = self._stage.product
+        if not (self.parameters.needs_product or in_use.stamp):
+            self.get_logger().warning(
+                'reject.needs_product is false: after its start this node accepts by the limits '
+                'of its parameter file until it has those of a product'
+            )
+        if product.stamp == in_use.stamp:  # only the counts are others
+            product = replace(in_use, **BatchTally.of(product).counts)
+        else:  # limits that are set later have to fit these
+            self.parameters = replace(self.parameters, **limits_of(product))
+        self._stage.product = product
+        self._show_product()
+
+    def _show_product(self) -> None:
+        """Publish by what items are judged, unless only the counts are others."""
+        shown = replace(self._stage.product, **BatchTally().counts)
+        if shown != self._in_use:
+            self._in_use = shown
+            self._products.send(shown)
 
     def _now(self) -> int | None:
         """Return the time that deadlines run on, None if there are none."""
@@ -155,69 +170,64 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
         self.diagnostics.set_hardware(load_cell)
-        self._stage.set_weigh_length(load_cell.weigh_length, self._now())
-        self._wake()
+        self._stage.weigh_length = load_cell.weigh_length
 
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.stream != self._stream:
             # The first one heard tells of the stream whose edges may be here already.
             if self._stream:
-                if self._recall is not None:
-                    self._recall.begin_stream()
-                self._stage.restart(self._now())
+                self._stage.restart()
                 self._monitor.restart()
-                self._wake()
             self._stream = status.stream
-        self._stream_ended = status.state != StreamState.RUNNING
-        if self._recall is not None:
-            self._recall.hear_driver(ended=self._stream_ended)
-            self._wake()
         text = status.text if status.state != StreamState.FINISHED else ''
         failed = status.state == StreamState.FAILED
         self._monitor.hear_driver(text or ('its source failed' if failed else ''))
         if self._active:
             self._show_stop_request()
 
-    def _doubt(self, edge: EyeEdge) -> EyeEdge:
-        """Take an edge that may be a stranger's: there are items, and no mass of them is known."""
-        self._stage.doubted = True
-        return edge
-
     def _on_edge(self, edge: EyeEdge) -> None:
-        if self._stage.doubted and not self._eyes.doubted:
-            self._stage.restart(self._now())  # of what is on the belt no edge is sure
-            self._stage.doubted = False
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
-        if not self._active:
-            return
         self._look_whether_inspected()
-        if recall := self._holding():
-            recall.edges.append((edge, self._now()))
-        else:
-            self._publish(self._stage.take(edge, self._now()))
-        self._wake()
+        self._stage.add_edge(edge, self._now())
+        self._go_on()
+
+    def _on_item(self, item: Item) -> None:
+        late = self._stage.late_items
+        self._publish(self._stage.add_item(item, self._now()))
+        if self._stage.late_items > late:
+            self.count('late items')
+        self._go_on()
+
+    def _on_segmenter(self, status: StreamStatus) -> None:
+        self._permission.add_progress(status)
+        if status.stream == self._stream:
+            self._stage.hear_segmenter(status)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
         if not self._active:
             return
-        if recall := self._holding():
-            recall.estimates.append(estimate)
-        else:
-            self._take_estimate(estimate)
-            self._publish(self._stage.advance(self._now()))
-        self._wake()
-
-    def _take_estimate(self, estimate: MassEstimate) -> None:
-        late, unknown = self._stage.late_estimates, self._stage.unknown_estimates
-        self._publish(self._stage.take(estimate, self._now()))
-        if self._stage.unknown_estimates > unknown:
-            self.count(Reason.UNKNOWN_ITEM)
-            self.warn(f'item {estimate.item_id}: UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
+        late = self._stage.late_estimates
+        self._publish(self._stage.add_estimate(estimate, self._now()))
         if self._stage.late_estimates > late:
             self.count('late estimates')
             self.warn(f'item {estimate.item_id}: its mass came after its verdict')
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Judge what can wait no longer; an inactive node judges nothing."""
+        if not self._active:
+            return
+        unknown = self._stage.unknown_estimates
+        self._publish(self._stage.advance(self._now()))
+        if self._stage.unknown_estimates > unknown:
+            self.count(Reason.UNKNOWN_ITEM)
+            self.warn(f'UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
+        if self._stage.out_of_numbers:
+            self._monitor.miss_items()
+            self._show_stop_request()
+        self._wake()
 
     def _on_reject_eye(self, edge: EyeEdge) -> None:
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
@@ -254,141 +264,47 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             return
         known = self._monitor.conditions
         running = known.known and StopReason.INSPECTION_FAULT not in known.conditions
-        late = round(NANOSECONDS * self.parameters.edge_lateness)
         heard = running and self._external.count() > 0
-        self._stage.inspections.set_running(heard, stamp if heard else stamp - late)
-
-    def _conditions_alone(self, conditions: MachineConditions) -> MachineConditions:
-        """Take what is wrong from any node, and from a stranger not that all is well."""
-        wrong = not conditions.known or conditions.conditions
-        return conditions if wrong else self._conditions.refuse_doubted(conditions)
+        # An outage may have begun before the edges that come now.
+        self._stage.inspections.set_running(heard, stamp if heard else stamp - LATENESS)
 
     def _on_test(self, test: PerformanceTest) -> None:
         self._monitor.hear_test(test, time.time_ns())
         if self._active:
             self._show_stop_request()
 
-    def _test_alone(self, test: PerformanceTest) -> PerformanceTest:
-        """Take a test that stops the line from any node, and from a stranger no other."""
-        stops = test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED)
-        return test if stops else self._tests.refuse_doubted(test)
-
     def _look_around(self) -> None:
-        """See whether items are inspected, and whether the grace of a test is over."""
+        """Check for strangers, whether items are inspected, and whether a grace is over."""
+        self._look_for_strangers()
         self._look_whether_inspected()
         if self._active and self._monitor.test is not None:
             self._on_test(self._monitor.test)
 
-    def _holding(self) -> Recall | None:
-        """Return what keeps records back, None if nothing has to any more."""
-        if self._recall is not None:
-            self._recall.begin()
-        return self._recall
-
-    def _ask_for_history(self) -> None:
-        """Ask the driver once, as soon as that can be done; keep nothing back for too long."""
-        recall = self._recall
-        if recall is None:
-            return
-        if recall.may_ask and self._history is not None and self._driver_hears(self._history):
-            take = partial(self._on_history, recall, recall.ask())
-            answer = self._history.call_async(LineHistoryService.Request())
-            answer.add_done_callback(locked(take))
-        status, edges = map(self.count_publishers, (self._status_topic, self._eyes_topic))
-        if recall.is_over(
-            self._stage.weigh_length,
-            driver=self._driver_is_there(),
-            status=status > 0,
-            edges=edges > 0,
-        ):
-            self._settle(recall.history)
-
-    def _driver_is_there(self) -> bool:
-        """Tell whether a driver is there that answers, however long that takes it."""
-        if self._historians.held:
-            return True
-        self._historians.look()
-        return self._historians.present
-
-    def _driver_hears(self, history: Client) -> bool:
-        """Tell whether the driver answers, and each hears the other from the first message on.
-
-        Its answer then shows that it knows the publisher of the verdicts and the subscription to
-        the edges, which were made before the client: DDS tells of them in that order. A verdict
-        that others heard and the driver did not would be given once more by the next reject node.
-        An item whose edges come neither with the answer nor after it would have no verdict.
-        """
-        self._historians.look()
-        if self._historians.strangers or not history.service_is_ready():
-            return False
-        if self.count_publishers(self._eyes_topic) > 0 and self._eyes.count() == 0:
-            return False
-        if self._verdicts.takers:
-            return True
-        drivers = self.get_publishers_info_by_topic(self._status_topic)
-        takers = self.get_subscriptions_info_by_topic(self._verdicts.topic_name)
-        names = {(each.node_namespace, each.node_name) for each in drivers}
-        hears = any((each.node_namespace, each.node_name) in names for each in takers)
-        return hears and has_matched_all(self, self._verdicts)
-
-    def _on_history(self, recall: Recall, has_first: bool, answer: Any) -> None:
-        try:
-            history: LineHistory = to_record(ports.LINE_HISTORY, answer.result())
-        except Exception as error:  # it is asked again
-            self.warn(f'{ports.LINE_HISTORY.name}: {type(error).__name__}: {error}')
-            return
-        if history.stream == self._stream:  # else its status is still on its way, or the answer was
-            recall.answer(history, has_first=has_first)
-        self._wake()
+    def _look_for_strangers(self) -> None:
+        self._strangers.look()
+        self._stage.foreign = bool(self._strangers.found)
+        self._monitor.hear_strangers(self._strangers.found)
+        if self._active:
+            self._show_stop_request()
 
     def _wake(self) -> None:
         """Have the timer ring when time alone brings something, and not before."""
         now = time.monotonic_ns()
         times = []
-        if self.parameters.deadlines:
+        if self.parameters.deadlines and self._active:
             times.append(self._stage.due)
         if (due := self._monitor.due) is not None:
             times.append(self._stream_clock.reaches(due, now))
-        if (recall := self._recall) is not None and recall.waiting:
-            times.append(now + round(_RECALL_PERIOD * NANOSECONDS))
         if known := [due for due in times if due is not None]:
             self._timer.set_by(min(known))
         else:
             self._timer.clear()
 
-    def _settle(self, history: LineHistory | None) -> None:
-        """Judge what was missed, then go on with what was kept back meanwhile."""
-        recall, self._recall = self._recall, None
-        if recall is None:
-            return
-        if history is not None:
-            missed = self._stage.recall(history, recall.edges, self._now(), over=recall.over)
-            if missed:
-                self.count('recalls')
-                self.warn(f'{len(missed)} items were on their way when this node was not active')
-            self._publish(missed)
-            if recall.ended:  # what is on the belt will not get any further
-                self._stage.restart(self._now())
-            recall.edges.clear()
-        else:
-            self._publish(self._stage.end_stream(recall.over, self._now()))
-        self._go_on(recall)
-
-    def _go_on(self, recall: Recall) -> None:
-        """Go on with what was kept back."""
-        for edge, came in recall.edges:
-            self._publish(self._stage.take(edge, came))
-        for estimate in recall.estimates:
-            self._take_estimate(estimate)
-        self._publish(self._stage.advance(self._now()))
-        self._wake()
-
     def _tick(self) -> None:
         """Do what time alone brings, as long as there is something to wait for."""
         now = time.monotonic_ns()
-        self._ask_for_history()
         if self.parameters.deadlines:
-            self._publish(self._stage.advance(now))
+            self._go_on()
             self._look_after_inspections()
         strays = self._monitor.strays
         stream_time = self._stream_clock.at(now)
@@ -402,9 +318,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._wake()
 
     def _publish(self, verdicts: list[Verdict]) -> None:
+        for number in self._stage.take_passed_over():
+            self._keep(number)
         for verdict in verdicts:
-            if self._numbers is not None:
-                self._numbers.give(verdict.item_id)  # before anyone hears of it
+            self._keep(verdict.item_id)  # before anyone hears of it: none is given twice
             self._verdicts.send(verdict)  # before all else: the rejector waits
             self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
@@ -419,13 +336,15 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._show_stop_request()
             self._wake()
 
+    def _keep(self, number: int) -> None:
+        """Keep the number of an item that has its verdict."""
+        if self._numbers is not None:
+            self._numbers.give(number)
+
     @property
     def _request(self) -> StopRequest | None:
         """What this node asks of the line now."""
-        if not self._active:
-            return _NOT_READY
-        waits = self._recall is not None and self._recall.overdue
-        return self._monitor.request or (_NO_HISTORY if waits else None)
+        return self._monitor.request if self._active else _NOT_READY
 
     def _show_stop_request(self) -> None:
         request = self._request
@@ -433,6 +352,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             return
         self._shown = request
         self._stop_requests.send(request)
+        self._permission.give()
         if request is _NOT_READY:
             self.get_logger().info(f'stop: {request.reason}: {request.reason.hint}')
         elif request is not None:
@@ -450,11 +370,22 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             watch.verdicts(now, known.verdict_margin, deadlines=known.deadlines),
             watch.line(now, 'identifier' if no_masses else ''),
             self._rejector_watch.finding(now, self._monitor.request, confirmed=confirmed),
+            self._strangers.finding(),
+            self._permission.finding(),
         ]
 
     def _reset(self, request: Any, response: Any) -> Any:
         """Clear the stop request, unless what the driver says is wrong still is."""
         cleared, shown = self._monitor.request, self._shown
+        self._look_for_strangers()
+        # The last word of a publisher that has gone does not count.
+        if not self._driver.count():
+            self._monitor.trouble = ''
+        if not self._conditions.count():
+            self._monitor.conditions = MachineConditions(0, True)
+        if not self._tests.count():
+            self._monitor.test = None
+        self._stage.out_of_numbers = False
         self._monitor.reset(time.time_ns())
         self._show_stop_request()
         request = self._request
@@ -469,7 +400,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         return response
 
 
-main = partial(run, partial(RejectNode, alone=True))
+main = partial(run, partial(RejectNode, keep_numbers=True))
 
 if __name__ == '__main__':
     main()

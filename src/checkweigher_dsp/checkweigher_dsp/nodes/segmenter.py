@@ -3,6 +3,7 @@
 """The segmenter node: load_cell/samples and photo_eyes to weigh_window; the service zero."""
 
 from collections import deque
+from dataclasses import replace
 from functools import partial
 import time
 from typing import Any
@@ -13,21 +14,20 @@ from std_srvs.srv import Trigger
 
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.segmenter import SegmenterWatch
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
+    NUMBERS_AT_ONCE,
     EyeEdge,
     LoadCell,
     SampleBlock,
     StreamState,
     StreamStatus,
     WeighWindow,
-    foreign,
-    mistrusted,
 )
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.graph.stamp_clocks import StampClocks
 from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
 from checkweigher_dsp.ros.running import run
 from checkweigher_dsp.ros.stage_node import StageNode
@@ -36,19 +36,27 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 # Samples and edges that come before load_cell/info are kept: it is latched and soon there.
 _MAX_EARLY = 1_000
-# The driver of a replay paces itself by the status, so it comes with the samples, not by a timer.
-_STATUS_INTERVAL = 0.25  # s of signal
+# The driver of a replay paces itself by the status, and the permission of reject runs out without:
+# so it comes with the samples, not by a timer.
+_STATUS_INTERVAL = 0.2  # s of signal
 _STATUS_BLOCKS = 100  # blocks, where they are short
 _ANSWER_PERIOD = 0.01  # s
 _ZERO_PATIENCE = 15.0  # s, after which the service zero answers also if no samples come
+_STALL_TIME = 0.1  # s without samples, after which items are found by the eyes alone
 _END_PATIENCE = 2.0  # s of silence after which what is missing of an ended stream is lost
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
     """Cut the stream of samples into one weigh window for each item."""
 
-    def __init__(self, overrides: dict[str, object] | None = None) -> None:
+    def __init__(
+        self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
+    ) -> None:
+        self._numbers: GivenNumbers | None = None  # before the parameters, which may be refused
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
+        self._count = 0  # of the items before the present stream
+        if keep_numbers or self.parameters.numbers:
+            self._begin_numbers()
         self._load_cell: LoadCell | None = None
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
@@ -57,29 +65,42 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._last_stamp = 0
         self._reported_samples = 0
         self._blocks_since_report = 0
+        self._block_time = 0.0  # s, of the last one
         self._stream = 0
         self._announced = False
         self._end: tuple[int, int] | None = None
+        self._items = self.output(ports.ITEMS)
         self._windows = self.held_output(ports.WEIGH_WINDOW, ports.DENOISED_WINDOW)
         self._status = self.output(ports.SEGMENTER_STATUS)
         self._zero_settings = self.output(ports.ZERO_SETTING)
         self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
-        self._doubted = False  # whether samples or edges may be those of a stranger
-        self._clocks = StampClocks(self)
-        self._apart = ''  # why stamps of samples and edges cannot be compared
         self._events = tuple(
-            self.subscribe(port, self._on_event, doubted=self._doubt)
+            self.subscribe(port, self._on_event)
             for port in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES)
         )
         self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
         self._answer_timer = OneShotTimer(self, self._answer)
         self._end_timer = OneShotTimer(self, self._finish_incomplete)
+        self._stall_timer = OneShotTimer(self, self._go_by_edges)
         self._zero_requests: list[Future] = []
         self._zero_timer = OneShotTimer(self, self._refuse_zero)
         # A group of its own: samples go on while an answer waits for them.
         self.create_service(
             Trigger, ports.ZERO, self._on_zero, callback_group=ReentrantCallbackGroup()
         )
+
+    def _begin_numbers(self) -> None:
+        """Count on after the items of a segmenter before this one, from the next thousand on."""
+        self._numbers = open_numbers(self, self.parameters.numbers)
+        if self._numbers.last:
+            before = self._numbers.last // NUMBERS_AT_ONCE
+            self._count = (before + 1) * NUMBERS_AT_ONCE - 1
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and close the file of its numbers."""
+        if self._numbers is not None:
+            self._numbers.close()
+        super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
         """Zero on the next empty belt at rest; the answer comes when that is done."""
@@ -119,32 +140,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         while self._early:
             self._take(self._early.popleft())
 
-    def _doubt(self, event: SampleBlock | EyeEdge) -> SampleBlock | EyeEdge:
-        """Take what may be a stranger's: the items go on, and none of them is weighed."""
-        self._doubted = True
-        return event
-
     def _start(self, why: Reason = Reason.SOURCE_RESTARTED) -> None:
         """Begin a new stream; what is on the belt of the one before is a fault."""
         if self._load_cell is None:
             return
         self._watch.begin_stream(time.monotonic(), self._load_cell)
-        count = 0
         if self._segmenter is not None:
             self._publish(self._segmenter.give_up(why))
             self._items_before += self._segmenter.items
-            count = self._segmenter.item_count
+            self._count = self._segmenter.item_count
             self._answer_zero(False, 'the stream was started again: not zeroed')
-        self._segmenter = Segmenter(self._load_cell, self.parameters, count)
+        self._segmenter = Segmenter(self._load_cell, self.parameters, self._count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
-        if self._doubted and not any(entry.doubted for entry in self._events):
-            self._start(Reason.FOREIGN_PUBLISHER)  # also zero and noise may be made up
-            self._doubted = False
-        apart = self._clocks.apart(frozenset().union(*(entry.hosts for entry in self._events)))
-        if self._apart and not apart:
-            self._start(Reason.EDGE_MISMATCH)  # also the empty belt was that of two clocks
-        self._apart = apart
         if self._segmenter is None:
             self._early.append(event)
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
@@ -155,22 +163,34 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         segmenter = self._segmenter
         assert segmenter is not None
         self._watch.add(time.monotonic(), event)
+        last_edge = segmenter.last_edge
         self._publish(segmenter.take(event))
         if isinstance(event, SampleBlock):
             self._last_stamp = event.stamp
             self._blocks_since_report += 1
-            signal = segmenter.samples - self._reported_samples
-            if (
-                signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
-                or self._blocks_since_report >= _STATUS_BLOCKS
-            ):
-                self._publish_status(StreamState.RUNNING)
+            self._stall_timer.clear()
+            self._block_time = len(event.counts) / segmenter.load_cell.sample_rate
+        if segmenter.edges_wait:
+            self._stall_timer.set_by(_in(_STALL_TIME + self._block_time))
+        signal = segmenter.samples - self._reported_samples
+        if (
+            signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
+            or self._blocks_since_report >= _STATUS_BLOCKS
+            or segmenter.last_edge != last_edge
+        ):
+            self._publish_status(StreamState.RUNNING)
         if self._zero_requests and segmenter.zero_answer is not None:
             answer = segmenter.zero_answer
             if answer.change is not None:
                 self._zero_settings.send(answer.change)
             self._answer_zero(answer.done, answer.text)
         self._finish_if_ended()
+
+    def _go_by_edges(self) -> None:
+        """Announce items by the eyes alone: the samples have stalled."""
+        if self._segmenter is not None and self._segmenter.edges_wait:
+            self._publish(self._segmenter.go_by_edges())
+            self._publish_status(StreamState.RUNNING)
 
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.state != StreamState.RUNNING:
@@ -186,12 +206,13 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)  # the driver asks
 
     def _begin_stream(self, stream: int) -> None:
-        self._stream = stream
+        # The first one heard tells of the stream whose samples may be here already.
+        follows, self._stream = self._stream != 0, stream
         self._end = None
         self._end_timer.clear()
         if self._load_cell is not None:
             self._watch.begin_stream(time.monotonic(), self._load_cell)
-        if self._segmenter is not None and self._segmenter.samples > 0:
+        if follows and self._segmenter is not None and self._segmenter.samples > 0:
             self._start()
         self._announced = True
         self._answer_timer.set(_in(_ANSWER_PERIOD))
@@ -237,7 +258,12 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._publish_status(StreamState.FINISHED)
 
     def _publish(self, windows: list[WeighWindow]) -> None:
-        for window in map(self._judged, windows):
+        """Publish the announcements of items, then windows."""
+        for item in () if self._segmenter is None else self._segmenter.take_announced():
+            if self._numbers is not None and not item.complete:
+                self._numbers.give(item.item_id)  # before anyone hears of it
+            self._items.send(replace(item, stream=self._stream))
+        for window in windows:
             self._windows.send(window)
             self.count('windows')
             if self._segmenter is not None:
@@ -246,17 +272,11 @@ class SegmenterNode(StageNode[SegmenterParameters]):
                 self.count(reason)
                 self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
 
-    def _judged(self, window: WeighWindow) -> WeighWindow:
-        """Return a window as it is, or as a fault where its data cannot be trusted."""
-        if self._doubted:
-            return foreign(window)
-        return mistrusted(window, Reason.EDGE_MISMATCH) if self._apart else window
-
     def diagnose(self, now: float) -> list[Finding]:
         """Return how samples, clock, eyes, zero, belt and items are."""
         if self._segmenter is not None:
             self._watch.look(now, self._segmenter)
-        return self._watch.findings(now, time.time() - time.monotonic(), self._apart)
+        return self._watch.findings(now, time.time() - time.monotonic())
 
     def _publish_status(self, state: StreamState) -> None:
         if self._segmenter is None:
@@ -265,7 +285,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._blocks_since_report = 0
         items = self._items_before + self._segmenter.items
         counts = self._segmenter.samples, self._segmenter.edges, items
-        self._status.send(StreamStatus(self._last_stamp, self._stream, state, *counts))
+        last_edge = self._segmenter.last_edge
+        self._status.send(
+            StreamStatus(self._last_stamp, self._stream, state, *counts, last_edge=last_edge)
+        )
 
 
 def _in(seconds: float) -> int:
@@ -273,7 +296,7 @@ def _in(seconds: float) -> int:
     return time.monotonic_ns() + round(seconds * NANOSECONDS)
 
 
-main = partial(run, SegmenterNode)
+main = partial(run, partial(SegmenterNode, keep_numbers=True))
 
 if __name__ == '__main__':
     main()

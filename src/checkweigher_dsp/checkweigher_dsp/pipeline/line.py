@@ -9,20 +9,22 @@ from typing import Any, Self, cast
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError, Parameters, read_parameter_file
+from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, flatten, in_section
 from checkweigher_dsp.production.recipes import Product
 from checkweigher_dsp.records import (
     EyeEdge,
+    Item,
     LoadCell,
     MassEstimate,
     SampleBlock,
     Verdict,
     WeighWindow,
 )
-from checkweigher_dsp.rejection.parameters import SHARED_WITH_SEGMENTER, RejectParameters
+from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
+from checkweigher_dsp.yaml_files import opened
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting', 'verifier')
@@ -49,13 +51,13 @@ class LineParameters:
             If the file cannot be read or a value in it cannot be used; nothing is then taken.
         """
         sets = {entry.name: cast(type[Parameters], entry.type) for entry in fields(cls)}
-        values = read_parameter_file(path, sets, _OTHER_NODES, lane)
-        try:
-            _share(values)
-            made = {node: sets[node].from_mapping(values[node]) for node in sets}
-            return cls(**cast(dict[str, Any], made))
-        except ParameterError as error:
-            raise ParameterError(f'{path}: {error}') from None
+        with opened(path) as sections:
+            values = by_node(sections, sets, _OTHER_NODES, lane)
+            try:
+                made = {node: sets[node].from_mapping(values[node]) for node in sets}
+                return cls(**cast(dict[str, Any], made))
+            except ParameterError as error:
+                raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
         """Return the same parameters but for some, named as in ``denoise.stretch``.
@@ -72,7 +74,6 @@ class LineParameters:
             if node not in nodes:
                 raise ParameterError(f'{name!r} addresses none of {", ".join(nodes)}')
             by_node.setdefault(node, {})[rest] = value
-        _share(by_node)
         made = {}
         for node, values in by_node.items():
             own: Parameters = getattr(self, node)
@@ -80,33 +81,13 @@ class LineParameters:
         return replace(self, **cast(dict[str, Any], made))
 
     def with_product(self, product: Product) -> Self:
-        """Return the same parameters with what a recipe sets."""
-        changes = product.changes().items()
-        return self.with_values({f'{node}.{n}': v for node, own in changes for n, v in own.items()})
+        """Return the same parameters with what a recipe sets, its limits as those of the line."""
+        limits = flatten({'reject': product.limits()})
+        return self.with_values(flatten(product.parameters) | limits)
 
     def with_estimator(self, name: str) -> Self:
         """Return the same parameters with another estimator."""
         return replace(self, identifier=replace(self.identifier, estimator=name))
-
-
-def _share(values: dict[str, dict[str, object]]) -> None:
-    """Have the reject stage find the same items as the segmenter.
-
-    Raises
-    ------
-    ParameterError
-        If both are given a value and the two differ.
-    """
-    of_segmenter = values.get('segmenter', {})
-    for name in SHARED_WITH_SEGMENTER:
-        if name not in of_segmenter:
-            continue
-        own = values.setdefault('reject', {}).setdefault(name, of_segmenter[name])
-        if own != of_segmenter[name]:
-            raise ParameterError(
-                f'reject.{name}: {own} is not the {of_segmenter[name]} of segmenter; the two count '
-                'the same items'
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +118,8 @@ class WeighingLine:
 
     def finish(self) -> list[Weighing]:
         """Return the items that are still on the belt, as faults: the stream has ended."""
-        return self._judge(self._segmenter.finish())
+        windows = self._segmenter.finish()
+        return self._judge([*self._segmenter.take_announced(), *windows])
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
         """Yield the items of a whole stream, to the same bits as by `add` and `finish`.
@@ -145,7 +127,7 @@ class WeighingLine:
         The masses of many windows are estimated at once, which takes less time and changes no
         verdict.
         """
-        steps: list[EyeEdge | WeighWindow] = []
+        steps: list[Item | WeighWindow] = []
         samples = 0
         for event in events:
             cut = self._cut(event)
@@ -157,18 +139,18 @@ class WeighingLine:
         yield from self._judge(steps)
         yield from self.finish()
 
-    def _cut(self, event: SampleBlock | EyeEdge) -> Sequence[EyeEdge | WeighWindow]:
+    def _cut(self, event: SampleBlock | EyeEdge) -> list[Item | WeighWindow]:
         """Return the records that an event brings the stages after the segmenter, in order."""
         windows = self._segmenter.take(event)
-        return [event, *windows] if isinstance(event, EyeEdge) else windows
+        return [*self._segmenter.take_announced(), *windows]
 
-    def _judge(self, steps: Sequence[EyeEdge | WeighWindow]) -> list[Weighing]:
+    def _judge(self, steps: Sequence[Item | WeighWindow]) -> list[Weighing]:
         windows = [step for step in steps if isinstance(step, WeighWindow)]
         estimates = iter(estimate_masses(windows, self._denoiser, self._identifier))
         weighings = []
         for step in steps:
-            if isinstance(step, EyeEdge):
-                self._reject_stage.add_edge(step)  # gives no verdict: no time runs here
+            if isinstance(step, Item):
+                self._reject_stage.add_item(step)  # gives no verdict: no time runs here
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.add_estimate(estimate)

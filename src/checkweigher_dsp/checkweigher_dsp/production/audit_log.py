@@ -13,7 +13,7 @@ The chain has no key. A person who may write both files can rewrite them from th
 a hash that was noted elsewhere shows that (`verify` with `known_hash`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 import errno
@@ -30,11 +30,8 @@ from checkweigher_dsp.input_files import read_input
 
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
-# Bytes: parsed, a file of hostile entries takes 25 times its size.
-MAX_LOG = 2**25
-_MAX_LINE = 2**20
+MAX_LOG = 2**25  # bytes
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
-_MAX_HEAD = 200
 
 
 class AuditError(ValueError):
@@ -109,7 +106,7 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 def _read_file(path: Path) -> bytes:
     try:
-        return read_input(path, MAX_LOG)
+        return read_input(path)
     except OSError as error:
         raise AuditError(f'{path}: {error.strerror or error}') from None
 
@@ -117,9 +114,7 @@ def _read_file(path: Path) -> bytes:
 def _read_head(path: Path) -> bytes:
     """Return what is in the head of a log, empty if there is none."""
     with suppress(OSError):
-        if head_path(path).is_file():
-            with head_path(path).open('rb') as file:
-                return file.read(_MAX_HEAD)
+        return head_path(path).read_bytes()
     return b''
 
 
@@ -251,8 +246,7 @@ class AuditLog:
         self._chain = _Chain()
         try:
             if not path.exists() and not head_path(path).exists():
-                self._prepare_head(self._head_text())
-                self._replace_head()
+                self._write_head(0, FIRST_PREVIOUS)
             self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
         except OSError as error:
             raise AuditError(f'{path}: {error.strerror or error}') from None
@@ -348,10 +342,9 @@ class AuditLog:
         if unended:
             self._put(b'\n')
             self._chain.unended = False
-        if self._head != self._head_text():
+        if self._head != _head_line(self._chain.count, self.last_hash):
             os.fsync(self._file)
-            self._prepare_head(self._head_text())
-            self._replace_head()
+            self._write_head(self._chain.count, self.last_hash)
         if unended or torn:
             # First the end of the torn line, then its record: a reader needs both.
             record = (time, source, TORN, 'last entry', None, _fingerprint(torn))
@@ -365,25 +358,24 @@ class AuditLog:
         entry = Entry(self._chain.count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
-        if len(line) > _MAX_LINE or self._size + len(line) > MAX_LOG:
+        if self._size + len(line) > MAX_LOG:
             raise AuditError(
-                f'{self.path}: no room for an entry of {len(line)} bytes: an entry may have '
-                f'{_MAX_LINE >> 20} MiB and a log {MAX_LOG >> 20} MiB; name another file'
+                f'{self.path}: no room for an entry of {len(line)} bytes: a log may have '
+                f'{MAX_LOG >> 20} MiB; name another file'
             )
-        # On a full disk the first thing that fails must not be the entry.
-        self._prepare_head(_head_line(entry.sequence, entry.hash))
-        self._put(before + line, self._replace_head)
+        self._put(before + line, entry)
         self._chain.add(entry)
         self._chain.entries.clear()
         return entry
 
-    def _put(self, data: bytes, then: Callable[[], object] = lambda: None) -> None:
-        """Append bytes, all or none, and do what belongs to it."""
+    def _put(self, data: bytes, entry: Entry | None = None) -> None:
+        """Append bytes with the entry that they end with, and its head: all or nothing."""
         try:
             if os.write(self._file, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._file)
-            then()
+            if entry is not None:
+                self._write_head(entry.sequence, entry.hash)
             self._size += len(data)
         except OSError:
             try:
@@ -394,20 +386,16 @@ class AuditLog:
         finally:
             self._state = os.fstat(self._file)
 
-    def _head_text(self) -> bytes:
-        return _head_line(self._chain.count, self.last_hash)
-
-    def _prepare_head(self, text: bytes) -> None:
-        """Write the next head beside the one that is there."""
-        with open(_next_head(self.path), 'wb') as file:
-            file.write(text)
+    def _write_head(self, sequence: int, digest: str) -> None:
+        """Replace the head by that of an entry."""
+        head = head_path(self.path)
+        following = head.with_name(head.name + '.next')
+        with following.open('wb') as file:
+            file.write(text := _head_line(sequence, digest))
             file.flush()
             os.fsync(file.fileno())
-        self._next = text
-
-    def _replace_head(self) -> None:
-        os.replace(_next_head(self.path), head_path(self.path))
-        self._head = self._next
+        os.replace(following, head)
+        self._head = text
         # Where this fails, a loss of power may leave the head one entry behind, which is no harm.
         with suppress(OSError):
             folder = os.open(self.path.parent, os.O_RDONLY)
@@ -432,18 +420,12 @@ def plain(value: object) -> Any:
 
 def _parse(line: bytes) -> Entry | None:
     """Return the entry of a line, None if the line is not byte for byte as it was written."""
-    if len(line) > _MAX_LINE:
-        return None
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash
     except (ValueError, TypeError, RecursionError):
         return None
     return entry if good and type(entry.sequence) is int else None
-
-
-def _next_head(path: Path) -> Path:
-    return path.with_name(path.name + '.head.next')
 
 
 def _records(entry: Entry | None, torn: bytes) -> bool:

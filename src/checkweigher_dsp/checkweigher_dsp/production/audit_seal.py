@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 import hashlib
 import json
-import os
 from pathlib import Path
 
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
@@ -22,9 +21,8 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key, l
 
 from checkweigher_dsp.input_files import read_input
 from checkweigher_dsp.production.audit_log import FIRST_PREVIOUS, AuditError, Entry, Verification
+from checkweigher_dsp.state_files import replace_file
 
-_MAX_FILE = 2**24  # bytes; a seal has 500
-_MAX_KEY = 2**16
 _MAKE_KEY = 'openssl genpkey -algorithm ed25519 -out KEY'
 _MAKE_PUBLIC = 'openssl pkey -in KEY -pubout -out PUBLIC'
 
@@ -62,7 +60,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
     AuditError
         If it cannot be read, is none, or others than its owner may read it.
     """
-    data = _read(path, _MAX_KEY)
+    data = _read(path)
     if path.stat().st_mode & 0o077:
         raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
     try:
@@ -78,7 +76,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 
 def public_key(path: Path) -> Ed25519PublicKey:
     """Read the key that verifies, in PEM; `AuditError` if it cannot be read or is none."""
-    data = _read(path, _MAX_KEY)
+    data = _read(path)
     try:
         key = load_pem_public_key(data)
     except (ValueError, UnsupportedAlgorithm):
@@ -101,7 +99,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
-    for number, line in enumerate(_read(path, _MAX_FILE).splitlines(keepends=True), 1):
+    for number, line in enumerate(_read(path).splitlines(keepends=True), 1):
         try:
             seal = Seal(**json.loads(line))
             key.verify(bytes.fromhex(seal.signature), seal.signed())
@@ -178,7 +176,11 @@ def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519Privat
         previous=hashlib.sha256(seals[-1].line()).hexdigest() if seals else FIRST_PREVIOUS,
     )
     seal = replace(seal, signature=key.sign(seal.signed()).hex())
-    _write_whole(path, b''.join(each.line() for each in (*seals, seal)))
+    try:
+        # A seal that was cut off would look like a forged one.
+        replace_file(path, (each.line() for each in (*seals, seal)))
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None
     return seal
 
 
@@ -186,21 +188,8 @@ def _hash_at(entries: Sequence[Entry], number: int) -> str:
     return entries[number - 1].hash if number > 0 else FIRST_PREVIOUS
 
 
-def _write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: a seal that was cut off would look like a forged one."""
-    new = path.with_name(f'{path.name}.next')
+def _read(path: Path) -> bytes:
     try:
-        with new.open('wb') as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(path)
-    except OSError as error:
-        raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None
-
-
-def _read(path: Path, most: int) -> bytes:
-    try:
-        return read_input(path, most)
+        return read_input(path)
     except OSError as error:
         raise AuditError(f'{path}: cannot be read: {error.strerror or error}') from None

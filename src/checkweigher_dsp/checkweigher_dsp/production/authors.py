@@ -5,8 +5,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-_MAX_SERVICES, _MAX_CALLERS = 16, 1_000
-
 
 class Author(NamedTuple):
     """Who makes a change, a person or ``graph:`` and a node, and the reason that was given."""
@@ -30,12 +28,12 @@ class Authors:
         """Take who is about to call some services; none for who calls no more."""
         for name in [name for name, (known, _) in self._callers.items() if known.who == author.who]:
             del self._callers[name]
-        for name in services[:_MAX_SERVICES]:
+        for name in services:
             self._callers[name] = author, now + self._patience
 
     def of(self, service: str, otherwise: str, now: float) -> Author:
         """Return who calls a service, or `otherwise` where nobody has said so."""
         author, until = self._callers.get(service, (None, now))
-        if author is None or until < now or len(self._callers) > _MAX_CALLERS:
+        if author is None or until < now:
             return Author(f'graph:{otherwise}')
         return author

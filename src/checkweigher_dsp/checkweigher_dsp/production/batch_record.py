@@ -4,11 +4,12 @@
 
 The lines are begin, product (the recipe), verdict, stop, filler, reset and end, each with its kind.
 NaN and infinities are written as NaN, Infinity and -Infinity, as in Python. A thread of
-its own encodes, writes and syncs, so that no disk keeps the line waiting; a disk that is full is
-tried again until it takes the lines. The record of a batch that has no end goes on after a restart.
+its own writes and syncs, so that no disk keeps the line waiting; a disk that is full is tried again
+until it takes the lines. The record of a batch that has no end goes on after a restart.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields
 import errno
 import hashlib
@@ -17,17 +18,13 @@ import os
 from pathlib import Path
 import queue
 import threading
-from typing import Any, Final
+from typing import Any
 from urllib.parse import quote
 
-from checkweigher_dsp.input_files import open_input
 from checkweigher_dsp.records import Decision, FillerFeedback, StopRequest, Verdict
 
 SUFFIX = '.jsonl'
 _RETRY = 1.0  # s
-_MAX_LINE = 2**20  # bytes
-_LARGEST = 2**33  # of a file
-_STOP: Final = None
 
 
 class RecordError(ValueError):
@@ -73,24 +70,20 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
         If the file cannot be read or a line is none of a record.
     """
     try:
-        with open_input(path, _LARGEST) as file:
+        with path.open('rb') as file:
             for number, line in enumerate(file, 1):
                 if not line.endswith(b'\n'):
                     return
-                yield _parsed(line, f'{path}:{number}', first=number == 1)
+                try:
+                    values = json.loads(line)
+                    begins = values['kind'] == 'begin'
+                except (ValueError, TypeError, KeyError, RecursionError):
+                    begins = number > 1
+                if begins != (number == 1):
+                    raise RecordError(f'{path}:{number}: is no line of the record of a batch')
+                yield values
     except OSError as error:
         raise RecordError(f'{path}: {error.strerror or error}') from None
-
-
-def _parsed(line: bytes, place: str, *, first: bool) -> dict[str, Any]:
-    try:
-        values = json.loads(line) if len(line) <= _MAX_LINE else None
-    except (ValueError, RecursionError):
-        values = None
-    kind = values.get('kind') if isinstance(values, dict) else None
-    if isinstance(values, dict) and isinstance(kind, str) and first == (kind == 'begin'):
-        return values
-    raise RecordError(f'{place}: is no line of the record of a batch')
 
 
 def verdict_of(values: Mapping[str, Any]) -> Verdict:
@@ -115,114 +108,83 @@ class RecordWriter:
         self.ended: queue.SimpleQueue[EndedRecord] = queue.SimpleQueue()
         self.trouble = ''
         self._folder = folder
-        self._todo: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closing = threading.Event()
+        # What follows belongs to the thread of the executor: the open file and what it holds.
+        self._file: int | None = None
+        self._batch, self._path = '', folder
+        self._size, self._hash = 0, hashlib.sha256()
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RecordError(f'{folder}: {error.strerror or error}') from None
-        self._thread = threading.Thread(target=self._run, name='batch record', daemon=True)
-        self._thread.start()
+        self._executor = ThreadPoolExecutor(1, 'batch record')
 
     def begin(self, batch: str, time: str, **others: object) -> None:
         """Begin the record of a batch, or go on with it if it is there."""
-        self._todo.put(('begin', batch, {'time': time, 'batch': batch, **others}))
+        line = line_of('begin', {'time': time, 'batch': batch, **others})
+        self._submit(self._open, batch)
+        self._submit(self._append, line, True)
 
     def write(self, kind: str, values: object) -> None:
         """Append a line: a verdict, a stop request, feedback to the filler, or a mapping."""
-        self._todo.put((kind, None, values))
+        self._submit(self._append, line_of(kind, values))
 
-    def end(self, time: str, **others: object) -> None:
+    def end(self, time: str) -> None:
         """End the record."""
-        self._todo.put(('end', None, {'time': time, **others}))
+        self.write('end', {'time': time})
+        self._submit(self._finish)
 
     def close(self) -> None:
         """Write what is left and stop; what a disk does not take now is lost."""
         self._closing.set()
-        self._todo.put(_STOP)
-        self._thread.join()
+        self._executor.submit(self._release)
+        self._executor.shutdown()
 
-    def _run(self) -> None:
-        file: _RecordFile | None = None
-        while True:
-            steps = [self._todo.get()]
-            while not self._todo.empty():
-                steps.append(self._todo.get())
-            for step in steps:
-                if step is _STOP:
-                    if file is not None:
-                        self._try(file.flush)
-                        file.close()
-                    return
-                kind, batch, values = step
-                if kind == 'begin':
-                    file = _RecordFile(record_path(self._folder, batch), batch)
-                    if self._try(file.open) and not file.size:
-                        file.add(kind, values)
-                elif file is not None:
-                    file.add(kind, values)
-                if kind == 'end' and file is not None:
-                    if self._try(file.flush):
-                        self.ended.put(EndedRecord(file.batch, file.path, file.sha256))
-                    file.close()
-                    file = None
-            if file is not None:
-                self._try(file.flush)
+    def _submit(self, step: Callable[..., object], *arguments: object) -> None:
+        self._executor.submit(self._persist, step, *arguments)
 
-    def _try(self, work: Any) -> bool:
+    def _persist(self, step: Callable[..., object], *arguments: object) -> None:
         """Do what the disk may refuse, again and again until it is done or the writer closes."""
         while True:
             try:
-                work()
+                step(*arguments)
                 self.trouble = ''
-                return True
+                return
             except OSError as error:
                 self.trouble = f'{error.filename or self._folder}: {error.strerror or error}'
                 if self._closing.wait(_RETRY):
-                    return False
+                    self._release()  # no later line may follow on one that is lost
+                    return
 
-
-class _RecordFile:
-    """A record that is open for appending."""
-
-    def __init__(self, path: Path, batch: str) -> None:
-        self.path, self.batch = path, batch
-        self.size = 0
-        self._file: int | None = None
-        self._hash = hashlib.sha256()
-        self._waiting = b''
-
-    @property
-    def sha256(self) -> str:
-        return self._hash.hexdigest()
-
-    def open(self) -> None:
+    def _open(self, batch: str) -> None:
         """Open the file, without an end that a power cut has left unfinished."""
-        self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        there = self.path.read_bytes()
+        self._batch, self._path = batch, record_path(self._folder, batch)
+        self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        there = self._path.read_bytes()
         there = there[: there.rfind(b'\n') + 1]
         os.ftruncate(self._file, len(there))
-        self.size, self._hash = len(there), hashlib.sha256(there)
+        self._size, self._hash = len(there), hashlib.sha256(there)
 
-    def add(self, kind: str, values: object) -> None:
-        self._waiting += line_of(kind, values)
-
-    def flush(self) -> None:
-        """Append what waits, all or none, and have it on the disk."""
-        if self._file is None or not self._waiting:
+    def _append(self, line: bytes, first: bool = False) -> None:
+        """Append a line, whole or not at all; one that is to be the `first` only if it is."""
+        if self._file is None or (first and self._size):
             return
         try:
-            if os.write(self._file, self._waiting) < len(self._waiting):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
+            if os.write(self._file, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
             os.fsync(self._file)
         except OSError:
-            os.ftruncate(self._file, self.size)
+            os.ftruncate(self._file, self._size)
             raise
-        self._hash.update(self._waiting)
-        self.size += len(self._waiting)
-        self._waiting = b''
+        self._hash.update(line)
+        self._size += len(line)
 
-    def close(self) -> None:
+    def _finish(self) -> None:
+        if self._file is not None:
+            self.ended.put(EndedRecord(self._batch, self._path, self._hash.hexdigest()))
+            self._release()
+
+    def _release(self) -> None:
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -112,9 +112,8 @@ class PerformanceTests:
     def __init__(self, zone: tzinfo) -> None:
         self._zone = zone
         self._plan: PerformancePlan | None = None
-        self._last: LastTest | None = None
-        self._passed: LastTest | None = None
-        self._known: dict[str, tuple[LastTest, LastTest | None]] = {}  # by product
+        # The last test and the last one that passed, by product.
+        self._known: dict[str, tuple[LastTest, LastTest | None]] = {}
         self._began = 0
         self.state = PerformanceTest(0, PerformanceState.NOT_ASKED)
 
@@ -137,7 +136,6 @@ class PerformanceTests:
         if (product, batch, plan) != (self.state.product, self.state.batch, self._plan):
             self._began = now
         self._plan = plan
-        self._last, self._passed = self._known.get(product, (None, None))
         self.state = PerformanceTest(now, PerformanceState.NOT_ASKED, product, batch)
         self.advance(now)
 
@@ -174,10 +172,8 @@ class PerformanceTests:
         if len(errors) < plan.passes:
             return None
         ended = LastTest(now, self.state.batch, self.state.who, passes(plan, errors), errors)
-        self._last = ended
-        if ended.passed:
-            self._passed = ended
-        self._known[self.state.product] = ended, self._passed
+        _, passed = self._known.get(self.state.product, (None, None))
+        self._known[self.state.product] = ended, ended if ended.passed else passed
         self.state = replace(self.state, state=PerformanceState.NOT_ASKED)
         self.advance(now)
         return ended
@@ -190,7 +186,7 @@ class PerformanceTests:
         return before.state != self.state.state
 
     def _judge(self, now: int) -> PerformanceTest:
-        plan, last, passed = self._plan, self._last, self._passed
+        plan, (last, passed) = self._plan, self._known.get(self.state.product, (None, None))
         if plan is None:
             return PerformanceTest(
                 self.state.stamp, PerformanceState.NOT_ASKED, self.state.product, self.state.batch

@@ -143,10 +143,9 @@ class ProductionRecord:
             found = self._all[self._key] = ProductionStatistics(self.product)
         return found
 
-    @property
-    def tally(self) -> BatchTally:
-        """The counts of this product in this batch by the last verdict that had them."""
-        return self._tallies.get(self._key, BatchTally(*self._key))
+    def tally(self, product: str, batch: str) -> BatchTally:
+        """Return the counts of a product in a batch by the last verdict that had them."""
+        return self._tallies.get((product, batch), BatchTally(product, batch))
 
     def add(self, verdict: Verdict) -> bool:
         """Count an item of the product and batch of its verdict; tell if it was not known yet.

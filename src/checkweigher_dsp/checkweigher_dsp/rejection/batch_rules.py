@@ -13,8 +13,7 @@ from typing import Any
 
 from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, Verdict
-from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.records import Decision, ProductOnLine, Verdict
 
 _MAX_TALLIES = 1_000
 
@@ -36,24 +35,20 @@ class BatchTally:
     surplus: float = 0.0
 
     @classmethod
-    def of(cls, verdict: Verdict) -> 'BatchTally':
-        """Return the counts that a verdict carries."""
+    def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
+        """Return the counts that a record carries."""
         return cls(
-            verdict.product, verdict.batch, verdict.batch_items, verdict.batch_accepted,
-            verdict.batch_below_tu1, verdict.batch_surplus,
+            record.product, record.batch, record.batch_items, record.batch_accepted,
+            record.batch_below_tu1, record.batch_surplus,
         )  # fmt: skip
 
-    @classmethod
-    def begun(cls, parameters: RejectParameters) -> 'BatchTally':
-        """Return the counts with which the product in these parameters goes on in its batch."""
-        items, accepted, below_tu1, surplus = parameters.batch_counts
-        counts = int(items), int(accepted), int(below_tu1), surplus
-        return cls(parameters.product, parameters.batch, *counts)
-
     @property
-    def counts(self) -> tuple[float, ...]:
-        """The counts as `batch_counts` of the parameters has them."""
-        return float(self.items), float(self.accepted), float(self.below_tu1), self.surplus
+    def counts(self) -> dict[str, Any]:
+        """The counts as the fields of `Verdict` and `ProductOnLine`."""
+        return {
+            'batch_items': self.items, 'batch_accepted': self.accepted,
+            'batch_below_tu1': self.below_tu1, 'batch_surplus': self.surplus,
+        }  # fmt: skip
 
     @property
     def key(self) -> tuple[str, str]:
@@ -68,14 +63,14 @@ class BatchTally:
 class BatchRules:
     """The counts of the batches, and the verdicts by the rules over them.
 
-    The counts of a batch only grow. So of what several remember of one batch (`batch_counts` of the
-    parameters, the verdicts before a restart) the tally with the most items is the last one, and
-    nothing is counted twice.
+    The counts of a batch only grow. So of what several remember of one batch (the product node, the
+    verdicts before a restart) the tally with the most items is the last one, and nothing is counted
+    twice.
     """
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], BatchTally] = {}
-        self._parameters: RejectParameters | None = None
+        self._product: ProductOnLine | None = None
 
     def remember(self, tally: BatchTally) -> None:
         """Take counts of a batch, unless those that are known are later ones."""
@@ -84,51 +79,46 @@ class BatchRules:
         if len(self._tallies) > _MAX_TALLIES:
             del self._tallies[next(iter(self._tallies))]
 
-    def judge(self, verdict: Verdict, parameters: RejectParameters, **others: Any) -> Verdict:
+    def judge(self, verdict: Verdict, product: ProductOnLine, **others: Any) -> Verdict:
         """Return a verdict with the rules applied and with its counts; `others` are set as well."""
-        if parameters is not self._parameters:
-            self._parameters = parameters
-            self.remember(BatchTally.begun(parameters))
-        key = parameters.product, parameters.batch
+        if product is not self._product:
+            self._product = product
+            self.remember(BatchTally.of(product))
+        key = product.product, product.batch
         tally = self._tallies[key]
         decision, reasons = verdict.decision, verdict.reasons
-        if decision is Decision.ACCEPT and (
-            broken := broken_rules(verdict.mass, tally, parameters)
-        ):
+        if decision is Decision.ACCEPT and (broken := broken_rules(verdict.mass, tally, product)):
             decision, reasons = Decision.UNDER, broken
-        tally = count(verdict.mass, tally, parameters, accepted=decision is Decision.ACCEPT)
+        tally = count(verdict.mass, tally, product, accepted=decision is Decision.ACCEPT)
         self._tallies[key] = tally
         return replace(
             verdict, decision=decision, reasons=reasons, product=tally.product, batch=tally.batch,
-            batch_items=tally.items, batch_accepted=tally.accepted,
-            batch_below_tu1=tally.below_tu1, batch_surplus=tally.surplus, **others,
+            **tally.counts, **others,
         )  # fmt: skip
 
 
-def broken_rules(mass: float, tally: BatchTally, parameters: RejectParameters) -> tuple[str, ...]:
+def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
     """Return the rules that an item of a mass in kg would break if it was accepted."""
     broken = []
-    if _below_tu1(mass, parameters) and not tally.has_room(parameters.tu1_quota):
+    if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)
-    if parameters.mean_value:
-        slack = ROUNDING * parameters.nominal
-        lacks = mass - parameters.nominal
+    if product.mean_value:
+        slack = ROUNDING * product.nominal
+        lacks = mass - product.nominal
         if lacks < -slack and tally.surplus + lacks < -slack * (tally.accepted + 1):
             broken.append(Reason.MEAN_VALUE_REQUIREMENT.value)
     return tuple(broken)
 
 
-def count(
-    mass: float, tally: BatchTally, parameters: RejectParameters, *, accepted: bool
-) -> BatchTally:
+def count(mass: float, tally: BatchTally, product: ProductOnLine, *, accepted: bool) -> BatchTally:
     """Return the tally with one item more."""
     items = tally.items + 1
     if not accepted:
         return replace(tally, items=items)
-    surplus = tally.surplus + (mass - parameters.nominal if parameters.nominal else 0.0)
-    below_tu1 = tally.below_tu1 + _below_tu1(mass, parameters)
+    surplus = tally.surplus + (mass - product.nominal if product.nominal else 0.0)
+    below_tu1 = tally.below_tu1 + _below_tu1(mass, product)
     return BatchTally(*tally.key, items, tally.accepted + 1, below_tu1, surplus)
 
 
-def _below_tu1(mass: float, parameters: RejectParameters) -> bool:
-    return mass < parameters.tu1 * (1 - ROUNDING)
+def _below_tu1(mass: float, product: ProductOnLine) -> bool:
+    return mass < product.tu1 * (1 - ROUNDING)

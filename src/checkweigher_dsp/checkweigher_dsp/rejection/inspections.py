@@ -27,6 +27,8 @@ _MAX_SIGNALS = 1_000
 _MAX_JUDGED = 400
 _MAX_OUTAGES = 100
 _NAMED_PATIENCE = NANOSECONDS  # for the verdict on an item that a device names
+_SLOWEST_BELT = 0.1  # m/s; an item that takes longer than on it has no place
+LATENESS = 2 * NANOSECONDS  # of edges behind their samples
 
 
 class Passage(NamedTuple):
@@ -87,7 +89,7 @@ class Inspections:
     def add(self, reject: ExternalReject, weigh_length: float | None, now: int) -> None:
         """Take a reject that came at `now`; see whether its item has its verdict already."""
         for verdict, passage in reversed(self._judged):
-            if self._is_of(reject, verdict.estimate_id, passage, weigh_length):
+            if self._is_of(reject, verdict.item_id, passage, weigh_length):
                 if verdict.decision is Decision.ACCEPT:
                     self._miss(reject, verdict.item_id, 'its item was accepted before')
                 return
@@ -100,9 +102,8 @@ class Inspections:
         """Return how long the item of a reject can take to its verdict, ns, on the slowest belt."""
         if reject.item_id:
             return _NAMED_PATIENCE
-        known = self.parameters
         way = abs(self._distance(reject.device)) + 2 * (weigh_length or 0.0)
-        return round(NANOSECONDS * (way / known.min_belt_speed + known.edge_lateness))
+        return round(NANOSECONDS * way / _SLOWEST_BELT) + LATENESS
 
     def _distance(self, device: str) -> float:
         place = self.parameters.devices.index(device)
@@ -141,7 +142,7 @@ class Inspections:
         found = [
             signal
             for signal in self._signals
-            if self._is_of(signal.reject, verdict.estimate_id, passage, weigh_length)
+            if self._is_of(signal.reject, verdict.item_id, passage, weigh_length)
         ]
         reasons = [reason_of(signal.reject.device).value for signal in found]
         for signal in found:
@@ -165,11 +166,11 @@ class Inspections:
         self._judged.append((verdict, passage))
 
     def _is_of(
-        self, reject: ExternalReject, estimate_id: int, passage: Passage | None,
+        self, reject: ExternalReject, item_id: int, passage: Passage | None,
         weigh_length: float | None,
     ) -> bool:  # fmt: skip
         if reject.item_id:
-            return reject.item_id == estimate_id
+            return reject.item_id == item_id
         stamp = reject.stamp
         return stamp is not None and any(
             device == reject.device and span.begin <= stamp <= span.end

@@ -5,35 +5,35 @@
 import math
 
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, MassEstimate, Verdict
+from checkweigher_dsp.records import Decision, MassEstimate, ProductOnLine, Verdict
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 
-def judge(estimate: MassEstimate, parameters: RejectParameters) -> Verdict:
+def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Judge an estimate by the limits of the product.
 
     What was not weighed is a FAULT, and what was weighed but is too long or too fast as well: the
     mass of the latter stays.
     """
-    reasons = estimate.reasons or tuple(why.value for why in objections(estimate, parameters))
-    if parameters.performance_test:  # a pass without a mass is a pass of the test as well
+    reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
+    if product.performance_test:  # a pass without a mass is a pass of the test as well
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
-    decision = decide(estimate, parameters.lower_limit, parameters.upper_limit)
+    decision = decide(estimate, product.lower_limit, product.upper_limit)
     reject_at = parameters.reject_time(estimate.t3, estimate.line_speed)
     return Verdict(
         estimate.item_id, estimate.t3, Decision.FAULT if reasons else decision, reasons,
-        estimate.mass, estimate.std_dev, parameters.lower_limit, parameters.upper_limit,
+        estimate.mass, estimate.std_dev, product.lower_limit, product.upper_limit,
         reject_at, estimate.t1, estimate.item_id,
     )  # fmt: skip
 
 
-def objections(estimate: MassEstimate, parameters: RejectParameters) -> list[Reason]:
+def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     """Return what speaks against an item that was weighed, apart from its mass.
 
     A length or speed that is not known is not within a range that is asked for.
     """
-    limits, length = parameters, estimate.product_length
-    found = [Reason.NO_PRODUCT] if limits.needs_product and not limits.product else []
+    length = estimate.product_length
+    found = [Reason.NO_PRODUCT] if limits.needed and not limits.product else []
     if _outside(length, limits.min_length, limits.max_length):
         if math.isnan(length):
             found.append(Reason.BAD_WINDOW)

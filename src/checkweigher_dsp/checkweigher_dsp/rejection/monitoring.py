@@ -54,6 +54,7 @@ class RejectMonitor:
         self.trouble = ''
         self.conditions = MachineConditions(0, True)  # by the inputs of the machine
         self.test: PerformanceTest | None = None
+        self.strangers = ''  # who publishes topics of the line beside their makers
         self._in_a_row = 0
         self._expected: list[_Expected] = []
         self._edges: list[int] = []
@@ -112,10 +113,20 @@ class RejectMonitor:
         if over or test.state in (PerformanceState.OVERDUE, PerformanceState.FAILED):
             self._stop(StopReason.PERFORMANCE_TEST, 0, None, test.text)
 
+    def hear_strangers(self, strangers: str) -> None:
+        """Update who publishes topics of the line beside their makers, empty for nobody."""
+        self.strangers = strangers
+        if strangers:
+            self._stop(StopReason.FOREIGN_PUBLISHER, 0, None, strangers)
+
     def miss(self, missed: Missed) -> None:
         """Take a reject of an inspection device that no verdict could heed."""
         reason = StopReason.MISSED_EXTERNAL_REJECT
         self._stop(reason, missed.item_id, missed.stamp, missed.text)
+
+    def miss_items(self) -> None:
+        """Ask for a stop: items leave the belt that the segmenter does not announce."""
+        self._stop(StopReason.NO_ITEMS, 0, None)
 
     def advance(self, now: int) -> None:
         """Conclude what can be concluded at `now`, ns of the stamps."""
@@ -145,6 +156,7 @@ class RejectMonitor:
         self.hear_driver(self.trouble)
         self.hear_conditions(self.conditions)
         self.hear_test(self.test, now)
+        self.hear_strangers(self.strangers)
 
     @property
     def _window(self) -> int:

@@ -1,19 +1,21 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the reject stage: limits of the product, where the rejector stands."""
+"""Parameters of the reject stage: limits of the line, where the rejector stands."""
 
-from dataclasses import Field, dataclass
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 import math
 from typing import Any, ClassVar
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, describe, parameter
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.records import NANOSECONDS, ProductOnLine
 from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
-from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-# Segmenter and reject stage have to find the same items: these are in both of their sets.
-SHARED_WITH_SEGMENTER = ('min_belt_speed', 'debounce_time', 'edge_lateness')
+# Those of the line, which the product on it replaces.
+LIMITS = (
+    'lower_limit', 'upper_limit', 'min_length', 'max_length', 'min_speed', 'max_speed', 'nominal',
+    'tu1', 'tu1_quota', 'mean_value',
+)  # fmt: skip
 
 _SLOWEST, _FASTEST = 1e-3, 100.0  # m/s; other speeds are of no belt, and not known
 
@@ -22,19 +24,14 @@ _length = partial(parameter, unit='m', minimum=0)
 _speed = partial(parameter, unit='m/s', minimum=0)
 
 
-def _shared(name: str) -> Any:
-    """Return a field with default, unit and range of the segmenter's own."""
-    entry: Field[Any] = SegmenterParameters.entries()[name]
-    allowed = describe(entry)
-    return parameter(
-        entry.default, 'as that of segmenter; from the next start', unit=allowed.unit,
-        minimum=allowed.minimum, maximum=allowed.maximum,
-    )  # fmt: skip
+def limits_of(source: 'RejectParameters | ProductOnLine') -> dict[str, Any]:
+    """Return the limits of parameters or of a product, by name."""
+    return {name: getattr(source, name) for name in LIMITS}
 
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Limits of the product on the line, and where the rejector stands."""
+    """Limits of a line without recipes, and where the rejector stands."""
 
     node: ClassVar[str] = 'reject'
 
@@ -54,9 +51,6 @@ class RejectParameters(Parameters):
     deadlines: bool = parameter(
         True, 'an item without a mass by then is NoEstimate; false waits for every mass'
     )
-    min_belt_speed: float = _shared('min_belt_speed')
-    debounce_time: float = _shared('debounce_time')
-    edge_lateness: float = _shared('edge_lateness')
     confirmation_time: float = _delay(
         0.0, 'largest time between reject time and reject_eye; 0 without that eye', maximum=60
     )
@@ -94,12 +88,6 @@ class RejectParameters(Parameters):
         False, 'an item below nominal is accepted only while the mean of the accepted ones of the '
         'batch stays at nominal or above, else MeanValueRequirement',
     )  # fmt: skip
-    product: str = parameter('', 'product of these limits; the node product sets it')
-    batch: str = parameter('', 'batch whose items are counted; the node product sets it')
-    batch_counts: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0, 0.0), 'counts with which the batch goes on: items, accepted, below TU1, '
-        'surplus in kg; the node product sets them, later ones that reject has itself are kept',
-    )  # fmt: skip
     inspections: str = parameter(
         '', 'devices whose external_reject an item waits for, such as "metal xray vision"'
     )
@@ -125,12 +113,14 @@ class RejectParameters(Parameters):
     station_delays: tuple[float, ...] = parameter(
         (), 'time from telling each of them to its action', unit='s', minimum=0, maximum=10
     )
-    performance_test: bool = parameter(
-        False, 'a performance test goes on: each item is rejected; the node product sets it'
-    )
     needs_product: bool = parameter(
-        False, 'nothing is accepted (NoProduct) while product is empty; true on a line with recipes'
+        False,
+        'nothing is accepted (NoProduct) until there is a product; true on a line with recipes',
     )
+    numbers: str = parameter(
+        '', 'file of the numbers of items with a verdict, beside that of segmenter; from the next '
+        'start',
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,11 +138,6 @@ class RejectParameters(Parameters):
                 raise ParameterError(
                     f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
                 )
-        if len(self.batch_counts) != 4 or not all(map(math.isfinite, self.batch_counts)):
-            raise ParameterError(
-                f'reject.batch_counts: {self.batch_counts} are not items, accepted, below TU1 and '
-                'surplus'
-            )
         if self.mean_value and not self.nominal:
             raise ParameterError('reject.mean_value: true needs nominal, the weight in kg')
         for low, high in (
@@ -162,11 +147,11 @@ class RejectParameters(Parameters):
                 raise ParameterError(
                     f'reject.{low}: {getattr(self, low)} is above {high} {getattr(self, high)}'
                 )
-        if self.max_speed < self.min_belt_speed:
-            raise ParameterError(
-                f'reject.max_speed: {self.max_speed} is below min_belt_speed '
-                f'{self.min_belt_speed}, slower than what is weighed at all'
-            )
+
+    @cached_property
+    def limits(self) -> ProductOnLine:
+        """Limits by which items are judged until a product is on the line."""
+        return ProductOnLine(0, needed=self.needs_product, **limits_of(self))
 
     def _check_lengths(self, first: str, found: tuple[str, ...], *others: str) -> None:
         for name in others:
@@ -214,7 +199,3 @@ class RejectParameters(Parameters):
             return None
         way = round(NANOSECONDS * (self.rejector_distance / speed))
         return t3 + way - round(NANOSECONDS * self.actuator_delay)
-
-    def max_transit(self, weigh_length: float) -> int:
-        """Return how long an item takes over `weigh_length`, m, on the slowest belt, ns."""
-        return round(NANOSECONDS * weigh_length / self.min_belt_speed)

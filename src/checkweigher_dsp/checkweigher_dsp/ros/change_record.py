@@ -4,7 +4,6 @@
 
 import json
 import time
-from typing import Any
 
 from checkweigher_msgs.srv import RecordChange
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -13,6 +12,7 @@ from rclpy.task import Future
 
 from checkweigher_dsp.production.audit_log import plain
 from checkweigher_dsp.ros import ports
+from checkweigher_dsp.ros.line_parameters import in_time
 
 _PATIENCE = 2.0  # s, for the answer
 _DISCOVERY = 3.0  # s from the start of the node on, in which the service may yet be found
@@ -46,7 +46,7 @@ class ChangeRecord:
         """Write what something is about to become; return why it must not, empty if it may."""
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
-            await self._in_time(Future(), _LOOK_PERIOD)
+            await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
             self.look()
         if not self._needed:
             return ''
@@ -55,17 +55,9 @@ class ChangeRecord:
         asked, answer = time.monotonic(), None
         if self._client.service_is_ready():
             future = self._client.call_async(request)
-            answer = await self._in_time(future, _PATIENCE)
+            answer = await in_time(self._node, self._group, future, _PATIENCE)
             self._client.remove_pending_request(future)
         # An answer that a process which stood still has late: the log has moved on by then.
         if answer is None or time.monotonic() - asked > _PATIENCE:
             return f'not in the audit log: no answer of the node product for {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'
-
-    async def _in_time(self, future: Future, patience: float) -> Any:
-        """Return the result of a future, None if there is none within `patience`, s."""
-        timer = self._node.create_timer(patience, future.cancel, callback_group=self._group)
-        try:
-            return await future
-        finally:
-            self._node.destroy_timer(timer)

@@ -23,19 +23,12 @@ class Connections:
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
-        self._turned_away = RecentValues()
-        self._last_turned_away = ''
         self._told: set[str] = set()  # of the endpoints whose QoS does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
         """Note that a message could not be used."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
-
-    def turned_away(self, now: float, why: str) -> None:
-        """Note that a call was not served."""
-        self._turned_away.add(now, 1.0)
-        self._last_turned_away = why
 
     def lacks_input(self, port: Port) -> bool:
         """Return whether a port that this node takes has no publisher."""
@@ -44,7 +37,6 @@ class Connections:
     def finding(self, now: float) -> Finding:
         """Return the aspect Connections; `now` in s on the clock of the beginning."""
         self._refused.forget(now)
-        self._turned_away.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []
         started = now - self._began > _PATIENCE
@@ -55,7 +47,6 @@ class Connections:
             if partner:
                 values[f'{end.port.name} {other}s'] = count
             found += self._clashes(end, needed=bool(partner) and count == 0)
-            found += self._foreign(end, now)
             if started and partner and count == 0:
                 level = Level.ERROR if isinstance(end, Input) else Level.WARN
                 hint = f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
@@ -65,20 +56,7 @@ class Connections:
             text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
             hint = 'check which node publishes there and with which version of the messages'
             found.append(Concern(Level.WARN, text, hint))
-        values['calls turned away in the last minute'] = len(self._turned_away)
-        if len(self._turned_away):
-            text = f'{len(self._turned_away)} calls turned away in the last minute, '
-            hint = 'find which node calls it: who may is in docs/security.md'
-            found.append(Concern(Level.WARN, text + self._last_turned_away, hint))
         return conclude('Connections', 'all there', found, values)
-
-    def _foreign(self, end: Input | Output, now: float) -> Iterator[Concern]:
-        """Yield the strangers that publish a topic of the line."""
-        passed = end.look(now)
-        if who := ', '.join(end.strangers) or ('a node that has gone again' if passed else ''):
-            text = f'ForeignPublisher: {who} publishes {end.topic_name} beside {end.port.maker}'
-            hint = 'stop it, or name it in allowed_publishers if it belongs to the line'
-            yield Concern(Level.ERROR, text, hint)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
         """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""

@@ -62,7 +62,10 @@ _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
     records.SampleBlock: _Form(frame='load_cell'),
     records.EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
-    records.StreamStatus: _Form(unknown={'state': records.StreamState.FAILED}),
+    records.Item: _Form(frame='weigh_belt'),
+    records.StreamStatus: _Form(
+        unknown={'state': records.StreamState.FAILED}, newer=('last_edge',)
+    ),
     records.WeighWindow: _item(names={'t3': 't3', 'stamp': 'first_stamp'}),
     records.MassEstimate: _item(
         names={'t3': 't3'}, derived={'status': lambda each: int(each.weighed)}, amend=_with_reason

@@ -3,11 +3,13 @@
 """Diagnostics of a node: once a second, a status for each of its aspects."""
 
 from collections.abc import Callable, Iterable
+import socket
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_dsp.health.status_board import HOST
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.records import LoadCell
 from checkweigher_dsp.ros.connections import Connections
@@ -21,9 +23,9 @@ _LOG_PERIOD = 1.0  # s
 class Diagnostics:
     """Publisher of the findings of a node.
 
-    The first status is the node's own: the worst of all, the last warning, the counters. The
-    others are named '<node>: <Aspect>', as those of diagnostic_updater. `diagnose` returns the
-    findings for a time of the monotonic clock in s.
+    The first status is the node's own: the worst of all, the last warning, the counters, the
+    name of its host. The others are named '<node>: <Aspect>', as those of diagnostic_updater.
+    `diagnose` returns the findings for a time of the monotonic clock in s.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -88,7 +90,8 @@ class Diagnostics:
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''
-        values: dict[str, float | str] = dict(self._counters)  # a copy: other threads count, too
+        # A copy: other threads count, too.
+        values: dict[str, float | str] = {HOST: socket.gethostname(), **self._counters}
         if self._last_warning:
             values['last warning'] = self._last_warning
         return Finding('', level, text, values=values)

@@ -5,19 +5,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.ros.access.key import own_key
-from checkweigher_dsp.ros.access.permissions import signed_parameter
-from checkweigher_dsp.ros.graph.makers import Makers, full_name
 from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
+from checkweigher_dsp.ros.graph.strangers import full_name
 from checkweigher_dsp.ros.node_parameters import ros_parameters
-from checkweigher_dsp.ros.services import SETTER
 
 Values = dict[str, object]
 
@@ -26,8 +22,8 @@ class RefusedError(Exception):
     """A node did not take a parameter, or did not answer; the message says which and why."""
 
 
-class NoAnswerError(RefusedError):
-    """A node did not answer."""
+class HalfSetError(RefusedError):
+    """A node refused a change, and another one could not be given back what it had before."""
 
 
 class LineParametersClient:
@@ -43,8 +39,6 @@ class LineParametersClient:
         self._patience = patience
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, AsyncParameterClient] = {}
-        self._servers: dict[str, Makers] = {}
-        self._key = own_key()
 
     def ready(self, node: str) -> bool:
         """Return whether the services of a node are there."""
@@ -52,14 +46,12 @@ class LineParametersClient:
 
     async def get_all(self, node: str) -> Values:
         """Return all parameters of a node; `RefusedError` if it does not answer."""
-        self._check_server(node)
-        listed = await self._answer(node, self._client(node).list_parameters())
+        listed = await self.answer(node, self._client(node).list_parameters())
         return await self.get(node, list(listed.result.names))
 
     async def get(self, node: str, names: list[str]) -> Values:
         """Return some parameters of a node; `RefusedError` if it does not have them all."""
-        self._check_server(node)
-        answer = await self._answer(node, self._client(node).get_parameters(names))
+        answer = await self.answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
             raise RefusedError(f'{node}: does not have all of {", ".join(names)}')
         return dict(zip(names, map(python_value, answer.values), strict=True))
@@ -67,7 +59,8 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, all or none.
 
-        `RefusedError` if a node refuses; what the others had taken is put back then.
+        `RefusedError` if a node refuses; what the others had taken is put back then, else it is a
+        `HalfSetError`.
         """
         for node in changes:
             if not self.ready(node):
@@ -79,11 +72,11 @@ class LineParametersClient:
                 done.append(node)
                 await self._set_one(node, values)
         except RefusedError as error:
-            # A node that refuses has changed nothing; one that does not answer may yet have.
-            if not isinstance(error, NoAnswerError):
-                done.pop()
+            # Also in the last one: a node that does not answer may yet have changed something.
             lost = [text for node in done if (text := await self._put_back(node, before[node]))]
-            raise RefusedError('; '.join([str(error), *lost])) from None
+            if lost:
+                raise HalfSetError('; '.join([str(error), *lost])) from None
+            raise
 
     async def _put_back(self, node: str, values: Values) -> str:
         """Set what a node had before; return why that failed."""
@@ -94,36 +87,16 @@ class LineParametersClient:
         return ''
 
     async def _set_one(self, node: str, values: Values) -> None:
-        self._check_server(node)
         parameters = ros_parameters(values)
-        if self._key is not None:
-            name = self._node.resolve_service_name(f'{node}/{SETTER}')
-            parameters.append(signed_parameter(self._key, name, parameters))
-        answer = await self._answer(node, self._client(node).set_parameters_atomically(parameters))
+        answer = await self.answer(node, self._client(node).set_parameters_atomically(parameters))
         if not answer.result.successful:
             raise RefusedError(f'{node}: {answer.result.reason}')
 
-    def _check_server(self, node: str) -> None:
-        """Refuse a node that another one answers for: the first answer would count."""
-        if node not in self._servers:
-            space = self._node.get_namespace().rstrip('/')
-            topic = f'rr{space}/{node}/get_parametersReply'
-            self._servers[node] = Makers(
-                self._node, topic, node, lambda: set(), stage=True, mangled=False
-            )
-        self._servers[node].look()
-        if who := ', '.join(self._servers[node].strangers):
-            text = f'{node}: {Reason.FOREIGN_PUBLISHER}: another node answers for it, {who}'
-            raise RefusedError(text)
-
-    async def _answer(self, node: str, future: Future) -> Any:
-        timer = self._node.create_timer(self._patience, future.cancel, callback_group=self._group)
-        try:
-            answer = await future
-        finally:
-            self._node.destroy_timer(timer)
+    async def answer(self, node: str, future: Future) -> Any:
+        """Return the answer of a node; `RefusedError` if it does not come in time."""
+        answer = await in_time(self._node, self._group, future, self._patience)
         if answer is None:
-            raise NoAnswerError(f'{node}: has not answered for {self._patience:g} s')
+            raise RefusedError(f'{node}: has not answered for {self._patience:g} s')
         return answer
 
     def _client(self, node: str) -> AsyncParameterClient:
@@ -157,6 +130,15 @@ class LineNodes:
                 self._known.add(identity)
                 found.add(each.node_name)
         return found
+
+
+async def in_time(node: Node, group: CallbackGroup, future: Future, patience: float) -> Any:
+    """Return the result of a future, None if there is none within `patience`, s."""
+    timer = node.create_timer(patience, future.cancel, callback_group=group)
+    try:
+        return await future
+    finally:
+        node.destroy_timer(timer)
 
 
 def python_value(value: Any) -> object:

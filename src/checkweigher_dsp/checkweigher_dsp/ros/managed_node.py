@@ -37,8 +37,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         for service in set(self.services) - already:
             service.callback = locked(service.callback)
             if service.srv_type is ChangeState:
-                name = f'{self.get_name()}/change_state'
-                service.callback = self.gated(name, self._refusing(service.callback))
+                service.callback = self._refusing(service.callback)
 
     def configure(self) -> None:
         """Get ready to work; ValueError with one line if that cannot be done."""

@@ -16,11 +16,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-from checkweigher_dsp.health.findings import MINUTE
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.ros.conversion import to_message, to_record
-from checkweigher_dsp.ros.graph.makers import ForeignPublisherError, Makers
 from checkweigher_dsp.ros.ports import Port, fits
 
 _POLL_PERIOD = 0.02  # s
@@ -32,10 +29,12 @@ _MAX_HELD = 10_000
 # One lock for a process. Callbacks of stages run in the thread of the executor and, called from
 # the source of the driver, in its thread, but never two at once.
 LOCK = threading.RLock()
+# Outputs of this process with a lease: DDS shows no liveliness to inputs of the same process.
+_alive_here: list['Output'] = []
 Callback = Callable[[Any], None]  # takes a record
-Doubted = Callable[[Any], Any]  # takes a record that may be a stranger's, returns what to take
-# Endpoints have no event callbacks but that of inputs which count their publishers: each is one
-# more entity that every wake of the executor collects. `Connections` finds a QoS that does not fit.
+# Endpoints have no event callbacks but those of inputs which watch that their makers live: each is
+# one more entity that every wake of the executor collects. `Connections` finds a QoS that does not
+# fit.
 
 
 class Output:
@@ -51,19 +50,9 @@ class Output:
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
         self.topic_name: str = self.publisher.topic_name
+        if port.lease:
+            _alive_here.append(self)
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
-        self._publishers: Makers | None = node.watch_of(self.topic_name, port)
-
-    @property
-    def strangers(self) -> tuple[str, ...]:
-        """Nodes that publish here as well: who takes it by DDS may take theirs."""
-        return () if self._publishers is None else self._publishers.strangers
-
-    def look(self, now: float) -> bool:
-        """See who publishes here as well."""
-        if self._publishers is not None:
-            self._publishers.look()
-        return False
 
     def send(self, record: Any, **header: Any) -> None:
         """Hand a record to the takers; `header` goes to the message alone."""
@@ -162,16 +151,11 @@ class Input:
     The callback gets each record; what it raises is passed to ``node.refuse``. There is a
     `subscription`, with `qos`, only if there are no makers in the same process. A `needed` input
     without any maker is an error of the line.
-
-    While a stranger publishes there as well, no message is known to be the maker's: the callback
-    gets what `doubted` makes of the record, and without `doubted` the record is refused. What is
-    latched is read again when the stranger has gone.
     """
 
     def __init__(
-        self, node: Any, port: Port, callback: Callback, qos: QoSProfile, *, needed: bool,
-        doubted: Doubted | None,
-    ) -> None:  # fmt: skip
+        self, node: Any, port: Port, callback: Callback, qos: QoSProfile, *, needed: bool
+    ) -> None:
         self.port = port
         self.needed = needed
         self.qos = copy.copy(qos)
@@ -180,55 +164,12 @@ class Input:
         self.subscription: Subscription | None = None
         self._node = node
         self._callback = callback
-        self._doubted = doubted or self.refuse_doubted
-        self._publishers: Makers | None = node.watch_of(self.topic_name, port)
-        self._lacks = False  # whether a record was refused that the maker may have sent
+        self._lives = False  # whether a publisher shows that it does, where the port has a lease
 
     @property
-    def strangers(self) -> tuple[str, ...]:
-        """Nodes that publish here and are not the maker."""
-        return () if self._publishers is None else self._publishers.strangers
-
-    @property
-    def hosts(self) -> frozenset[bytes]:
-        """Hosts from which the records come over DDS, see `Makers`."""
-        return frozenset() if self._publishers is None else self._publishers.hosts
-
-    @property
-    def doubted(self) -> bool:
-        """Whether what comes now may be that of a stranger."""
-        return self._publishers is not None and self._publishers.doubts(time.time_ns())
-
-    def look(self, now: float) -> bool:
-        """See who publishes; return whether a stranger has come and gone in the last minute."""
-        watch = self._publishers
-        if watch is None or self.subscription is None:
-            return False
-        watch.doubts(time.time_ns())
-        if self._lacks and not watch.strangers and self.qos.durability != DurabilityPolicy.VOLATILE:
-            self._lacks = False
-            self.let_go()
-            self._node.destroy_subscription(self.subscription)
-            self.subscribe()
-        return now - watch.passed < MINUTE
-
-    def has_maker(self) -> bool:
-        """Return whether there is a maker; a stranger is none."""
-        if self.subscription is None or self._publishers is None:
-            return self.count() > 0
-        self._publishers.look()
-        return self._publishers.present
-
-    def let_go(self) -> None:
-        """Let go of the subscription, which is about to be destroyed."""
-        if self._publishers is not None:
-            self._publishers.watch(watching=False)
-
-    def refuse_doubted(self, record: Any) -> Any:
-        """Refuse a record that may be a stranger's."""
-        self._lacks = True
-        who = ', '.join(self.strangers) or 'a node that has gone again'
-        raise ForeignPublisherError(f'{Reason.FOREIGN_PUBLISHER}: {who} publishes it as well')
+    def alive(self) -> bool:
+        """Whether a maker lives, by the lease of the port."""
+        return self._lives or any(each.topic_name == self.topic_name for each in _alive_here)
 
     def take(self, record: Any) -> None:
         """Hand a record to the node."""
@@ -240,11 +181,10 @@ class Input:
 
     def subscribe(self) -> None:
         """Take records over DDS."""
-        matched = None
-        if self._publishers is not None:
-            self._publishers.watch()
-            matched = self._publishers.matched
-        events = SubscriptionEventCallbacks(matched=matched, use_default_callbacks=False)
+        events = SubscriptionEventCallbacks(
+            liveliness=self._on_liveliness if self.port.lease else None,
+            use_default_callbacks=False,
+        )
         create, call = self._node.create_subscription, self._take_message
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
 
@@ -254,13 +194,13 @@ class Input:
             return len(self.makers)
         return int(self.subscription.get_publisher_count())
 
-    def _take_message(self, message: Any, info: Any) -> None:
+    def _on_liveliness(self, status: Any) -> None:
+        self._lives = status.alive_count > 0
+
+    def _take_message(self, message: Any) -> None:
         with LOCK:
             try:
                 record = message if self.port.record is None else to_record(self.port, message)
-                watch = self._publishers
-                if watch is not None and watch.doubts(info['received_timestamp']):
-                    record = self._doubted(record)
             except Exception as error:
                 self._node.refuse(self.port, error)
             else:
@@ -299,11 +239,12 @@ def disconnect(node: Any) -> None:
             for output in entry.makers:
                 output.takers.remove(entry)
             entry.makers = []
-            entry.let_go()
         for output in node.outputs:
             for entry in output.takers:
                 entry.makers.remove(output)
             output.takers = []
+            if output in _alive_here:
+                _alive_here.remove(output)
 
 
 def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:

@@ -15,11 +15,9 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.ros.graph.makers import Makers
 from checkweigher_dsp.ros.outputs import (
     LOCK,
     Callback,
-    Doubted,
     HeldOutput,
     Input,
     Output,
@@ -29,10 +27,6 @@ from checkweigher_dsp.ros.ports import Port
 
 if TYPE_CHECKING:
     from checkweigher_dsp.ros.spinner import Spinner
-
-# Bytes; a window of `MAX_WINDOW` samples has 0.8 million. To unpack a larger one only to refuse it
-# would take longer than the next one takes to come, and all that wait are in memory.
-_LARGEST_MESSAGE = 2**21
 
 
 class PortNode(Node):
@@ -63,18 +57,12 @@ class PortNode(Node):
         return self.outputs[-1]
 
     def subscribe(
-        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None,
-        needed: bool = True, doubted: Doubted | None = None,
-    ) -> Input:  # fmt: skip
+        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
+    ) -> Input:
         """Have a callback called with each record of a port; see `Input`."""
-        qos = qos or port.stage_qos
-        entry = Input(self, port, callback, qos, needed=needed, doubted=doubted)
+        entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
         self.inputs.append(entry)
         return entry
-
-    def watch_of(self, topic: str, port: Port) -> Makers | None:
-        """Return a watch of who publishes a topic, None to take it from any node."""
-        return None
 
     def received(self, port: Port) -> None:
         """Note that a record has come."""
@@ -97,22 +85,17 @@ class PortNode(Node):
     ) -> Subscription:  # fmt: skip
         """Subscribe; bytes that are no message and what the callback raises are not fatal.
 
-        rclpy would raise the former out of its executor, and keep the callback group taken. A
-        callback of two arguments gets the information on the message, too. With `raw` it gets the
-        bytes, however many; without, more than `_LARGEST_MESSAGE` are refused.
+        rclpy would raise the former out of its executor, and keep the callback group taken. With
+        `raw` the callback gets the bytes.
         """
-        informed = len(inspect.signature(callback).parameters) == 2
 
-        def convert(data: bytes, info: Any) -> Any:
-            if not raw and len(data) > _LARGEST_MESSAGE:
-                raise ValueError(f'{len(data)} bytes, at most {_LARGEST_MESSAGE}')
-            message = data if raw else deserialize_message(data, msg_type)
-            return callback(message, info) if informed else callback(message)
+        def convert(data: bytes) -> Any:
+            return callback(data if raw else deserialize_message(data, msg_type))
 
         guarded = self._guarded(convert, f'refused a message on {topic}')
 
-        def take(data: bytes, info: Any) -> None:  # rclpy looks at its arguments
-            guarded(data, info)
+        def take(data: bytes) -> None:  # rclpy looks at its arguments
+            guarded(data)
 
         return super().create_subscription(msg_type, topic, take, *args, raw=True, **options)
 

@@ -37,25 +37,27 @@ class History(NamedTuple):
     """Messages that a publisher keeps, up to `depth`.
 
     With `latched` (transient local) a late subscriber that asks for them gets them, with
-    `stage_latched` the stages ask. A stage keeps up to `stage_depth` that it has not taken yet,
-    if that is not 0, else `depth`.
+    `stage_latched` the stages ask.
     """
 
     depth: int
     latched: bool = False
     stage_latched: bool = False
-    stage_depth: int = 0
 
 
 # Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
 STREAM = History(1000)
-# Six seconds of the fastest line. Windows from a stranger may have any size: many of them would
-# take a stage all its memory.
-WINDOWS = History(1000, stage_depth=32)
 # The last value counts, also for nodes that come later.
 STATE = History(1, latched=True, stage_latched=True)
+# Also a stage that was started again knows what is on the line.
+ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
 # Kept for users who look later; the stages want nothing from before they were there.
 RESULTS = History(1000, latched=True)
+# Of the last moment alone.
+MOMENT = History(1)
+# Silence in s after which what has to be fresh is gone, and the share that its maker promises.
+FRESH_TIME = 0.35
+_PROMISED = 0.75
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,9 @@ class Port:
     takers: tuple[str, ...]  # nodes, and who else
     expected: tuple[str, ...]  # nodes that have to be there: the other end reports their absence
     text: str  # what it is for
+    lease: float = 0.0  # s without a sign of life after which the maker is gone; 0 for no limit
+    holds: float = 0.0  # s for which a message holds unless another follows; 0 for ever
+    recorded: bool = True  # whether a bag of the lane has it
 
     @cached_property
     def type(self) -> Any:
@@ -79,13 +84,31 @@ class Port:
     @cached_property
     def qos(self) -> 'QoSProfile':
         """Profile that the publisher offers."""
-        return _reliable(self.history.depth, latched=self.history.latched)
+        profile = _reliable(self.history.depth, latched=self.history.latched)
+        return self._with_limits(profile, _PROMISED)
 
     @cached_property
     def stage_qos(self) -> 'QoSProfile':
         """Profile that the stages ask for."""
-        depth = self.history.stage_depth or self.history.depth
-        return _reliable(depth, latched=self.history.stage_latched)
+        from rclpy.qos import ReliabilityPolicy
+
+        profile = _reliable(self.history.depth, latched=self.history.stage_latched)
+        if self.holds:  # one that is lost must not hold up the next one
+            profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        return self._with_limits(profile, 1.0)
+
+    def _with_limits(self, profile: 'QoSProfile', share: float) -> 'QoSProfile':
+        """Add deadline, lifespan and liveliness; the maker promises a share of what is asked."""
+        from rclpy.duration import Duration
+        from rclpy.qos import LivelinessPolicy
+
+        if self.lease:
+            profile.liveliness = LivelinessPolicy.AUTOMATIC
+            profile.liveliness_lease_duration = Duration(seconds=share * self.lease)
+        if self.holds:
+            profile.deadline = Duration(seconds=share * self.holds)
+            profile.lifespan = Duration(seconds=self.holds)
+        return profile
 
 
 def interface(name: str) -> Any:
@@ -162,8 +185,12 @@ DRIVER_STATUS = Port(
     'driver', ('segmenter', 'reject'), (),
     'How much has been sent, how the stream ended, and what is wrong with the machine while it '
     'runs')
+ITEMS = Port(
+    'items', 'checkweigher_msgs/msg/Item', records.Item, ITEM_HISTORY,
+    'segmenter', ('reject', 'driver', 'users'), ('segmenter', 'reject'),
+    'Each item with its number, once when it has entered and once when it is complete')
 WEIGH_WINDOW = Port(
-    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, WINDOWS,
+    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'segmenter', ('denoise',), ('segmenter', 'denoise'),
     'One for each item, without signal if it cannot be weighed')
 ZERO_SETTING = Port(
@@ -171,11 +198,11 @@ ZERO_SETTING = Port(
     'segmenter', ('product', 'users'), (), 'The last change of the zero by the service `zero`')
 SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
-    'segmenter', ('driver',), (),
+    'segmenter', ('driver', 'reject'), (),
     'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
     'by sending its own again')
 DENOISED_WINDOW = Port(
-    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, WINDOWS,
+    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'denoise', ('identifier',), ('denoise', 'identifier'),
     'The same with the denoised signal beside the raw one')
 MASS_ESTIMATE = Port(
@@ -193,6 +220,18 @@ STOP_REQUEST = Port(
     'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
     'reject', ('line', 'driver', 'product'), (),
     'Whether the line should stop, and why; stays until `reset_stop_request`')
+PERMISSION = Port(
+    'permission', 'checkweigher_msgs/msg/Permission', records.Permission, MOMENT,
+    'reject', ('line', 'driver'), (),
+    'Leave to run, ten times a second; the line stops when it is false or does not come',
+    lease=FRESH_TIME, holds=FRESH_TIME, recorded=False)
+ALIVE = {
+    stage: Port(
+        f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
+        'No messages: the liveliness of the publisher shows that the stage lives',
+        lease=FRESH_TIME, recorded=False)
+    for stage in STAGES if stage != 'reject'
+}
 EXTERNAL_REJECT = Port(
     'external_reject', 'checkweigher_msgs/msg/ExternalReject', records.ExternalReject, STREAM,
     'machine', ('reject',), (),
@@ -202,6 +241,16 @@ MACHINE_CONDITIONS = Port(
     'machine_conditions', 'checkweigher_msgs/msg/MachineConditions', records.MachineConditions,
     STATE, 'driver', ('reject',), (),
     'Guards, air, bins and inspection devices by their inputs, where the driver reads such inputs')
+PRODUCT_ON_LINE = Port(
+    'product_on_line', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
+    'product', ('reject', 'users'), (),
+    'Product, batch, limits and counts for the reject node, where there are recipes; again with '
+    'each verdict')
+PRODUCT_IN_USE = Port(
+    'product_in_use', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
+    'reject', ('product', 'users'), (),
+    'Limits by which items are judged, without counts: those of `product_on_line`, or of the '
+    'parameters until that has come')
 PERFORMANCE_TEST = Port(
     'performance_test', 'checkweigher_msgs/msg/PerformanceTest', records.PerformanceTest, STATE,
     'product', ('reject', 'users'), (),
@@ -234,20 +283,17 @@ VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'How far a verification is that is guided at the page, and what it asks')
-# The answer of the service of this name.
-LINE_HISTORY = Port(
-    'line_history', 'checkweigher_msgs/srv/LineHistory_Response', records.LineHistory, STATE,
-    'driver', ('reject',), (), 'The latest edges of this stream and the latest verdicts')
-
-# All topics of a lane, and so of a bag of it: the first four are played again, all others follow.
+# All topics of a lane: the first four of a bag are played again, all others follow.
 ALL = (
-    LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, WEIGH_WINDOW,
-    SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT, REJECT_EYE,
-    EXTERNAL_REJECT, MACHINE_CONDITIONS, STOP_REQUEST, PERFORMANCE_TEST, STATISTICS,
-    FILLER_FEEDBACK, BATCH_RESULT, VERIFICATION, DIAGNOSTICS,
+    LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
+    WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
+    REJECT_EYE, EXTERNAL_REJECT, MACHINE_CONDITIONS, STOP_REQUEST, PERMISSION, *ALIVE.values(),
+    PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
+    VERIFICATION, DIAGNOSTICS,
 )
 # fmt: on
-PLAYED = ALL[:4]
+RECORDED = tuple(port for port in ALL if port.recorded)
+PLAYED = RECORDED[:4]
 
 # Services of type std_srvs/srv/Trigger.
 ZERO = 'zero'

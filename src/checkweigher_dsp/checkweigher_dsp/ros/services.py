@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The services of a lane: a row for each, with its type, its node, its callers and what it does.
 
-The security policy, the lock of a line and the docs read this table.
+The security policy, the page and the docs read this table.
 """
 
 from typing import NamedTuple
@@ -40,7 +40,7 @@ class Service(NamedTuple):
     callers: tuple[str, ...]  # nodes
     text: str  # what it does
     condition: str = ''  # with which the server has it; empty for always
-    locked: bool = True  # whether a locked line asks for the key
+    changes_line: bool = True  # and not only reads, so that the log of the page says who calls it
 
 
 # fmt: off
@@ -56,10 +56,6 @@ SERVICES = (
     Service(ports.RESET_STOP_REQUEST, _TRIGGER, 'reject', (PAGE_WORK,),
             'takes a stop request back, unless what is wrong with driver, guards, air, bins, '
             'inspection or performance test lasts; counts rejects from 0 again'),
-    Service(ports.LINE_HISTORY.name, 'checkweigher_msgs/srv/LineHistory', 'driver', ('reject',),
-            'the latest edges it has sent in this stream, the latest verdicts it has heard, and '
-            'the largest number of a verdict: what a `reject` that was started again has missed',
-            locked=False),
     Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (PAGE_WORK,),
             'reads the empty belt at rest for a [calibration](#calibration)'),
     Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (PAGE_WORK,),
@@ -77,7 +73,7 @@ SERVICES = (
             'and waits'),
     Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
             'how accurate what was learned is, on passes that were held out; a line for each '
-            'estimator and speed', locked=False),
+            'estimator and speed', changes_line=False),
     Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, (PAGE_WORK,), 'takes over what was learned'),
     Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
             'ends the nodes of the line in order and starts them again, with the parameter files '
@@ -102,6 +98,13 @@ SERVICES = (
     Service(ports.RECORD_CHANGE, 'checkweigher_msgs/srv/RecordChange', 'product',
             (*NODES, *OF_MACHINE, REPORTER, PAGE_WORK),
             'writes a change into the audit log before it is made; the other nodes of the lane '
-            'call it', '`audit_log`', locked=False),
+            'call it', '`audit_log`', changes_line=False),
 )
 # fmt: on
+
+_CHANGES = {each.name for each in SERVICES if each.changes_line}
+
+
+def changes_line(name: str) -> bool:
+    """Return whether calls of a service, by its name in the lane, change the line."""
+    return name.rpartition('/')[2] in {*_CHANGES, 'change_state', 'set_parameters', SETTER}

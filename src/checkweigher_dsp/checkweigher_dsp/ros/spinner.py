@@ -4,7 +4,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
-from contextlib import suppress
 import threading
 
 import rclpy
@@ -94,22 +93,16 @@ class Spinner:
 
     def _spin(self) -> None:
         try:
-            with suppress(ExternalShutdownException):
-                while not self._stopping.is_set():
-                    self._spin_once()
-        except Exception as error:
-            self.error = error
-            raise
+            while not self._stopping.is_set():
+                try:
+                    self._executor.spin_once()
+                except ExternalShutdownException:
+                    break
+                except Exception as error:
+                    # Of a request or an answer whose bytes are none, or of a task.
+                    if not rclpy.ok() or not self._nodes:
+                        self.error = error
+                        raise
+                    self._nodes[0].get_logger().error(one_line(f'{type(error).__name__}: {error}'))
         finally:
             self._on_end()
-
-    def _spin_once(self) -> None:
-        try:
-            self._executor.spin_once()
-        except ExternalShutdownException:
-            raise
-        except Exception as error:
-            # Of a request or an answer whose bytes are none, or of a task.
-            if not rclpy.ok() or not self._nodes:
-                raise
-            self._nodes[0].get_logger().error(one_line(f'{type(error).__name__}: {error}'))

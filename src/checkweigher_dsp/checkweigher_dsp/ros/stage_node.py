@@ -3,10 +3,8 @@
 """What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-import inspect
 import time
-from typing import Any, ClassVar, Generic
+from typing import Any, Generic
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -14,39 +12,17 @@ from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclared
 from rclpy.parameter import Parameter
 
 from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.production.audit_trail import PARAMETER
-from checkweigher_dsp.ros.access.gate import (
-    Gate,
-    LockParameters,
-    make_lock,
-    refusal_of_changes,
-    split,
-    turned_away,
-)
-from checkweigher_dsp.ros.access.key import Lock
 from checkweigher_dsp.ros.change_record import ChangeRecord
 from checkweigher_dsp.ros.diagnostics import Diagnostics
-from checkweigher_dsp.ros.graph.makers import ANY, Makers
 from checkweigher_dsp.ros.graph.place import Place, participant_of
 from checkweigher_dsp.ros.node_parameters import P, declare, ros_parameters
 from checkweigher_dsp.ros.outputs import Output
 from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.ports import NODES, Port
-from checkweigher_dsp.ros.services import SETTER
+from checkweigher_dsp.ros.ports import ALIVE, Port
 
 Overrides = dict[str, object]
-
-
-@dataclass(frozen=True)
-class GraphParameters(Parameters):
-    """Whom a node trusts; each node of the line has these parameters."""
-
-    node: ClassVar[str] = '**'
-
-    allowed_publishers: str = parameter(
-        '', 'nodes that may publish what the line does, separated by spaces; * for all'
-    )
 
 
 class StageNode(PortNode, Generic[P]):
@@ -65,12 +41,9 @@ class StageNode(PortNode, Generic[P]):
         except InvalidParameterTypeException as error:  # of use_sim_time
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._place: Place | None = None
-        self._lock: Lock | None = None
         try:
             self._place = Place(self.context.get_domain_id(), self.get_fully_qualified_name())
             self._place.sign(participant_of(self))
-            declare(self, GraphParameters, read_only=False)
-            self._lock = make_lock(locked=declare(self, LockParameters, read_only=True).locked)
             self.change_record = ChangeRecord(self)
             self.diagnostics = Diagnostics(self, self._diagnose)
             self.parameters = declare(self, parameters, read_only=read_only)
@@ -78,26 +51,14 @@ class StageNode(PortNode, Generic[P]):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_parameters)
+        if parameters.node in ALIVE:
+            self.output(ALIVE[parameters.node])
 
     def destroy_node(self) -> None:
         """Destroy the node, and let another one take its place."""
         super().destroy_node()
         if self._place is not None:
             self._place.free()
-
-    @property
-    def allowed_publishers(self) -> set[str]:
-        """Full names of the nodes that may publish beside the makers of the topics."""
-        names = str(self.get_parameter('allowed_publishers').value).split()
-        inside = self.get_namespace().rstrip('/')
-        return {each if each.startswith(('/', ANY)) else f'{inside}/{each}' for each in names}
-
-    def watch_of(self, topic: str, port: Port) -> Makers | None:
-        """Return a watch of who publishes a topic of the line."""
-        if port.maker not in (*NODES, 'machine'):
-            return None
-        stage = port.maker not in ('driver', 'machine')
-        return Makers(self, topic, port.maker, lambda: self.allowed_publishers, stage=stage)
 
     def start(self) -> None:
         """Begin to tell how the node is."""
@@ -150,37 +111,10 @@ class StageNode(PortNode, Generic[P]):
         """Offer a service; those of rclpy that set parameters wait for the audit log."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
-        return super().create_service(srv_type, srv_name, self.gated(srv_name, callback), **options)
-
-    def gated(self, name: str, callback: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the callback of a service for calls that come not too often, and with the key."""
-        gate = Gate(name)
-
-        def refused(request: Any, response: Any) -> bool:
-            why = gate.refusal(self._lock, self.resolve_service_name(name), request)
-            return bool(why) and self._turn_away(name, why, request, response)
-
-        async def answer_later(request: Any, response: Any) -> Any:
-            return response if refused(request, response) else await callback(request, response)
-
-        def answer(request: Any, response: Any) -> Any:
-            return response if refused(request, response) else callback(request, response)
-
-        return answer_later if inspect.iscoroutinefunction(callback) else answer
-
-    def _turn_away(self, name: str, why: str, request: Any, response: Any) -> bool:
-        turned_away(request, response, why)
-        self.count('calls turned away')
-        self.diagnostics.connections.turned_away(time.monotonic(), f'{name}: {why}')
-        return True
+        return super().create_service(srv_type, srv_name, callback, **options)
 
     async def _on_set_parameters(self, request: Any, response: Any) -> Any:
-        asked, signed = split(request.parameters)
-        setter = f'{self.get_fully_qualified_name()}/{SETTER}'
-        if why := refusal_of_changes(self._lock, setter, asked, signed):
-            self._turn_away(SETTER, why, request, response)
-            return response
-        changes = [Parameter.from_parameter_msg(each) for each in asked]
+        changes = [Parameter.from_parameter_msg(each) for each in request.parameters]
         if isinstance(response, SetParametersAtomically.Response):
             response.result = await self._set_recorded(changes)
         else:

@@ -63,11 +63,6 @@ class EdgeCheck:
         self._recent: deque[float] = deque(maxlen=_RECENT)
 
     @property
-    def is_on(self) -> bool:
-        """Whether anything is checked."""
-        return self._parameters.rise_lag_tolerance > 0
-
-    @property
     def is_stated(self) -> bool:
         """Whether the lag is stated as known."""
         return self._parameters.rise_lag_known

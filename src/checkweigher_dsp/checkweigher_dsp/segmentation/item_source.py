@@ -3,12 +3,13 @@
 """The items of the line, in the order in which the eyes are done with them."""
 
 from collections.abc import Iterable
+import math
 
 from checkweigher_dsp.items.edge_queue import EdgeQueue
-from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.items.tracking import ItemTracker
 from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Item, LoadCell
 from checkweigher_dsp.segmentation.load_check import is_unloaded
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
@@ -18,7 +19,8 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 class ItemSource:
     """Keep edges until the samples have reached them, and pair them to items.
 
-    Items are returned as the eyes have shown them by then: later edges do not change them.
+    Items are returned as the eyes have shown them by then: later edges do not change them. Each is
+    announced before: once its number is settled, and once it is complete.
     """
 
     def __init__(
@@ -28,6 +30,8 @@ class ItemSource:
         known = parameters.product_length > 0
         self._buffer = buffer
         self._zero = zero
+        self._weigh_length = load_cell.weigh_length
+        self._announced: list[Item] = []
         self._moment = round(parameters.zero_moment * load_cell.sample_rate)
         self._lateness = round(NANOSECONDS * parameters.edge_lateness)
         self._sample_lateness = round(NANOSECONDS * parameters.sample_lateness)
@@ -40,12 +44,22 @@ class ItemSource:
             self._is_unloaded,
         )
 
-    def add(self, edge: EyeEdge) -> list[Item]:
+    def take_announced(self) -> list[Item]:
+        """Return the announcements since the last call, in their order."""
+        announced, self._announced = self._announced, []
+        return announced
+
+    @property
+    def edges_wait(self) -> bool:
+        """Whether edges wait for their samples."""
+        return not self._queue.is_empty
+
+    def add(self, edge: EyeEdge) -> list[TrackedItem]:
         """Take an edge and return the items whose last edge the samples have reached."""
         self._queue.add(edge)
         return self._reached()
 
-    def advance(self) -> list[Item]:
+    def advance(self) -> list[TrackedItem]:
         """Return the items that more samples have reached, and those that must have left by now."""
         buffer, tracker = self._buffer, self.tracker
         tracker.begin(buffer.origin)
@@ -53,10 +67,10 @@ class ItemSource:
         items = self._forget_future() + self._reached()
         now = buffer.last_stamp if tracker.overdue_after is not None else None
         if now is not None:
-            items += [item.snapshot() for item in tracker.expire(now - self._lateness)]
+            items += self._announce(tracker.expire(now - self._lateness))
         return items
 
-    def _forget_future(self) -> list[Item]:
+    def _forget_future(self) -> list[TrackedItem]:
         """Drop edges of a time that samples reach later than any may come; return what that costs.
 
         If such edges were tracked already, by edges of a time even later, no true edge would be
@@ -73,17 +87,21 @@ class ItemSource:
         self.tracker.forget()
         return items
 
-    def give_up_before(self, limit: int) -> list[Item]:
+    def track_waiting(self) -> list[TrackedItem]:
+        """Return the items of the edges that wait for samples: these have stalled."""
+        return self._track(self._queue.pop_while(lambda edge: True))
+
+    def give_up_before(self, limit: int) -> list[TrackedItem]:
         """Return the items of edges before `limit`, ns, for which no samples come any more."""
         return self._track(self._queue.pop_while(lambda edge: edge.stamp < limit))
 
-    def finish_edges(self) -> list[Item]:
+    def finish_edges(self) -> list[TrackedItem]:
         """Return the items of all edges, whether samples have reached them or not."""
         return self._track(self._queue.pop_all())
 
-    def give_up(self, reason: Reason) -> list[Item]:
+    def give_up(self, reason: Reason) -> list[TrackedItem]:
         """Return the items on the belt, with `reason`: nothing more will come of them."""
-        return [item.snapshot() for item in self.tracker.give_up(reason)]
+        return self._announce(self.tracker.give_up(reason))
 
     def edges_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
         """Take out the edges of a clock that jumps to `stamp`, ns, forward or back."""
@@ -94,7 +112,7 @@ class ItemSource:
         self._queue.put_back(edges)
         self.tracker.forget(backwards=not forward)
 
-    def _reached(self) -> list[Item]:
+    def _reached(self) -> list[TrackedItem]:
         buffer = self._buffer
         if buffer.empty:
             return []
@@ -102,8 +120,24 @@ class ItemSource:
             self._queue.pop_while(lambda edge: buffer.index_at(edge.stamp) <= buffer.end)
         )
 
-    def _track(self, edges: Iterable[EyeEdge]) -> list[Item]:
-        return [item.snapshot() for edge in edges for item in self.tracker.add(edge)]
+    def _track(self, edges: Iterable[EyeEdge]) -> list[TrackedItem]:
+        return [item for edge in edges for item in self._announce(self.tracker.add(edge))]
+
+    def _announce(self, finished: Iterable[TrackedItem]) -> list[TrackedItem]:
+        """Announce what is new by now; return the finished items as they are now."""
+        items = [item.snapshot() for item in finished]
+        self._announced += map(self._announcement, self.tracker.take_settled())
+        self._announced += [self._announcement(item, complete=True) for item in items]
+        return items
+
+    def _announcement(self, item: TrackedItem, *, complete: bool = False) -> Item:
+        stamp = next((each for each in (item.t1, item.t2, item.t3) if each is not None), None)
+        transit = item.usual_transit or self.tracker.usual_transit
+        if item.t1 is not None and item.t3 is not None and item.t3 > item.t1:
+            transit = item.t3 - item.t1
+        speed = self._weigh_length * NANOSECONDS / transit if transit else math.nan
+        reasons = tuple(reason.value for reason in item.faults)
+        return Item(stamp, 0, item.item_id, item.t1, item.t2, item.t3, speed, complete, reasons)
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
         """Tell whether what came onto the belt since a time has left it by another one, ns."""

@@ -6,10 +6,10 @@ The eyes do not show a product whose edge was lost. The scale does: while one co
 the weigh window, the load changes by more than vibration and ring-down explain.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
-
-from checkweigher_dsp.signal.array_cache import array_cache
 
 # Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
 _SHARE = 0.08
@@ -90,7 +90,7 @@ def _changes(counts: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     return changes
 
 
-@array_cache
+@lru_cache(maxsize=64)
 def _time(size: int) -> tuple[NDArray[np.float64], float]:
     """Return evenly spaced times, (size,) from -1 to 1, and the sum of their squares."""
     time = np.linspace(-1.0, 1.0, size)

@@ -4,7 +4,7 @@
 
 import math
 
-from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import seconds
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
@@ -32,7 +32,7 @@ class MotionCheck:
         """Forget the speed of the belt: the source has started again."""
         self._usual = self._last = None
 
-    def measure(self, item: Item) -> tuple[float, float]:
+    def measure(self, item: TrackedItem) -> tuple[float, float]:
         """Return belt speed in m/s and product length in m, NaN where an edge is missing."""
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
@@ -41,7 +41,7 @@ class MotionCheck:
             return speed, math.nan
         return speed, speed * seconds(item.t2 - item.t1)
 
-    def check(self, item: Item) -> None:
+    def check(self, item: TrackedItem) -> None:
         """Note the faults of an item; each item once, in the order in which they left."""
         limits = self._limits
         speed, length = self.measure(item)
@@ -59,7 +59,7 @@ class MotionCheck:
         if limits.product_length and not item.faults:
             self._check_length(item, length)
 
-    def _check_speed(self, item: Item, speed: float) -> None:
+    def _check_speed(self, item: TrackedItem, speed: float) -> None:
         usual, last, tolerance = self._usual, self._last, self._limits.speed_tolerance
         self._last = speed
         known = [before for before in (usual, last) if before is not None]
@@ -70,7 +70,7 @@ class MotionCheck:
         else:
             item.fault(Reason.BELT_SPEED_CHANGED)
 
-    def _check_length(self, item: Item, length: float) -> None:
+    def _check_length(self, item: TrackedItem, length: float) -> None:
         """Compare the length with that of the recipe.
 
         The eyes see the extent along the belt: of a rectangle turned by an angle that is between

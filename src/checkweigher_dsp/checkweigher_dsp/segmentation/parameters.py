@@ -104,6 +104,10 @@ class SegmenterParameters(Parameters):
         minimum=8, maximum=1_000_000,
     )  # fmt: skip
 
+    numbers: str = parameter(
+        '', 'file of the numbers of items, which go on over runs; empty: each run counts from 1'
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.min_belt_speed >= self.max_belt_speed:

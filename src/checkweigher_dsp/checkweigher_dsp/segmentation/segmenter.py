@@ -9,6 +9,7 @@ from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
     EyeEdge,
+    Item,
     LoadCell,
     SampleBlock,
     WeighWindow,
@@ -95,6 +96,25 @@ class Segmenter:
     def item_count(self) -> int:
         """Number of the last item that entered."""
         return self._source.tracker.count
+
+    def take_announced(self) -> list[Item]:
+        """Return the announcements of items since the last call: before the windows of these."""
+        return self._source.take_announced()
+
+    @property
+    def last_edge(self) -> int | None:
+        """Stamp of the youngest edge that the announcements rest on, ns; None if there is none."""
+        return self._source.tracker.newest
+
+    @property
+    def edges_wait(self) -> bool:
+        """Whether edges wait for their samples."""
+        return self._source.edges_wait
+
+    def go_by_edges(self) -> list[WeighWindow]:
+        """Find the items of edges that wait for samples; return the windows that it completes."""
+        self._cutter.take(self._source.track_waiting())
+        return self._cutter.cut()
 
     def take(self, record: SampleBlock | EyeEdge) -> list[WeighWindow]:
         """Take a block of samples or an edge and return the windows that it completes."""

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.items.item import Item
+from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import NANOSECONDS, LoadCell, WeighWindow, seconds
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
@@ -64,11 +64,11 @@ class WindowCutter:
         self._trail = round(parameters.trail_time * load_cell.sample_rate)
         # Shift of items that wait and were checked, ns, and its standard deviation, s.
         self._shifts: dict[int, tuple[int, float]] = {}
-        self._waiting: list[Item] = []
+        self._waiting: list[TrackedItem] = []
         self.count = 0
         self.jumped = False  # whether the samples begin where their clock jumped
 
-    def take(self, items: Iterable[Item]) -> None:
+    def take(self, items: Iterable[TrackedItem]) -> None:
         """Let items wait for their samples."""
         for item in items:
             self._check_start(item)
@@ -97,7 +97,7 @@ class WindowCutter:
         self.count += len(windows)
         return windows
 
-    def _cut(self, item: Item, *, wait: bool) -> WeighWindow | None:
+    def _cut(self, item: TrackedItem, *, wait: bool) -> WeighWindow | None:
         """Return the window of an item, None while its samples are yet to come."""
         if self._buffer.empty and wait:
             return None
@@ -112,7 +112,7 @@ class WindowCutter:
         reason = self._check_place(place)
         if reason is not None:
             return self._fault(item, reason)
-        if self.edge_check.is_on and item.item_id not in self._shifts:
+        if self._parameters.rise_lag_tolerance and item.item_id not in self._shifts:
             found = self._find_shift(item, place.entry, place.begin, place.end)
             if isinstance(found, Reason):
                 return self._fault(item, found)
@@ -123,7 +123,7 @@ class WindowCutter:
             return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         return self._make_window(item, place, zero)
 
-    def _find_place(self, item: Item, t1: int, t2: int, t3: int) -> _Place:
+    def _find_place(self, item: TrackedItem, t1: int, t2: int, t3: int) -> _Place:
         shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
         trail_end = self._trail_end(t3 + shift + item.length, end)
@@ -136,14 +136,14 @@ class WindowCutter:
         reason = self._check_samples(place.entry, place.end)
         return reason or self._check_load(place.begin, place.end)
 
-    def _zero_before(self, item: Item, time: float, entry: int) -> Zero:
+    def _zero_before(self, item: TrackedItem, time: float, entry: int) -> Zero:
         """Return the zero at the `time` of an item, s, after the empty belt in front of it."""
         empty, settled = self._empty_belt(item, entry)
         if settled:
             self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
         return self._zero.update(time, empty, settled)
 
-    def _make_window(self, item: Item, place: _Place, zero: Zero) -> WeighWindow:
+    def _make_window(self, item: TrackedItem, place: _Place, zero: Zero) -> WeighWindow:
         """Return the window of an item whose samples are sound, unless its load is not steady."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
@@ -169,10 +169,10 @@ class WindowCutter:
             counts=buffer.read(first, self._sound_end(end, place.trail_end)),
         )
 
-    def _fault(self, item: Item, *reasons: Reason) -> WeighWindow:
+    def _fault(self, item: TrackedItem, *reasons: Reason) -> WeighWindow:
         return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
 
-    def _identity(self, item: Item) -> _Identity:
+    def _identity(self, item: TrackedItem) -> _Identity:
         """Return the first fields of the window of an item: which it is, and how it moves."""
         speed, length = self.motion.measure(item)
         line_speed = speed
@@ -191,7 +191,7 @@ class WindowCutter:
         trail_end = min(trail_end, self._buffer.end)
         return end if trail_end == end or self._check_samples(end, trail_end) else trail_end
 
-    def _find_shift(self, item: Item, entry: int, begin: int, end: int) -> int | Reason:
+    def _find_shift(self, item: TrackedItem, entry: int, begin: int, end: int) -> int | Reason:
         """Return by how much the window of an item is later than by its edges, ns.
 
         Or why rise and edges do not agree. The samples are those from t1, t2 and t3 on.
@@ -214,7 +214,7 @@ class WindowCutter:
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
-    def _see_rise(self, item: Item, entry: int, begin: int, end: int) -> RiseLag:
+    def _see_rise(self, item: TrackedItem, entry: int, begin: int, end: int) -> RiseLag:
         """Return the lag of the rise in the samples before t3; not known if others were there."""
         if item.t1 is None or item.t2 is None or item.t3 is None:
             return RiseLag()
@@ -228,7 +228,9 @@ class WindowCutter:
         force = buffer.look_at(first, end) / cell.counts_per_kg
         return rise_lag(force, time, seconds(item.t2 - item.t1), seconds(item.t3 - item.t1))
 
-    def _zero_std_dev(self, item: Item, begin: int, end: int, zero: Zero, doubt: float) -> float:
+    def _zero_std_dev(
+        self, item: TrackedItem, begin: int, end: int, zero: Zero, doubt: float
+    ) -> float:
         """Return how uncertain the zero is, counts, with what an uncertain shift, s, does to it.
 
         A load that is taken out of the signal too early or late by the time d leaves its area, M d,
@@ -239,13 +241,13 @@ class WindowCutter:
         load = float(np.mean(self._buffer.look_at(begin, end))) - zero.counts
         return math.hypot(zero.std_dev, load * doubt / (2 * seconds(item.t3 - item.t1)))
 
-    def _alone_from(self, item: Item, first: int, begin: int, shift: int = 0) -> int:
+    def _alone_from(self, item: TrackedItem, first: int, begin: int, shift: int = 0) -> int:
         """Return the index from which on the item before had left, `first` if there was none."""
         if item.left_before is None:
             return begin if item.others_there else first
         return self._buffer.index_at(item.left_before + shift)
 
-    def _check_start(self, item: Item) -> None:
+    def _check_start(self, item: TrackedItem) -> None:
         """Fault an item that was there before the samples began: its edges are not its own."""
         origin = self._buffer.origin
         margin = self._debounce if item.t1 is not None else self._max_transit
@@ -270,7 +272,7 @@ class WindowCutter:
         load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
         return Reason.OVERLOAD if abs(load) > cell.capacity else None
 
-    def _empty_belt(self, item: Item, entry: int) -> tuple[NDArray[np.int32], bool]:
+    def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item enters, and whether they settled."""
         buffer = self._buffer
         if item.others_there:

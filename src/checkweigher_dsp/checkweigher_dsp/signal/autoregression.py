@@ -41,11 +41,6 @@ def burg(
     reflections : ndarray, (p,) float64
         k_1 to k_p, each within -1..1. The first m of them are those of the model of order m.
 
-    Raises
-    ------
-    ValueError
-        If `order` does not fit the length of the signal.
-
     Notes
     -----
     A signal of some hundred samples costs calls rather than sums. So both errors go through the
@@ -66,8 +61,6 @@ def burg(
     [-0.889] [ 1.    -0.889]
     """
     count = len(signal)
-    if not 0 <= order < count:
-        raise ValueError(f'order {order} does not fit a signal of {count} samples')
     # Forward errors, then backward errors one sample earlier; each half ends with its impulse.
     size = count + 2 * order
     errors = np.zeros(2 * size)

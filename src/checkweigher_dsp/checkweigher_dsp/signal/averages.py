@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Means of a signal that vibrates, and their uncertainty."""
 
+from functools import lru_cache
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from checkweigher_dsp.signal.array_cache import array_cache
 
 BATCHES = 10  # of the method of batch means
 
@@ -58,7 +57,7 @@ def hann_mean(samples: NDArray[np.float64]) -> Any:
     return np.add.reduce(samples * weights, axis=-1) / total
 
 
-@array_cache
+@lru_cache(maxsize=256)
 def _hann_weights(count: int) -> tuple[NDArray[np.float64], float]:
     """Return the weights, (count,), and their sum, so that a constant is its own mean."""
     weights: NDArray[np.float64] = np.hanning(count + 2)[1:-1].astype(np.float64)

@@ -99,12 +99,6 @@ def test_threshold_0_and_gain_1_change_nothing():
     np.testing.assert_array_equal(shrink(coefficients, Shrinkage(1.0, 0.0)), coefficients)
 
 
-@pytest.mark.parametrize('length', [0, 1, 64, 127, 129, 192, 1000])
-def test_a_length_that_is_no_multiple_of_128_is_refused(length):
-    with pytest.raises(ValueError, match=f'length {length} is not a multiple of 128'):
-        denoise_periodic(np.zeros(length), [None] * 7)
-
-
 def test_the_responses_that_are_shared_cannot_be_changed():
     with pytest.raises(ValueError, match='read-only'):
         band_responses(128)[0, 0] = 1.0

@@ -4,7 +4,7 @@
 
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
-from checkweigher_dsp.items.item import Item, State
+from checkweigher_dsp.items.item import State, TrackedItem
 from checkweigher_dsp.reasons import Reason
 
 MAX_TRANSIT = 2000
@@ -25,7 +25,7 @@ def _belt(*entries, transit=100):
 def _learned(*transits):
     usual, outliers = UsualTransit(MAX_TRANSIT, 0.0), []
     for transit in transits:
-        item = Item(1)
+        item = TrackedItem(1)
         usual.learn(item, transit)
         outliers.append(item.outlier)
     return usual.value, outliers
@@ -40,9 +40,9 @@ def test_a_transit_far_off_is_believed_when_the_next_one_agrees():
 def test_before_a_whole_item_the_length_of_the_product_gives_the_transit():
     usual = UsualTransit(MAX_TRANSIT, 2.0)
 
-    assert usual.of(Item(1, t1=0, t2=50)) == 100
-    assert usual.of(Item(1, t1=0, t2=1500)) == MAX_TRANSIT
-    assert usual.of(Item(1, t1=0)) is None
+    assert usual.of(TrackedItem(1, t1=0, t2=50)) == 100
+    assert usual.of(TrackedItem(1, t1=0, t2=1500)) == MAX_TRANSIT
+    assert usual.of(TrackedItem(1, t1=0)) is None
 
 
 def test_the_item_nearest_to_its_time_leaves_and_those_before_it_are_given_up():

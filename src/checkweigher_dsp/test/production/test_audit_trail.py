@@ -16,7 +16,7 @@ from checkweigher_dsp.production.audit_trail import AuditTrail
 
 TIME = '2026-01-01T00:00:00.000000+00:00'
 NODE = '/lane1/reject'
-FULL = os.strerror(errno.EFBIG)
+FULL = os.strerror(errno.ENOSPC)
 
 
 def session(path: Path, values: Mapping[str, object], *changes: tuple[str, object]) -> None:

@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recipes: limits worked by hand, and every bad recipe refused with the key that is wrong."""
 
-from dataclasses import asdict
+import json
 import math
 from pathlib import Path
 
 import pytest
 import yaml
 
+from checkweigher_dsp.parameters import SettingsError
 from checkweigher_dsp.production.recipes import (
     Product,
-    RecipeError,
     make_product,
     product_of,
     read_recipes,
 )
+from checkweigher_dsp.records import ProductOnLine
+from checkweigher_dsp.settings_files import plain
 
 EXACT = 1e-12  # relative
 GOOD = {
@@ -43,14 +45,14 @@ def write(tmp_path: Path, text: str) -> Path:
 )
 def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, net: float):
     product = make_product('crisps', {**GOOD, 'lower_limit': given})
-    reject = product.changes()['reject']
+    reject = product.limits()
     assert product.lower_limit == pytest.approx(net, rel=EXACT)
     assert reject['lower_limit'] == pytest.approx(net + 0.004, rel=EXACT)
     assert reject['upper_limit'] == pytest.approx(0.169, rel=EXACT)
 
 
 def test_the_reject_node_gets_the_length_and_the_speed():
-    reject = make_product('crisps', GOOD).changes()['reject']
+    reject = make_product('crisps', GOOD).limits()
     assert (reject['min_length'], reject['max_length']) == (0.08, 0.12)
     assert (reject['min_speed'], reject['max_speed']) == (0.5, 1.5)
 
@@ -62,27 +64,21 @@ def test_tu1_and_tu2_are_known_even_if_the_limits_are_given_directly():
 
 def test_where_the_directive_has_no_row_there_is_no_tu1():
     assert math.isnan(make_product('sack', {'nominal': 25.0}).tu1)
-    with pytest.raises(RecipeError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
+    with pytest.raises(SettingsError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
         make_product('sack', {'nominal': 25.0, 'lower_limit': 'TU1'})
 
 
 def test_what_is_not_given_is_no_limit():
     product = make_product('crisps', {'nominal': 0.15})
-    assert product.changes() == {
-        'reject': {
-            'lower_limit': -math.inf, 'upper_limit': math.inf,
-            'min_length': 0.0, 'max_length': math.inf, 'min_speed': 0.0, 'max_speed': math.inf,
-            'nominal': 0.15, 'tu1': 0.0, 'tu1_quota': 0.025, 'mean_value': False,
-            'product': 'crisps', 'performance_test': False,
-        }
-    }  # fmt: skip
+    assert product.parameters == {}
+    assert product.on_line('b7') == ProductOnLine(0, 'crisps', 'b7', needed=True, nominal=0.15)
     assert product.length == product.speed == (0.0, math.inf)
 
 
 def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
     rules = {'tu1_quota': 0.02, 'mean_value': True, 'filler': {'max_correction': 0.004}}
     product = make_product('crisps', {**GOOD, **rules, 'lower_limit': None})
-    reject = product.changes()['reject']
+    reject = product.limits()
     weights = reject['lower_limit'], reject['tu1'], reject['nominal']
     assert weights == pytest.approx((0.1405, 0.14725, 0.154), rel=EXACT)  # TU2, TU1, nominal
     assert (reject['tu1_quota'], reject['mean_value']) == (0.02, True)
@@ -98,11 +94,11 @@ def test_a_test_product_and_a_target_may_be_up_to_half_off():
     product = make_product('crisps', {**GOOD, **inner})
     assert product.test is not None
     assert product.test.mass == 0.23
-    assert product_of(asdict(product)) == product
+    assert product_of({'name': 'crisps', **plain(product)}) == product
 
 
 def test_the_parameters_of_nodes_are_named_as_ros_names_them():
-    changes = make_product('crisps', GOOD).changes()
+    changes = make_product('crisps', GOOD).parameters
     assert changes['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
 
 
@@ -116,13 +112,12 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
         ('nominal', -0.1, 'crisps.nominal: -0.1 is not in'),
         ('tare', -0.001, 'crisps.tare: -0.001 is not in 0..10000 kg'),
         ('tare', math.inf, 'crisps.tare: inf is not in'),
-        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is not in 0..0.15 kg'),
+        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is above nominal, 0.15 kg'),
         ('lower_limit', 'TU3', "crisps.lower_limit: 'TU3' is not a number"),
-        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is not in 0.15..10000 kg'),
-        ('length', 0.1, 'crisps.length: 0.1 is not [smallest, largest] in m'),
-        ('length', [0.12, 0.08], 'crisps.length: 0.08 is not in 0.12..1000 m'),
-        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 m nothing would be weighed'),
-        ('length', [0, 0], 'crisps.length: from 0 to 0 m nothing would be weighed'),
+        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is below nominal, 0.15 kg'),
+        ('length', 0.1, 'crisps.length: 0.1 is not a list like [a, b]'),
+        ('length', [0.12, 0.08], 'crisps.length: from 0.12 to 0.08 nothing would be weighed'),
+        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 nothing would be weighed'),
         ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
         ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
         ('reason', 'yes', "crisps.reason: 'yes' is not true or false"),
@@ -164,11 +159,11 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
             {'max_correction': 0.004, 'dead_band': 0.2},
             'crisps.filler.dead_band: 0.2 kg is above nominal, 0.15 kg',
         ),
-        ('filler', {}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
+        ('filler', {'gain': 0.1}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
         ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
         ('parameters', 3, 'crisps.parameters: 3 is not'),
-        ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: its'),
-        ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no such node'),
+        ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: no recipe'),
+        ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no recipe'),
         ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
         ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
         (
@@ -189,13 +184,13 @@ def test_the_parameters_of_nodes_are_named_as_ros_names_them():
 def test_a_bad_recipe_is_refused_with_the_key_and_the_value(
     key: str, value: object, complaint: str
 ):
-    with pytest.raises(RecipeError) as error:
+    with pytest.raises(SettingsError) as error:
         make_product('crisps', {**GOOD, key: value})
     assert str(error.value).startswith(complaint)
 
 
 def test_a_recipe_without_a_nominal_weight_is_refused():
-    with pytest.raises(RecipeError, match=r'crisps\.nominal: is missing'):
+    with pytest.raises(SettingsError, match=r'crisps\.nominal: is missing'):
         make_product('crisps', {'tare': 0.0})
 
 
@@ -210,28 +205,60 @@ def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
 @pytest.mark.parametrize(
     ('text', 'complaint'),
     [
-        ('', 'must have the one section "products:"'),
-        ('products: {}', 'names no product'),
-        ('products: [1]', 'names no product'),
-        ('products: {a: {nominal: 0.1}}\nlines: 3', 'must have the one section'),
-        ('products: {a: {nominal: 0.1}, b: {nominal: x}}', r"b\.nominal: 'x' is not a number"),
-        ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'a stands twice'),
-        ('products: {a: {nominal: 0.1, nominal: 0.2}}', 'nominal stands twice'),
-        ('products: {7: {nominal: 0.1}}', '7 is no name of a product'),
-        ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'within its own anchor'),
-        (r'products: {"\e[2J": {nominal: 0.1}}', r"x1b\[2J' is no name of a product"),
-        ('products: {a: 3}', 'a: has no recipe'),
-        ('products: {a: {nominal: 0.1', 'not a recipe file'),
-        ('products: {? [1, 2] : {nominal: 0.1}}', 'not a recipe file'),
+        ('', 'line 1: None is no table with products'),
+        ('products: {}', 'line 1: products: is missing'),
+        ('products: [1]', r'line 1: products: \[1\] is not a table'),
+        ('products: {a: {nominal: 0.1}}\nlines: 3', 'line 2: lines: no such key; .* products$'),
+        (
+            'products:\n  a: {nominal: 0.1}\n  b:\n    nominal: x\n',
+            r"4: products\.b\.nominal: 'x' is",
+        ),
+        ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'line 1: .* a is there twice'),
+        (
+            'products:\n  a:\n    nominal: 0.1\n    nominal: 0.2',
+            'line 4: .* nominal is there twice',
+        ),
+        ('products: {7: {nominal: 0.1}}', r'products\.7\.name: 7 is not .* put it in quotes'),
+        ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'line 1: .* recursive'),
+        (r'products: {"\e[2J": {nominal: 0.1}}', r"'\\x1b\[2J' is not one line of text"),
+        ('products: {a: 3}', r'products\.a: 3 is no table with nominal, tare'),
+        ('products: {a: {nominal: 0.1', 'line 1: bad YAML'),
+        ('products: {? [1, 2] : {nominal: 0.1}}', 'line 1: bad YAML'),
     ],
 )
 def test_a_bad_file_is_refused_whole(tmp_path: Path, text: str, complaint: str):
-    with pytest.raises(RecipeError, match=complaint) as error:
+    with pytest.raises(SettingsError, match=complaint) as error:
         read_recipes(write(tmp_path, text))
     assert str(error.value).startswith(str(tmp_path))
     assert '\n' not in str(error.value)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
-    with pytest.raises(RecipeError, match='No such file'):
+    with pytest.raises(SettingsError, match='No such file'):
         read_recipes(tmp_path / 'recipes.yaml')
+
+
+def test_a_file_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Path):
+    nuts = '{nominal: 0.2, colour: red, filler: {brand: x, max_correction: 0.01}}'
+    text = f'format: 2\nshop: west\nproducts:\n  nuts: {nuts}\n'
+    assert read_recipes(write(tmp_path, text)) == {
+        'nuts': make_product('nuts', {'nominal': 0.2, 'filler': {'max_correction': 0.01}})
+    }
+    with pytest.raises(SettingsError, match=r'line 2: shop: no such key; it may have products$'):
+        read_recipes(write(tmp_path, text.replace('format: 2', 'format: 1')))
+
+
+def test_the_recipe_in_a_record_of_before_is_read():
+    """As it was written with its limits worked out, and before recipes had a test."""
+    line = (
+        '{"name":"crisps","nominal":0.15,"tare":0.004,"lower_limit":0.1365,'
+        '"upper_limit":Infinity,"tu1":0.14325,"tu2":0.1365,"length":[0.0,Infinity],'
+        '"speed":[0.5,1.5],"reason":false,"parameters":{"identifier":{"hann.gain":[1.01]}},'
+        '"tu1_quota":0.02,"mean_value":false,"filler":{"target":0.0,"subgroup":10,"delay":0,'
+        '"gain":0.5,"dead_band":0.0,"max_step":Infinity,"max_correction":0.004}}'
+    )
+    rules = {'nominal': 0.15, 'tare': 0.004, 'speed': [0.5, 1.5], 'tu1_quota': 0.02}
+    inner = {'filler': {'max_correction': 0.004}}
+    own = {'parameters': {'identifier': {'hann': {'gain': [1.01]}}}}
+    product = product_of(json.loads(line))
+    assert product == make_product('crisps', {**rules, **inner, **own})

@@ -2,20 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """The packers' rules over a running batch, against items counted by hand."""
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
 from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.production.prepackages import judge_batch
-from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_dsp.records import Decision, ProductOnLine, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules, BatchTally
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 # 100 g and 4 g of packaging: TU1 95.5 g, TU2 91 g.
 TARE = 0.004
-RULES = RejectParameters(
-    lower_limit=0.091 + TARE, nominal=0.1 + TARE, tu1=0.0955 + TARE, tu1_quota=0.025,
+RULES = ProductOnLine(
+    1, lower_limit=0.091 + TARE, nominal=0.1 + TARE, tu1=0.0955 + TARE, tu1_quota=0.025,
     mean_value=True, product='crisps', batch='L1',
 )  # fmt: skip
 
@@ -25,7 +27,7 @@ def item(contents: float) -> Verdict:
     return Verdict(1, 1, decision, mass=contents + TARE)
 
 
-def judge(rules: BatchRules, contents: list[float], known: RejectParameters = RULES):
+def judge(rules: BatchRules, contents: list[float], known: ProductOnLine = RULES):
     return [rules.judge(item(each), known) for each in contents]
 
 
@@ -57,7 +59,7 @@ def test_an_item_below_nominal_needs_a_mean_that_bears_it():
 
 
 def test_without_a_recipe_there_is_no_rule_and_the_items_are_counted():
-    found = judge(BatchRules(), [0.095] * 3, RejectParameters())
+    found = judge(BatchRules(), [0.095] * 3, RejectParameters().limits)
     assert {(each.decision, each.reasons) for each in found} == {(Decision.ACCEPT, ())}
     assert (found[-1].batch_items, found[-1].batch_accepted) == (3, 3)
     assert (found[-1].batch_below_tu1, found[-1].batch_surplus) == (0, 0.0)
@@ -65,35 +67,31 @@ def test_without_a_recipe_there_is_no_rule_and_the_items_are_counted():
 
 @given(st.lists(st.floats(0.09, 0.11), min_size=1, max_size=200), st.integers(0, 200))
 def test_the_accepted_items_pass_at_every_moment_whoever_restarts(masses: list[float], at: int):
-    rules, accepted = BatchRules(), []
-    counts: tuple[float, ...] = ()
+    rules, accepted, last = BatchRules(), [], BatchTally()
     for number, contents in enumerate(masses):
         if number == at:  # a new process; what it is told of the batch is in the last verdict
             rules = BatchRules()
-            rules.remember(BatchTally('crisps', 'L1', *map(int, counts[:3]), *counts[3:]))
+            rules.remember(last)
         verdict = rules.judge(item(contents), RULES)
-        counts = BatchTally.of(verdict).counts
+        last = BatchTally.of(verdict)
         if verdict.decision is Decision.ACCEPT:
             accepted.append(contents)
             assert judge_batch(accepted, 0.1).passed
-    assert counts[:2] == (len(masses), len(accepted))
+    assert (last.items, last.accepted) == (len(masses), len(accepted))
 
 
 def test_what_several_remember_of_a_batch_is_counted_once():
     rules = BatchRules()
-    told = RULES.from_mapping({**RULES.as_mapping(), 'batch_counts': (7.0, 6.0, 0.0, 0.01)})
+    told = replace(RULES, **BatchTally('', '', 7, 6, 0, 0.01).counts)
     [seventh_and_one] = judge(rules, [0.102], told)
     assert seventh_and_one.batch_items == 8
     rules.remember(BatchTally('crisps', 'L1', 5, 5, 0, 0.0))  # an older memory
-    other = RULES.from_mapping({**RULES.as_mapping(), 'batch': 'L2'})
+    other = replace(RULES, batch='L2')
     assert [each.batch_items for each in judge(rules, [0.102], other)] == [1]
     again = judge(rules, [0.102], told)  # back in the first: its own count is the later one
     assert (again[0].batch_items, again[0].batch_accepted) == (9, 8)
 
 
-@pytest.mark.parametrize('counts', [(1.0, 1.0), (1.0, 1.0, 0.0, float('inf'))])
-def test_counts_that_are_none_are_refused(counts: tuple[float, ...]):
-    with pytest.raises(ParameterError, match=r'reject\.batch_counts'):
-        RejectParameters(batch_counts=counts)
+def test_a_mean_without_a_nominal_weight_is_refused():
     with pytest.raises(ParameterError, match=r'reject\.mean_value: true needs nominal'):
         RejectParameters(mean_value=True)

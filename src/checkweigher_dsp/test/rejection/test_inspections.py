@@ -14,7 +14,9 @@ from checkweigher_dsp.records import (
     ExternalReject,
     Eye,
     EyeEdge,
+    Item,
     MassEstimate,
+    ProductOnLine,
     Verdict,
 )
 from checkweigher_dsp.rejection.parameters import RejectParameters
@@ -60,10 +62,18 @@ class Line:
         """Let an item that entered at `ms` have its edge after `when`, ms, or its mass."""
         if when < 520:
             self.edge(ms + when, Eye.OUTFEED if when == 500 else Eye.INFEED, when != 100)
+            if when >= 100:
+                self.announce(ms, number, self.at(ms + when), complete=when == 500)
             return
         t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
         estimate = MassEstimate(number, t1, t2, t3, (), mass, 1e-4, belt_speed=1.0, line_speed=1.0)
         self.verdicts += self.stage.take(estimate, self.at(ms + when))
+
+    def announce(self, ms: int, number: int, now: int, *, complete: bool) -> None:
+        """Announce an item that entered at `ms`, when it has entered or when it leaves."""
+        t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
+        item = Item(t1, 1, number, t1, t2, t3 if complete else None, 1.0, complete)
+        self.verdicts += self.stage.take(item, now)
 
     def reject(self, ms: int, late: int = 5, device: str = 'metal', number: int = 0) -> None:
         said = ExternalReject(START + ms * MS, device, number)
@@ -206,6 +216,7 @@ def test_two_items_that_a_reject_fits_are_both_rejected():
     line.edge(220, Eye.INFEED, False)
     for number, ms in ((1, 0), (2, 120)):
         line.edge(ms + 500, Eye.OUTFEED, True)
+        line.announce(ms, number, line.at(ms + 500), complete=True)
         t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
         estimate = MassEstimate(number, t1, t2, t3, (), 0.15, 1e-4, line_speed=1.0)
         line.verdicts += line.stage.take(estimate, line.at(ms + 505))
@@ -218,9 +229,8 @@ def test_two_items_that_a_reject_fits_are_both_rejected():
 
 def test_an_item_without_a_mass_is_one_fault_with_or_without_a_reject():
     line = Line(BEHIND)
-    line.edge(0, Eye.INFEED, True)
-    line.edge(100, Eye.INFEED, False)
-    line.edge(500, Eye.OUTFEED, True)
+    for when in (0, 100, 500):
+        line.part(0, when)
     line.reject(650)
     line.wait(3000)
 
@@ -244,21 +254,17 @@ def test_a_mass_that_comes_again_while_the_device_has_yet_to_answer_changes_noth
 
 def test_without_deadlines_the_verdict_is_by_mass_alone():
     stage = RejectStage(BEHIND, LENGTH)
-    for ms, eye, blocked in (
-        (0, Eye.INFEED, True),
-        (100, Eye.INFEED, False),
-        (500, Eye.OUTFEED, True),
-    ):
-        assert stage.take(EyeEdge(START + ms * MS, eye, blocked)) == []
     t1, t2, t3 = (START + each * MS for each in (0, 100, 500))
+    assert stage.take(Item(t1, 1, 1, t1, t2, t3, 1.0, True)) == []
     (verdict,) = stage.take(MassEstimate(1, t1, t2, t3, (), 0.15, 1e-4, line_speed=1.0))
     assert verdict.decision is Decision.ACCEPT
 
 
 def test_a_pass_of_a_performance_test_without_a_mass_says_so():
-    stage = RejectStage(RejectParameters(performance_test=True), LENGTH)
-    for ms, eye in ((0, Eye.INFEED), (100, Eye.INFEED), (500, Eye.OUTFEED)):
-        stage.take(EyeEdge(START + ms * MS, eye, ms != 100), START + ms * MS)
+    stage = RejectStage(RejectParameters(), LENGTH)
+    stage.product = ProductOnLine(1, performance_test=True)
+    t1, t2, t3 = (START + each * MS for each in (0, 100, 500))
+    stage.take(Item(t1, 1, 1, t1, t2, t3, 1.0, True), t3)
     (verdict,) = stage.advance(START + 3000 * MS)
     assert verdict.reasons == ('PerformanceTest', 'NoEstimate')
 

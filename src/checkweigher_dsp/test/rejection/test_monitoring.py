@@ -168,3 +168,17 @@ def test_what_is_expected_is_due_when_its_window_is_over():
     assert monitor.due == round(3.1 * SECOND) + 1
     monitor.advance(monitor.due)
     assert monitor.due == round(3.2 * SECOND) + 1
+
+
+def test_a_stranger_stops_the_line_and_a_reset_is_refused_while_it_is_there():
+    monitor = RejectMonitor(RejectParameters())
+    monitor.hear_strangers('')
+    assert monitor.request is None
+    monitor.hear_strangers('/stranger publishes /verdict')
+    monitor.reset()
+    assert monitor.request.reason is StopReason.FOREIGN_PUBLISHER
+    assert monitor.request.text == '/stranger publishes /verdict'
+    monitor.hear_strangers('')
+    assert monitor.request is not None
+    monitor.reset()
+    assert monitor.request is None

@@ -7,9 +7,11 @@ import math
 import pytest
 
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Decision, MassEstimate
-from checkweigher_dsp.rejection.limits import decide, judge
+from checkweigher_dsp.records import Decision, MassEstimate, ProductOnLine
+from checkweigher_dsp.rejection import limits
+from checkweigher_dsp.rejection.limits import decide
 from checkweigher_dsp.rejection.parameters import RejectParameters
+from checkweigher_dsp.rejection.reject_stage import RejectStage
 
 LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 
@@ -17,6 +19,10 @@ LIMITS = RejectParameters(lower_limit=0.1, upper_limit=0.2)
 def _estimate(mass=0.15, **fields):
     values = {'belt_speed': 1.25, 'line_speed': 1.25, 'std_dev': 1e-4, **fields}
     return MassEstimate(5, 0, 100_000_000, 200_000_000, mass=mass, **values)
+
+
+def judge(estimate, parameters):
+    return limits.judge(estimate, parameters, parameters.limits)
 
 
 @pytest.mark.parametrize(
@@ -132,10 +138,25 @@ def test_what_was_not_weighed_has_its_own_reason_and_not_its_length_or_speed():
     [('', True, ('NoProduct',)), ('crisps', True, ()), ('', False, ())],
 )
 def test_where_a_product_is_needed_nothing_is_accepted_without_one(product, needed, reasons):
-    verdict = judge(_estimate(), RejectParameters(product=product, needs_product=needed))
+    of_line = ProductOnLine(1, product, needed=needed)
+    verdict = limits.judge(_estimate(), RejectParameters(), of_line)
 
     assert verdict.reasons == reasons
     assert verdict.decision is (Decision.FAULT if reasons else Decision.ACCEPT)
+
+
+def test_a_line_may_need_a_product_before_it_hears_of_one():
+    assert judge(_estimate(), RejectParameters(needs_product=True)).reasons == ('NoProduct',)
+
+
+def test_the_product_on_the_line_replaces_all_limits_of_the_parameters():
+    stage = RejectStage(RANGES)
+    assert stage.product == RANGES.limits
+    stage.product = nuts = ProductOnLine(1, 'nuts', needed=True, upper_limit=0.12)
+    stage.parameters = LIMITS
+    assert stage.product is nuts
+    verdict = limits.judge(_estimate(0.05), stage.parameters, stage.product)
+    assert (verdict.decision, verdict.lower_limit) == (Decision.ACCEPT, -math.inf)
 
 
 def test_a_product_of_another_length_is_no_underweight():
@@ -163,7 +184,6 @@ def test_equal_limits_are_allowed():
         ({'max_length': math.nan}, 'max_length'),
         ({'min_speed': -0.1}, 'min_speed'),
         ({'min_speed': 0.2, 'max_speed': 0.1}, 'min_speed'),
-        ({'min_belt_speed': 0.3, 'max_speed': 0.2}, 'max_speed'),
         ({'rejector_distance': -1.0}, 'rejector_distance'),
         ({'rejector_distance': math.nan}, 'rejector_distance'),
         ({'rejector_distance': math.inf}, 'rejector_distance'),

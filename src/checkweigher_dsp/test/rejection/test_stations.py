@@ -8,7 +8,15 @@ import math
 import pytest
 
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, MassEstimate, Verdict
+from checkweigher_dsp.records import (
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    Item,
+    MassEstimate,
+    Verdict,
+)
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.rejection.stations import route
@@ -62,6 +70,7 @@ def test_the_verdict_comes_in_time_for_the_station_nearest_to_the_scale():
     stage = RejectStage(replace(PARAMETERS, verdict_margin=0.05), 0.5)
     for ms, eye in ((0, Eye.INFEED), (50, Eye.INFEED), (250, Eye.OUTFEED)):  # 2 m/s
         stage.take(EyeEdge(T3 + ms * MS, eye, ms != 50), T3 + ms * MS)
+    stage.take(Item(T3, 1, 1, T3, T3 + 50 * MS, T3 + 250 * MS, 2.0, True), T3 + 250 * MS)
 
     # At the third station, 0.3 m on, at 400 ms; told 20 ms before, the verdict 50 ms before that.
     assert stage.due == T3 + 330 * MS
@@ -73,6 +82,7 @@ def test_a_verdict_that_is_too_late_for_its_station_is_late():
     stage = RejectStage(replace(PARAMETERS, station_distances=(0.8, 0.3, 1.4)), 0.5)
     for ms, eye in ((0, Eye.INFEED), (50, Eye.INFEED), (250, Eye.OUTFEED)):
         stage.take(EyeEdge(T3 + ms * MS, eye, ms != 50), T3 + ms * MS)
+    stage.take(Item(T3, 1, 1, T3, T3 + 50 * MS, T3 + 250 * MS, 2.0, True), T3 + 250 * MS)
     t1, t2, t3 = (T3 + ms * MS for ms in (0, 50, 250))
     light = MassEstimate(1, t1, t2, t3, (), 0.05, 1e-4, belt_speed=2.0, line_speed=2.0)
     (verdict,) = stage.take(light, T3 + 401 * MS)  # due at the station at 400 ms, else at 500 ms

@@ -19,12 +19,14 @@ from checkweigher_dsp.records import (
     Eye,
     EyeEdge,
     FillerFeedback,
-    LineHistory,
+    Item,
     LoadCell,
     MachineConditions,
     MassEstimate,
     PerformanceState,
     PerformanceTest,
+    Permission,
+    ProductOnLine,
     ProgressState,
     Reference,
     SampleBlock,
@@ -89,8 +91,13 @@ RECORDS = [
     (ports.REFERENCE_MASS, Reference(T1, 0.2), Reference(0, 0.0)),
     (
         ports.DRIVER_STATUS,
-        StreamStatus(T1, 2, StreamState.FINISHED, 3, 4, 5, 'no samples'),
+        StreamStatus(T1, 2, StreamState.FINISHED, 3, 4, 5, 'no samples', T1 + 1),
         StreamStatus(0, 0, StreamState.RUNNING),
+    ),
+    (
+        ports.ITEMS,
+        Item(T1, 2, 3, T1, T1 + 1, T1 + 2, 0.5, True, ('MissingEdge',)),
+        Item(None, 0, 0),
     ),
     (ports.WEIGH_WINDOW, WINDOW, WeighWindow(0, None, None, None)),
     # With a reason there would be no mass.
@@ -124,6 +131,7 @@ RECORDS = [
         VerificationProgress(0, ProgressState.IDLE),
     ),
     (ports.STOP_REQUEST, StopRequest(StopReason.TOO_MANY_REJECTS, 7, T1), None),
+    (ports.PERMISSION, Permission(T1, True), Permission(0, False)),
     (
         ports.STATISTICS,
         STATISTICS,
@@ -150,6 +158,31 @@ RECORDS = [
         MachineConditions(0, False),
     ),
     (
+        ports.PRODUCT_ON_LINE,
+        ProductOnLine(
+            T1,
+            'crisps',
+            'b7',
+            True,
+            0.09,
+            0.11,
+            0.05,
+            0.2,
+            0.3,
+            1.5,
+            0.1,
+            0.095,
+            0.02,
+            True,
+            True,
+            40,
+            38,
+            1,
+            0.002,
+        ),
+        ProductOnLine(0),
+    ),
+    (
         ports.PERFORMANCE_TEST,
         PerformanceTest(
             T1,
@@ -168,11 +201,6 @@ RECORDS = [
         ),
         PerformanceTest(0, PerformanceState.OVERDUE),
     ),
-    (
-        ports.LINE_HISTORY,
-        LineHistory(7, T1, 5, (EDGE, EyeEdge(T1 + 1, Eye.INFEED, False)), (VERDICT,), 9),
-        LineHistory(0, 0),
-    ),
 ]
 
 
@@ -181,7 +209,7 @@ def through_the_wire(message: Any) -> Any:
 
 
 def test_every_record_is_tried():
-    beside = ports.VERIFICATION_PROGRESS, ports.LINE_HISTORY
+    beside = (ports.VERIFICATION_PROGRESS,)
     known = {port.record for port in (*ports.ALL, *beside)} - {None}
     assert {type(record) for _, record, _ in RECORDS} | {SampleBlock} == known
 

@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.ports import Port
@@ -44,6 +45,23 @@ def test_publisher_and_stages_have_the_profiles_of_the_row(
 @pytest.mark.parametrize('port', ports.ALL, ids=lambda port: port.name)
 def test_a_stage_takes_what_a_stage_publishes(port: Port):
     assert ports.fits(port.qos, port.stage_qos)
+
+
+def test_the_permission_runs_out_and_a_subscriber_may_ask_for_less_or_nothing():
+    port, limit = ports.PERMISSION, Duration(seconds=ports.FRESH_TIME)
+    assert port.qos.lifespan == port.stage_qos.deadline == limit
+    assert port.stage_qos.liveliness_lease_duration == limit
+    assert not ports.misfit(port.qos, QoSProfile(depth=1))
+    short = QoSProfile(depth=1, deadline=Duration(seconds=0.1))
+    assert 'deadline' in ports.misfit(port.qos, short)
+    leased = QoSProfile(depth=1, liveliness_lease_duration=limit)
+    for alive in ports.ALIVE.values():
+        assert not ports.misfit(alive.qos, leased)
+        assert ports.misfit(QoSProfile(depth=1), alive.stage_qos)
+
+
+def test_what_runs_out_is_in_no_bag():
+    assert set(ports.ALL) - set(ports.RECORDED) == {ports.PERMISSION, *ports.ALIVE.values()}
 
 
 def test_the_table_and_the_conversion_need_no_ros():

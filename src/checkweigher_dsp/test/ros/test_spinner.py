@@ -95,17 +95,6 @@ def test_a_subscription_outlives_bytes_that_are_no_message(process, bytes_):
     process.wait_for(lambda: 'whole' in heard)
 
 
-def test_a_message_that_is_too_large_is_refused_before_it_is_unpacked(process):
-    node, heard, publisher = listening(process)
-    publisher.publish(KeyValue(key='large', value=2**21 * 'x'))
-    publisher.publish(KeyValue(key='small', value=2**20 * 'x'))
-    process.wait_for(lambda: heard)
-    assert heard == ['small']
-    (warning,) = node.warnings
-    assert warning.startswith('refused a message on text: ValueError: ')
-    assert 'bytes, at most 2097152' in warning
-
-
 def test_a_call_is_done_in_the_thread_and_raises_what_it_raises(process):
     done = []
     process.spinner.call(lambda: done.append(1))

@@ -119,7 +119,3 @@ def test_another_speed_or_length_is_learned_again():
     shifts(check, [0.0] * 5)
 
     assert shifts(check, [8.0], speed=1.2) == [8.0]
-
-
-def test_a_tolerance_of_0_checks_nothing():
-    assert not EdgeCheck(SegmenterParameters(rise_lag_tolerance=0.0)).is_on

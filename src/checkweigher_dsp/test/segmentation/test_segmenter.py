@@ -156,12 +156,6 @@ def test_where_no_empty_belt_was_seen_the_zero_is_carried_on(make_line, run_segm
     )
 
 
-def test_two_on_the_belt_are_both_distance_faults(make_line, cut):
-    line = make_line((0.1,) * 4, spacing=(0.6, 0.15, 0.6))
-
-    assert _reasons(cut(line)) == [[], ['DistanceFault'], ['DistanceFault'], []]
-
-
 @pytest.mark.parametrize('lost', ['t1', 't2', 't3'])
 def test_a_missing_edge_is_a_fault_without_signal(make_line, cut, lost):
     window = cut(make_line(), without=[(1, lost)])[1]
@@ -283,20 +277,6 @@ def test_what_is_no_product_of_this_line_is_one_fault(make_line, cut, line, reas
     windows = cut(make_line(**line), parameters)
 
     assert [window.reasons[: len(reasons)] for window in windows] == [tuple(reasons)] * 3
-
-
-def test_a_chattering_infeed_eye_is_a_fault(make_line, run_segmenter, load_cell):
-    line = make_line((0.1,))
-    t2 = line.products[0].edges['t2']
-    flicker = [
-        replace(t2, stamp=t2.stamp + 1_000_000, blocked=True),
-        replace(t2, stamp=t2.stamp + 2_000_000),
-    ]
-    edges = sorted([*line.edges(), *flicker], key=lambda edge: edge.stamp)
-
-    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [*line.blocks(), *edges])
-
-    assert _reasons(windows) == [['ChatteringEye']]
 
 
 @pytest.mark.parametrize('seen', [1, 2])

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
+from checkweigher_dsp.records import NANOSECONDS, EyeEdge
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
@@ -132,40 +131,6 @@ def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, ru
 
     assert _reasons(expected) == [[]]
     _same(windows, expected)
-
-
-def test_messages_that_come_twice_change_nothing(make_line, run_segmenter, load_cell):
-    line = make_line()
-
-    once = run_segmenter(Segmenter(load_cell, DEFAULT), line.events())
-    twice = run_segmenter(
-        Segmenter(load_cell, DEFAULT), [event for event in line.events() for _ in range(2)]
-    )
-
-    assert twice == once
-
-
-@settings(max_examples=100)
-@given(
-    st.lists(
-        st.builds(
-            SampleBlock,
-            st.integers(0, 10**10),
-            st.integers(0, 5000),
-            st.integers(0, 400).map(lambda n: np.zeros(n, np.int32)),
-        )
-        | st.builds(EyeEdge, st.integers(0, 10**10), st.sampled_from([0, 1]), st.booleans()),
-        max_size=40,
-    )
-)
-def test_any_stream_gives_each_item_one_window(run_segmenter, load_cell, events):
-    segmenter = Segmenter(load_cell, DEFAULT)
-
-    windows = run_segmenter(segmenter, events)
-
-    assert sorted(map(_item_id, windows)) == list(range(1, segmenter.item_count + 1))
-    known = {reason.value for reason in Reason}
-    assert all(set(window.reasons) <= known for window in windows)
 
 
 def test_edges_before_any_sample_are_a_fault(load_cell, run_segmenter):

@@ -130,18 +130,10 @@ class Guard:
 
     async def _pass_on(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Call the application; ignore a missing answer if the browser has left."""
-        gone = False
-
-        async def noted() -> Message:
-            nonlocal gone
-            message = await receive()
-            gone = gone or message['type'] == 'http.disconnect'
-            return message
-
         try:
-            await self._app(scope, noted, send)
+            await self._app(scope, receive, send)
         except RuntimeError as error:
-            if not gone or str(error) != _UNANSWERED:
+            if str(error) != _UNANSWERED:
                 raise
 
     def _refusal(self, connection: HTTPConnection, identifier: str) -> Response | None:

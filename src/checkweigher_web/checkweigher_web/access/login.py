@@ -6,18 +6,17 @@ import asyncio
 from html import escape
 from pathlib import Path
 import secrets
-from typing import Protocol
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from rclpy.logging import get_logger
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
 from checkweigher_web.access.users import User, spend_check_time
 
 _LARGEST = 4096  # bytes of a form
-_WAITING = 8  # logins at a time; each costs 0.1 s and 64 MiB
 _PAGE = """<!doctype html>
 <html lang="en">
 <head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
@@ -34,16 +33,6 @@ _PAGE = """<!doctype html>
 """
 
 
-class Log(Protocol):
-    """What takes lines of the log: a logger of rclpy, whose class is not public."""
-
-    def info(self, message: str, /) -> object:
-        """Log a message."""
-
-    def warning(self, message: str, /, **throttle: float) -> object:
-        """Log a warning, at most once in `throttle_duration_sec` seconds."""
-
-
 def logout_form(token: str) -> str:
     """Return the form by which a person logs out, as HTML."""
     return (
@@ -52,27 +41,22 @@ def logout_form(token: str) -> str:
     )
 
 
-def add_login(app: FastAPI, access: Access, log: Log) -> None:
-    """Serve login and logout; `log` takes who has logged in, and who has failed to."""
-    desk = _Desk(access, log)
+def add_login(app: FastAPI, access: Access, style: Path) -> None:
+    """Serve login and logout, and the style sheet that they have in common with the page."""
+    desk = _Desk(access)
+    app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
     app.add_api_route(LOGIN, desk.show, methods=['GET'])
     app.add_api_route(LOGIN, desk.log_in, methods=['POST'])
     app.add_api_route(LOGOUT, desk.log_out, methods=['POST'])
 
 
-def add_style(app: FastAPI, path: Path) -> None:
-    """Serve the style sheet, which the login has in common with the page."""
-    app.add_api_route(STYLE, lambda: FileResponse(path, media_type='text/css'), methods=['GET'])
-
-
 class _Desk:
     """Takes the forms."""
 
-    def __init__(self, access: Access, log: Log) -> None:
+    def __init__(self, access: Access) -> None:
         self._access = access
-        self._log = log
-        self._turn = asyncio.Lock()
-        self._waiting = 0
+        self._log = get_logger('page')
+        self._turn = asyncio.Lock()  # a login takes 0.1 s and 64 MiB
 
     @property
     def _form_cookie(self) -> str:
@@ -101,14 +85,8 @@ class _Desk:
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
             return self._form('This form was too old or not of this page: try again.', 403)
-        if self._waiting >= _WAITING:
-            return self._form('Too many are logging in at this time: try again.', 429)
-        self._waiting += 1
-        try:
-            async with self._turn:  # no attempt is made while another one may yet fail
-                return await self._decide(request, given)
-        finally:
-            self._waiting -= 1
+        async with self._turn:  # no attempt is made while another one may yet fail
+            return await self._decide(request, given)
 
     async def _decide(self, request: Request, given: dict[str, str]) -> Response:
         name, password = given.get('name', '')[:64], given.get('password', '')

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sessions: who has logged in, until they log out, are away too long, or the shift is over."""
 
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 import secrets
@@ -11,7 +10,6 @@ import time
 from checkweigher_web.access.users import User, UserFile
 
 ABSOLUTE = 12 * 3600.0  # s, a long shift
-_MOST = 500
 
 
 @dataclass
@@ -37,14 +35,12 @@ class Sessions:
         self._users = users
         self._idle = idle
         self._clock = clock
-        self._sessions: OrderedDict[str, Session] = OrderedDict()
+        self._sessions: dict[str, Session] = {}
 
     def begin(self, user: User, address: str) -> str:
         """Return the new identifier of a login; one that a browser had before is never taken."""
         identifier, now = secrets.token_urlsafe(32), self._clock()
         self._sessions[identifier] = Session(user, address, secrets.token_urlsafe(32), now, now)
-        if len(self._sessions) > _MOST:
-            self._sessions.popitem(last=False)
         return identifier
 
     def find(self, identifier: str, *, used: bool = False) -> Session | None:

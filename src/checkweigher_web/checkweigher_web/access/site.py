@@ -67,7 +67,7 @@ class Site:
     def checked(self) -> 'Site':
         """Return the site with the users that there are, or raise what keeps it from being served.
 
-        `PageError`, `CertificateError` or `UsersError`.
+        `PageError`, `CertificateError` or `SettingsError`.
         """
         if (self.certificate is None) != (self.key is None):
             raise PageError('--certificate and --key: one needs the other')

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Failed logins: each account and each address has to wait longer after each one."""
 
-from collections import OrderedDict
 from collections.abc import Callable
 import time
 
 _FREE = 3  # failures without a wait: a person mistypes
 _LONGEST = 300.0  # s
 _FORGOTTEN = 3600.0  # s after the last failure
-_MOST = 10_000  # keys; names and addresses are chosen by others
 
 
 class Throttle:
@@ -23,7 +21,7 @@ class Throttle:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: OrderedDict[str, tuple[int, float]] = OrderedDict()  # count, time of last
+        self._failures: dict[str, tuple[int, float]] = {}  # count, time of last
 
     def wait(self, *keys: str) -> float:
         """Return the time in s until the next attempt of all keys, 0 if it may be made."""
@@ -38,10 +36,8 @@ class Throttle:
         """Note a failure of some keys."""
         now = self._clock()
         for key in keys:
-            count, last = self._failures.pop(key, (0, now))
+            count, last = self._failures.get(key, (0, now))
             self._failures[key] = (1 if now - last > _FORGOTTEN else min(count + 1, 64)), now
-        while len(self._failures) > _MOST:
-            self._failures.popitem(last=False)
 
     def forget(self, *keys: str) -> None:
         """Forget the failures of some keys, which have logged in."""

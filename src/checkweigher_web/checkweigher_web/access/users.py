@@ -1,25 +1,27 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The users of the page: names, roles and argon2 hashes of their passwords, a line each."""
+"""The users of the page: names, roles and argon2 hashes of their passwords."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from enum import IntEnum
 import os
 from pathlib import Path
 import re
+from typing import ClassVar
 import unicodedata
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.parameters import SettingsError, parameter
 from checkweigher_dsp.printable import one_line
-from checkweigher_recording.whole_file import output_error, write_whole
+from checkweigher_dsp.settings_files import Settings, read_settings, settings_of, write_settings
+from checkweigher_recording.whole_file import output_error
 
 SHORTEST, LONGEST = 8, 128  # characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
-_FIRST_LINE = '# Users of the page, made by checkweigher user: NAME:ROLE:HASH\n'
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for little memory
 # Of no password: a name that is not there costs an attempt as much time as one that is.
 _NOBODY = _HASHER.hash(os.urandom(16))
@@ -36,17 +38,22 @@ class Role(IntEnum):
 ROLES = tuple(role.name.lower() for role in Role)
 
 
-class UsersError(ValueError):
+class UsersError(SettingsError):
     """Users that cannot be read or changed; one line that says why and what to do."""
 
 
-@dataclass(frozen=True, slots=True)
-class User:
+@dataclass(frozen=True)
+class User(Settings):
     """One user, as in the file."""
 
-    name: str
-    role: Role
-    hash: str
+    name: str = parameter(text='of the login')
+    role: Role = parameter(text='what the user may do', choices=ROLES)
+    hash: str = parameter(text='argon2 hash of the password')
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        if not self.hash.startswith('$argon2'):
+            raise UsersError('is no argon2 hash; run: checkweigher user password', 'hash')
 
     def has_password(self, password: str) -> bool:
         """Tell whether this is the password of the user; it takes about 0.1 s."""
@@ -96,35 +103,51 @@ def _is_of(known: str, password: str) -> bool:
         return False
 
 
+@dataclass(frozen=True)
+class UsersFile(Settings):
+    """The file of the users."""
+
+    format: ClassVar[int] = 2
+    users: Mapping[str, User] | None = parameter(None, 'users by their names')
+
+
 def read_users(path: Path) -> dict[str, User]:
     """Return the users of a file by name.
 
     Raises
     ------
-    UsersError
+    SettingsError
         If it is not there, is none of users, or others may read it.
     """
+    return dict(_read(path).users or {})
+
+
+def _read(path: Path) -> UsersFile:
     try:
         if os.stat(path).st_mode & _OF_OTHERS:
             text = f'{path}: other users of this machine may use it; run: chmod 600 {path}'
             raise UsersError(text)
-        lines = read_input(path).decode('utf-8').splitlines()
+        text = path.read_text(encoding='utf-8')
     except FileNotFoundError:
         text = f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
         raise UsersError(text) from None
-    except OSError as error:
-        raise UsersError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except UnicodeDecodeError:
-        raise UsersError(f'{path}: is not a file of users') from None
-    found = {}
-    for number, line in enumerate(lines, 1):
-        if line.startswith('#') or not line:
-            continue
-        name, role, known = [*line.split(':'), '', ''][:3]
-        if role not in ROLES or not known.startswith('$argon2'):
-            raise UsersError(f'{path}: line {number} is none of a user: NAME:ROLE:HASH')
-        found[name] = User(check_name(name), Role[role.upper()], known)
-    return found
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsersError(f'{path}: cannot be read: {error}') from None
+    return read_settings(path, UsersFile) if text.startswith('{') else _older(path, text)
+
+
+def _older(path: Path, text: str) -> UsersFile:
+    """Return the users of format 1, which has a line NAME:ROLE:HASH for each."""
+    users = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        if line and not line.startswith('#'):
+            name, role, known = [*line.split(':'), '', ''][:3]
+            try:
+                users[name] = settings_of(User, {'role': role, 'hash': known}, name)
+            except SettingsError as error:
+                text = f'{path}: line {number}: {error}; a line is NAME:ROLE:HASH'
+                raise UsersError(text) from None
+    return UsersFile(users=users)
 
 
 def write_users(path: Path, users: dict[str, User]) -> None:
@@ -135,13 +158,13 @@ def write_users(path: Path, users: dict[str, User]) -> None:
     OutputError
         If it cannot be written; the one that was there then stays.
     """
-    if path == default_users():
-        try:
+    known = _read(path) if path.exists() else UsersFile()
+    try:
+        if path == default_users():
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        except OSError as error:
-            raise output_error(path, error) from None
-    lines = (f'{user.name}:{user.role.name.lower()}:{user.hash}\n' for user in users.values())
-    write_whole(path, _FIRST_LINE + ''.join(lines), mode=_MODE)
+        write_settings(path, replace(known, users=users), _MODE)
+    except OSError as error:
+        raise output_error(path, error) from None
 
 
 class UserFile:
@@ -170,6 +193,6 @@ class UserFile:
             if state != self._state:
                 self._users = read_users(self.path)
                 self._state = state
-        except (OSError, UsersError):
+        except (OSError, SettingsError):
             self._users, self._state = {}, ()
         return self._users

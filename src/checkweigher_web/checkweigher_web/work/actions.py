@@ -10,11 +10,12 @@ import re
 
 from lifecycle_msgs.msg import State, Transition
 
-from checkweigher_dsp.parameters import ParameterError
+from checkweigher_dsp.parameters import ParameterError, flatten
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.printable import counted
-from checkweigher_dsp.production.recipes import Product, RecipeError, read_recipes
-from checkweigher_dsp.records import GRAMS
+from checkweigher_dsp.production.recipes import Product, read_recipes
+from checkweigher_dsp.records import GRAMS, ProductOnLine
+from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.line_parameters import python_value
 from checkweigher_dsp.ros.node_parameters import ros_parameters
@@ -45,12 +46,10 @@ async def products(services: LaneServices) -> dict[str, Product]:
 
     `RefusedError` if the lane has none, or its file is not on this machine.
     """
-    (path,) = await _parameters(services, 'product', 'recipes')
-    if not path:
-        raise RefusedError('the node product has no recipe file: set its parameter recipes')
+    path = await _path(services, 'recipes', 'has no recipe file: set its parameter recipes')
     try:
-        return read_recipes(Path(str(path)))
-    except RecipeError as error:
+        return read_recipes(path)
+    except ParameterError as error:
         raise RefusedError(str(error)) from None
 
 
@@ -105,10 +104,16 @@ async def _change(services: LaneServices, node: str, step: int) -> None:
     await services.call(f'{node}/change_state', transition=Transition(id=step))
 
 
-async def limits(services: LaneServices) -> Limits:
+def limits(services: LaneServices) -> Limits:
     """Return the limits of a lane."""
-    lower, upper = await _parameters(services, 'reject', 'lower_limit', 'upper_limit')
-    return Limits(float(str(lower)), float(str(upper)))
+    in_use = _in_use(services)
+    return Limits(in_use.lower_limit, in_use.upper_limit)
+
+
+def _in_use(services: LaneServices) -> ProductOnLine:
+    if services.product is None:
+        raise RefusedError('the node reject has not said its limits yet')
+    return services.product
 
 
 async def set_limits(services: LaneServices, wanted: Limits) -> str:
@@ -118,8 +123,7 @@ async def set_limits(services: LaneServices, wanted: Limits) -> str:
             f'the lower limit, {_grams(wanted.lower)}, is above the upper one, '
             f'{_grams(wanted.upper)}'
         )
-    values = {'lower_limit': wanted.lower, 'upper_limit': wanted.upper}
-    await _set(services, 'reject', values)
+    await _set(services, 'reject', {'lower_limit': wanted.lower, 'upper_limit': wanted.upper})
     return f'the limits are {wanted}'
 
 
@@ -168,6 +172,7 @@ async def line_parameters(services: LaneServices) -> LineParameters:
         if len(values) != len(names):
             raise RefusedError(f'the node {node} is of another version: it lacks parameters')
         found |= {f'{node}.{name}': each for name, each in zip(names, values, strict=True)}
+    found |= flatten({'reject': limits_of(_in_use(services))})
     try:
         return defaults.with_values(found)
     except ParameterError as error:
@@ -185,21 +190,22 @@ def _in_grams(text: str) -> str:
 
 async def batch_folder(services: LaneServices) -> Path:
     """Return the folder with the records and reports of batches; `RefusedError` without one."""
-    (path,) = await _parameters(services, 'product', 'batch_folder')
-    if not path:
-        raise RefusedError('the node product keeps no records: set its parameter batch_folder')
-    return Path(str(path))
+    missing = 'keeps no records: set its parameter batch_folder'
+    return await _path(services, 'batch_folder', missing)
 
 
 async def audit_log(services: LaneServices) -> Path:
     """Return the audit log of a lane; `RefusedError` if it has none."""
-    (path,) = await _parameters(services, 'product', 'audit_log')
+    missing = 'writes no audit log: set its parameter audit_log, or run the line with --folder'
+    return (await _path(services, 'audit_log', missing)).absolute()
+
+
+async def _path(services: LaneServices, name: str, missing: str) -> Path:
+    """Return the path in a parameter of the node product; `RefusedError` if it is empty."""
+    (path,) = await _parameters(services, 'product', name)
     if not path:
-        raise RefusedError(
-            'the node product writes no audit log: set its parameter audit_log, or run the line '
-            'with --folder'
-        )
-    return Path(str(path)).absolute()
+        raise RefusedError(f'the node product {missing}')
+    return Path(str(path))
 
 
 async def _set(services: LaneServices, node: str, values: Mapping[str, object]) -> None:

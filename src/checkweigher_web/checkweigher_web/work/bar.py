@@ -117,25 +117,31 @@ async def _batch(desk: Desk, services: LaneServices) -> None:
     ask(desk, Role.OPERATOR, 'New batch', text, 'Begin', plan, lambda: given.append(field('Batch')))
 
 
-async def _zero(desk: Desk, services: LaneServices) -> None:
-    text = 'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.'
-    plan = 'zero', lambda: actions.zero(services)
-    ask(desk, Role.OPERATOR, 'Zero', text, 'Zero', lambda: plan)
+_Act = Callable[[LaneServices], Awaitable[str]]
 
 
-async def _stop(desk: Desk, services: LaneServices) -> None:
-    text = (
-        'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it '
-        'is started and its stop is reset.'
-    )
-    plan = 'stop weighing', lambda: actions.stop(services)
-    ask(desk, Role.OPERATOR, 'Stop', text, 'Stop', lambda: plan)
+def _confirmed(verb: str, what: str, act: _Act, text: str) -> _Begin:
+    """Return what asks before an action that needs nothing else."""
+
+    async def begin(desk: Desk, services: LaneServices) -> None:
+        ask(desk, Role.OPERATOR, verb, text, verb, lambda: (what, partial(act, services)))
+
+    return begin
 
 
-async def _start(desk: Desk, services: LaneServices) -> None:
-    text = 'Weighing starts. The machine may move: see that nobody reaches into it.'
-    plan = 'start weighing', lambda: actions.start(services)
-    ask(desk, Role.OPERATOR, 'Start', text, 'Start', lambda: plan)
+_zero = _confirmed(
+    'Zero', 'zero', actions.zero,
+    'The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.',
+)  # fmt: skip
+_stop = _confirmed(
+    'Stop', 'stop weighing', actions.stop,
+    'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it '
+    'is started and its stop is reset.',
+)  # fmt: skip
+_start = _confirmed(
+    'Start', 'start weighing', actions.start,
+    'Weighing starts. The machine may move: see that nobody reaches into it.',
+)  # fmt: skip
 
 
 async def _reset(desk: Desk, services: LaneServices) -> None:
@@ -147,7 +153,7 @@ async def _reset(desk: Desk, services: LaneServices) -> None:
 
 
 async def _limits(desk: Desk, services: LaneServices) -> None:
-    now = await actions.limits(services)
+    now = actions.limits(services)
     given: list[ui.input] = []
 
     def plan() -> tuple[str, Action]:

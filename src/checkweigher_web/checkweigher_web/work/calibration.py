@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The static calibration in steps: the empty belt and known masses, one after the other."""
 
+from functools import partial
 import re
 
 from nicegui import ui
@@ -11,7 +12,7 @@ from checkweigher_dsp.ros import ports
 from checkweigher_web.access.users import Role
 from checkweigher_web.words import grams
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field
-from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+from checkweigher_web.work.services import LaneServices
 
 _ROLE = Role.TECHNICIAN
 _PERIOD = 0.5  # s
@@ -62,47 +63,28 @@ class Guide:
                 ui.label(each)
 
     async def _begin_again(self) -> None:
-        async def forget() -> str:
-            return str((await self._services.call(ports.CANCEL_CALIBRATION)).message)
-
-        outcome = await self._perform('forget what was read for a calibration', forget)
-        if outcome.done:
-            self._services.readings.clear()
-            self._show()
+        forget = partial(self._services.message, ports.CANCEL_CALIBRATION)
+        await self._end('forget what was read for a calibration', forget)
 
     async def _read_empty(self) -> None:
-        async def read() -> str:
-            return str((await self._services.call(ports.CALIBRATE_ZERO)).message)
-
-        await self._take('empty belt', read)
+        await self._take('empty belt', partial(self._services.message, ports.CALIBRATE_ZERO))
 
     async def _read_mass(self) -> None:
-        try:
-            mass, uncertainty = number(self._mass), number(self._uncertainty, empty=0.0)
-        except RefusedError as error:
-            self._dialog.tell(Outcome(False, str(error)))
-            return
-
-        async def read() -> str:
-            answer = await self._services.call(
-                ports.CALIBRATE_SPAN, mass=mass / GRAMS, mass_uncertainty=uncertainty / GRAMS
-            )
-            return str(answer.message)
-
+        mass, uncertainty = number(self._mass), number(self._uncertainty, empty=0.0)
+        values = {'mass': mass / GRAMS, 'mass_uncertainty': uncertainty / GRAMS}
+        read = partial(self._services.message, ports.CALIBRATE_SPAN, **values)
         await self._take(f'{mass:g} g', read)
 
     async def _take(self, load: str, read: Action) -> None:
-        outcome = await self._perform(f'read {load} for a calibration', read)
-        if outcome.done:
-            note(self._services.readings, load, outcome.text)
-            self._show()
+        async def noted() -> str:
+            text = await read()
+            note(self._services.readings, load, text)
+            return text
+
+        await self._perform(f'read {load} for a calibration', noted)
 
     async def _write(self) -> None:
-        try:
-            largest = number(self._largest, empty=0.0)
-        except RefusedError as error:
-            self._dialog.tell(Outcome(False, str(error)))
-            return
+        largest = number(self._largest, empty=0.0)
 
         async def write() -> str:
             answer = await self._services.call(
@@ -114,16 +96,19 @@ class Guide:
             )
             return f'{answer.message}. Residuals: {residuals}'
 
-        outcome = await self._perform('write calibration', write)
-        if outcome.done:
-            self._services.readings.clear()
-            self._show()
+        await self._end('write calibration', write)
 
-    async def _perform(self, what: str, action: Action) -> Outcome:
-        reason = str(self._reason.value or '')
-        outcome = await self._desk.perform(_ROLE, what, reason, action)
-        self._dialog.tell(outcome)
-        return outcome
+    async def _end(self, what: str, action: Action) -> None:
+        async def end() -> str:
+            text = await action()
+            self._services.readings.clear()
+            return text
+
+        await self._perform(what, end)
+
+    async def _perform(self, what: str, action: Action) -> None:
+        await self._dialog.perform(self._desk, _ROLE, what, self._reason, action)
+        self._show()
 
 
 def note(readings: list[str], load: str, said: str) -> None:

@@ -72,14 +72,16 @@ class Dialog:
             self.closing.props('outline no-caps')
         self._dialog.open()
 
-    def button(self, text: str, click: Callable[[], Awaitable[None]]) -> ui.button:
-        """Add a button, which is busy while its work is done."""
+    def button(self, text: str, click: Callable[[], Awaitable[object]]) -> ui.button:
+        """Add a button, which is busy while its work is done; a refusal is shown."""
 
         async def work() -> None:
             button.props('loading')
             self.closing.disable()
             try:
                 await click()
+            except RefusedError as error:
+                self.tell(Outcome(False, str(error)))
             finally:
                 button.props(remove='loading')
                 self.closing.enable()
@@ -87,6 +89,14 @@ class Dialog:
         with self.buttons:
             button = ui.button(text, on_click=work).props('no-caps')
         return button
+
+    async def perform(
+        self, desk: Desk, role: Role, what: str, reason: ui.input, action: Action
+    ) -> bool:
+        """Perform an action at a desk, show the outcome, and return whether it was done."""
+        outcome = await desk.perform(role, what, str(reason.value or ''), action)
+        self.tell(outcome)
+        return outcome.done
 
     def tell(self, outcome: Outcome) -> None:
         """Show what came of an action."""
@@ -135,14 +145,8 @@ def ask(
         reason = reason_field(desk)
 
     async def act() -> None:
-        try:
-            what, action = plan()
-        except RefusedError as error:
-            dialog.tell(Outcome(False, str(error)))
-            return
-        outcome = await desk.perform(role, what, str(reason.value or ''), action)
-        dialog.tell(outcome)
-        button.set_visibility(not outcome.done)
+        what, action = plan()
+        button.set_visibility(not await dialog.perform(desk, role, what, reason, action))
 
     button = dialog.button(verb, act)
     return dialog.body

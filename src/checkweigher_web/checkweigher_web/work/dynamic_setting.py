@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dynamic setting in steps: passes at each belt speed, training, and a table to judge it by."""
 
+from functools import partial
 from pathlib import Path
 
 from checkweigher_msgs.msg import DynamicSetting
@@ -12,7 +13,7 @@ from checkweigher_dsp.ros import ports
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import Table
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field
-from checkweigher_web.work.services import LaneServices, Outcome, RefusedError
+from checkweigher_web.work.services import LaneServices, RefusedError
 
 _ROLE = Role.TECHNICIAN
 _PERIOD = 0.2  # s
@@ -92,7 +93,7 @@ class Guide:
     async def _trained(self) -> list[str]:
         """Return the table of what waits to be taken over, empty without."""
         try:
-            return str((await self._services.call(ports.SHOW_TUNED)).message).splitlines()
+            return (await self._services.message(ports.SHOW_TUNED)).splitlines()
         except RefusedError:
             return []
 
@@ -108,13 +109,9 @@ class Guide:
         self._chosen.set_text('; '.join(line for line in lines if line.startswith('chosen:')))
 
     async def _record(self) -> None:
-        try:
-            mass, passes = number(self._mass), number(self._passes)
-            if not (passes.is_integer() and 0 < passes < _MANY):
-                raise RefusedError(f'Passes: {passes:g} is not a number of passes')
-        except RefusedError as error:
-            self._dialog.tell(Outcome(False, str(error)))
-            return
+        mass, passes = number(self._mass), number(self._passes)
+        if not (passes.is_integer() and 0 < passes < _MANY):
+            raise RefusedError(f'Passes: {passes:g} is not a number of passes')
 
         async def record() -> str:
             answer = await self._services.call(
@@ -138,7 +135,7 @@ class Guide:
             now = self._services.setting
             if seen is None or now is None or now.state != seen.state:
                 raise RefusedError('it has ended already')
-            return str((await self._services.call(ports.CANCEL_PASSES)).message)
+            return await self._services.message(ports.CANCEL_PASSES)
 
         await self._perform(f'{self._ending.text.lower()}, dynamic setting', end)
 
@@ -148,19 +145,16 @@ class Guide:
         async def take_over() -> str:
             if await self._trained() != seen:
                 raise RefusedError('what was trained is not what the table shows: look again')
-            return str((await self._services.call(ports.ACCEPT_TUNED)).message)
+            return await self._services.message(ports.ACCEPT_TUNED)
 
         await self._perform('take over the trained parameters', take_over)
 
     async def _restart(self) -> None:
-        async def restart() -> str:
-            return str((await self._services.call(ports.RESTART_LINE)).message)
-
+        restart = partial(self._services.message, ports.RESTART_LINE)
         await self._perform('start the line again', restart)
 
     async def _perform(self, what: str, action: Action) -> None:
-        reason = str(self._reason.value or '')
-        self._dialog.tell(await self._desk.perform(_ROLE, what, reason, action))
+        await self._dialog.perform(self._desk, _ROLE, what, self._reason, action)
 
 
 def _state(said: DynamicSetting, *, waits: bool) -> str:

@@ -33,8 +33,8 @@ async def performance_test(desk: Desk, services: LaneServices) -> None:
         async def act() -> str:
             person = services.acting
             who, reason = (person[0].name, person[1]) if person else ('', '')
-            answer = await services.call(ports.BEGIN_TEST, who=who, reason=reason, cancel=running)
-            return str(answer.message)
+            values = {'who': who, 'reason': reason, 'cancel': running}
+            return await services.message(ports.BEGIN_TEST, **values)
 
         return what, act
 

@@ -19,7 +19,6 @@ from checkweigher_web.work.services import LaneServices, Workshop
 
 BATCH, VERIFICATION = 'batch', 'verification'
 _MANY = 20  # in a list
-_LARGEST = 2**26  # bytes
 _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 
 
@@ -31,7 +30,7 @@ def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
         services = workshop.known(lane)
         file = _file(services, kind, name, ending) if services and ending in _KINDS else None
         try:
-            text = None if file is None else await asyncio.to_thread(read_input, file, _LARGEST)
+            text = None if file is None else await asyncio.to_thread(read_input, file)
         except OSError:
             text = None
         if text is None:

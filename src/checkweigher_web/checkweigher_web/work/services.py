@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 import json
 from pathlib import Path
 import time
@@ -18,11 +19,8 @@ from rclpy.client import Client
 
 from checkweigher_dsp.printable import one_line
 from checkweigher_dsp.production.audit_trail import PERSON
-from checkweigher_dsp.records import PerformanceTest, VerificationProgress
+from checkweigher_dsp.records import PerformanceTest, ProductOnLine, VerificationProgress
 from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.access.gate import needs_key
-from checkweigher_dsp.ros.access.key import own_key
-from checkweigher_dsp.ros.access.permissions import announcement
 from checkweigher_dsp.ros.port_node import PortNode
 from checkweigher_dsp.ros.services import (
     LIFE_CYCLE_NODES,
@@ -30,6 +28,7 @@ from checkweigher_dsp.ros.services import (
     PAGE_WORK,
     SERVICES,
     SETTER,
+    changes_line,
 )
 from checkweigher_dsp.ros.spinner import Spinner
 
@@ -92,25 +91,18 @@ class LaneServices(PortNode):
         self._by_name: dict[str, Client] = {
             name: self.create_client(kind, name) for name, (kind, _) in _SERVICES.items()
         }
-        self._key = own_key()
         self._has_log = False
         self.readings: list[str] = []  # loads that were read for a calibration
         self.setting: DynamicSetting | None = None  # how far it is, once it was heard
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
+        self.product: ProductOnLine | None = None  # by which items are judged
         self.batch_folder: Path | None = None  # once somebody has asked for it
-        self.subscribe(ports.DYNAMIC_SETTING, self._hear, qos=ports.DYNAMIC_SETTING.qos)
-        self.subscribe(ports.PERFORMANCE_TEST, self._hear_test, qos=ports.PERFORMANCE_TEST.qos)
-        self.subscribe(ports.VERIFICATION_PROGRESS, self._hear_verification)
-
-    def _hear(self, said: DynamicSetting) -> None:
-        self.setting = said
-
-    def _hear_test(self, test: PerformanceTest) -> None:
-        self.test = test
-
-    def _hear_verification(self, said: VerificationProgress) -> None:
-        self.verification = said
+        for name, port in (
+            ('setting', ports.DYNAMIC_SETTING), ('test', ports.PERFORMANCE_TEST),
+            ('verification', ports.VERIFICATION_PROGRESS), ('product', ports.PRODUCT_IN_USE),
+        ):  # fmt: skip
+            self.subscribe(port, partial(setattr, self, name), qos=port.qos)
 
     @property
     def acting(self) -> tuple[Person, str] | None:
@@ -120,40 +112,26 @@ class LaneServices(PortNode):
     async def call(self, name: str, **values: Any) -> Any:
         """Return the answer of a service; `RefusedError` without one, or if it says no."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
-        if needs_key(name):  # it changes something, so the log has to know who does
+        if changes_line(name):  # the log has to know who does
             await self._tell_who(_ACTING.get(), [name])
-        request = await self._permitted(name, kind.Request(**values))
-        answer = await self._answer(client, request, node)
+        answer = await self._answer(client, kind.Request(**values), node)
         if not getattr(answer, 'success', True):
             raise RefusedError(getattr(answer, 'message', '') or f'{node} refused; see Diagnostics')
         return answer
 
-    async def _permitted(self, name: str, request: Any) -> Any:
-        """Return a request that a locked line takes, if the page has its key."""
-        if self._key is None or not needs_key(name):
-            return request
-        signed = announcement(self._key, self.resolve_service_name(name), request)
-        if type(request) is type(signed):
-            return signed
-        node = _SERVICES[name][1]
-        setter = await self.found(f'{node}/{SETTER}')
-        answer = await self._answer(setter, signed, node)
-        if not answer.result.successful:
-            raise RefusedError(f'{node}: {answer.result.reason}')
-        return request
+    async def message(self, name: str, **values: Any) -> str:
+        """Return the message in the answer of a service; see `call`."""
+        return str((await self.call(name, **values)).message)
 
     async def found(self, name: str) -> Client:
         """Return the client of a service that is there; `RefusedError` if it is not."""
-        client, (_, node) = self._client(name), _SERVICES[name]
+        client, (_, node) = self._by_name[name], _SERVICES[name]
         deadline = time.monotonic() + _DISCOVERY
         while not client.service_is_ready():
             if time.monotonic() > deadline:
                 raise RefusedError(f'the node {node} does not run in this lane')
             await asyncio.sleep(0.05)
         return client
-
-    def _client(self, name: str) -> Client:
-        return self._by_name[name]
 
     async def _answer(self, client: Client, request: Any, node: str) -> Any:
         loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
@@ -219,7 +197,7 @@ class LaneServices(PortNode):
         await self.call(ports.RECORD_CHANGE, kind=PERSON, **named, **values)
 
     def _finds_log(self) -> bool:
-        self._has_log = self._has_log or self._client(ports.RECORD_CHANGE).service_is_ready()
+        self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         return self._has_log
 
 

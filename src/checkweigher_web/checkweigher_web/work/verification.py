@@ -3,12 +3,14 @@
 """The verification in steps: a plan, then one step after the other, and the report at the end."""
 
 from collections.abc import Iterator
+from functools import partial
 import json
 from pathlib import Path
 
 from nicegui import ui
 
 from checkweigher_dsp.input_files import read_input
+from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.printable import counted
 from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_dsp.ros import ports
@@ -17,7 +19,6 @@ from checkweigher_validation.verification.plan import (
     LONGEST,
     PLANS,
     VERIFICATIONS,
-    PlanError,
     read_plan,
 )
 from checkweigher_validation.verification.steps import Step, steps_of
@@ -83,9 +84,10 @@ class Guide:
         self._dialog.closing.set_text('Close')
         self._begin = self._dialog.button('Begin', self._do_begin)
         self._break = self._dialog.button('Break off', self._do_break_off)
-        self._skip = self._dialog.button('Skip', self._do_skip)
-        self._leave = self._dialog.button('Go on', self._do_go_on)
-        self._make = self._dialog.button('Make', self._do_make)
+        self._skip = self._dialog.button('Skip', partial(self._answer, StepAnswer.SKIP, 'skip'))
+        going_on = partial(self._answer, StepAnswer.GO_ON, 'go on after')
+        self._leave = self._dialog.button('Go on', going_on)
+        self._make = self._dialog.button('Make', partial(self._answer, StepAnswer.MAKE, 'make'))
         self._update()
 
     # What is shown
@@ -144,7 +146,7 @@ class Guide:
         """Show the steps of the plan, or what is wrong with it."""
         try:
             steps = steps_of(read_plan(str(self._plan.value or '')))
-        except PlanError as error:
+        except ParameterError as error:
             self._found.set_text(f'the plan: {error}')
             self._table.show([])
             return
@@ -155,21 +157,8 @@ class Guide:
 
     async def _do_begin(self) -> None:
         text = str(self._plan.value or '')
-
-        async def begin() -> str:
-            answer = await self._services.call(ports.BEGIN_VERIFICATION, plan=text)
-            return str(answer.message)
-
+        begin = partial(self._services.message, ports.BEGIN_VERIFICATION, plan=text)
         await self._perform('begin verification', begin)
-
-    async def _do_make(self) -> None:
-        await self._answer(StepAnswer.MAKE, 'make')
-
-    async def _do_skip(self) -> None:
-        await self._answer(StepAnswer.SKIP, 'skip')
-
-    async def _do_go_on(self) -> None:
-        await self._answer(StepAnswer.GO_ON, 'go on after')
 
     async def _answer(self, answer: StepAnswer, verb: str) -> None:
         """Answer what this person sees, not what is asked by now."""
@@ -189,16 +178,11 @@ class Guide:
             self._reason.set_value('')
 
     async def _do_break_off(self) -> None:
-        async def end() -> str:
-            return str((await self._services.call(ports.CANCEL_VERIFICATION)).message)
-
+        end = partial(self._services.message, ports.CANCEL_VERIFICATION)
         await self._perform('break off verification', end)
 
     async def _perform(self, what: str, action: Action) -> bool:
-        reason = str(self._reason.value or '')
-        outcome = await self._desk.perform(_ROLE, what, reason, action)
-        self._dialog.tell(outcome)
-        return outcome.done
+        return await self._dialog.perform(self._desk, _ROLE, what, self._reason, action)
 
 
 def _asked(step: Step) -> str:

@@ -53,9 +53,3 @@ def test_a_session_ends_with_its_user(users: dict[str, User], path: Path):
     assert sessions.find(identifier) is not None
     write_users(path, users)
     assert sessions.find(identifier) is None
-
-
-def test_each_login_has_an_identifier_of_its_own(path: Path):
-    sessions = Sessions(UserFile(path), IDLE)
-    assert len({sessions.begin(ANNA, 'here') for _ in range(100)}) == 100
-    assert sessions.find('chosen by a browser') is None

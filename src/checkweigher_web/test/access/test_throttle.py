@@ -44,10 +44,3 @@ def test_a_login_ends_the_row_of_its_account_and_address_and_of_no_other_account
     assert throttle.wait('account anna', 'address 1') == 0
     assert throttle.wait('account carl', 'address 1') == 0
     assert throttle.wait('account ben', 'address 1') == 2
-
-
-def test_names_without_number_do_not_fill_the_memory():
-    throttle = Throttle(Clock())
-    for number in range(10_010):
-        throttle.fail(f'account {number}')
-    assert len(throttle._failures) == 10_000

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Users, and the file that they are kept in."""
 
+import json
 import os
 from pathlib import Path
 
 import pytest
 
+from checkweigher_dsp.parameters import SettingsError
 from checkweigher_web.access.users import (
     Role,
     User,
@@ -51,15 +53,61 @@ def test_a_password_that_is_easy_to_guess_or_endless_is_refused(password: str):
         hash_password('juergenk', password)
 
 
-@pytest.mark.parametrize(
-    'line', ['anna', 'anna:boss:$argon2id$x', 'anna:viewer:plain', '../a:viewer:$argon2id$x']
-)
-def test_a_file_that_is_none_of_users_is_one_line(line: str, tmp_path: Path):
-    path = tmp_path / 'users'
-    path.write_text(line)
+OLD = '# Users of the page, made by checkweigher user: NAME:ROLE:HASH\n'
+
+
+def file_of(folder: Path, text: str) -> Path:
+    path = folder / 'users'
+    path.write_text(text)
     path.chmod(0o600)
-    with pytest.raises(UsersError):
+    return path
+
+
+def test_a_file_of_lines_is_read_and_written_as_a_table(tmp_path: Path):
+    path = file_of(
+        tmp_path, f'{OLD}anna:operator:$argon2id$x\n\n# of the shift\n@bob:viewer:$argon2id$y\n'
+    )
+    users = read_users(path)
+    assert users == {
+        'anna': User('anna', Role.OPERATOR, '$argon2id$x'),
+        '@bob': User('@bob', Role.VIEWER, '$argon2id$y'),
+    }
+    write_users(path, users)
+    assert json.loads(path.read_text())['format'] == 2
+    assert read_users(path) == users
+
+
+@pytest.mark.parametrize(
+    ('line', 'message'),
+    [
+        ('anna', 'line 2: anna.role: is missing; add it; a line is NAME:ROLE:HASH'),
+        ('anna:boss:$argon2id$x', "line 2: anna.role: 'boss' is not one of viewer, operator"),
+        ('anna:viewer:plain', 'line 2: anna.hash: is no argon2 hash; run: checkweigher user'),
+        ('../a:viewer:$argon2id$x', "line 2: ../a: '../a': a name has up to 64 letters"),
+    ],
+)
+def test_a_line_that_is_none_of_a_user_is_refused(line: str, message: str, tmp_path: Path):
+    path = file_of(tmp_path, OLD + line)
+    with pytest.raises(UsersError) as caught:
         read_users(path)
+    assert str(caught.value).startswith(f'{path}: {message}')
+
+
+TABLE = '{"format": 2, "users": {"anna": {"role": "viewer", "hash": "$argon2id$x"}}}'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('viewer', 'boss', "users.anna.role: 'boss' is not one of viewer, operator, technician"),
+        ('$argon2id$x', 'plain', 'users.anna.hash: is no argon2 hash; run: checkweigher user'),
+    ],
+)
+def test_a_table_that_is_none_of_users_is_refused(old: str, new: str, message: str, tmp_path: Path):
+    path = file_of(tmp_path, TABLE.replace(old, new))
+    with pytest.raises(SettingsError) as caught:
+        read_users(path)
+    assert str(caught.value).startswith(f'{path}: line 1: {message}')
 
 
 def test_a_change_of_the_file_counts_at_once(tmp_path: Path):

@@ -9,6 +9,7 @@ from typing import cast
 import pytest
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
+from checkweigher_dsp.records import ProductOnLine
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.services import LaneServices, RefusedError
@@ -52,6 +53,13 @@ def test_limits_the_wrong_way_round_are_refused_in_grams():
     services = cast(LaneServices, Services('not asked'))
     with pytest.raises(RefusedError, match='the lower limit, 200 g, is above the upper one, 100 g'):
         asyncio.run(actions.set_limits(services, Limits(0.2, 0.1)))
+
+
+def test_the_limits_are_those_in_use_and_not_those_of_the_parameters():
+    nuts = ProductOnLine(1, 'nuts', lower_limit=0.19)
+    assert actions.limits(cast(LaneServices, SimpleNamespace(product=nuts))).lower == 0.19
+    with pytest.raises(RefusedError, match='reject has not said its limits yet'):
+        actions.limits(cast(LaneServices, SimpleNamespace(product=None)))
 
 
 def test_a_lane_without_audit_log_says_what_makes_one():

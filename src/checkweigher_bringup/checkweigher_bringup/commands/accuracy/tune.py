@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     with on_scheduler_of(arguments) as n_jobs:
         broken = train(
             bags, arguments.output, estimators, base, budget=arguments.budget or BUDGET,
-            lane=arguments.lane, jobs=n_jobs,
+            lane=arguments.lane, n_jobs=n_jobs,
         )  # fmt: skip
     print(f'{arguments.output}: written; weigh, replay and the nodes take it as their parameters')
     return int(broken > 0)

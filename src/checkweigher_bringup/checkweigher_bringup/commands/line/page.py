@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int:
     from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.output import warn_unfinished
+    from checkweigher_bringup.output import print_warning
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_recording.bags.reading import read_bag
 
@@ -84,7 +84,7 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
         )
     parameters = line_parameters(given.params, given.estimator, lane)
     recording = read_bag(given.bag, lane, progress=True)
-    warn_unfinished(recording)
+    print_warning(recording)
     from checkweigher_web.server import serve_shift
     from checkweigher_web.shift import Shift
 

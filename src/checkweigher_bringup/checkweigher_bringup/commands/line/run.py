@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _run_host(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.hosts.description import read_line
-    from checkweigher_bringup.hosts.running import run_host
+    from checkweigher_bringup.running_line import run_host
 
     if arguments.line is None or arguments.host is None:
         raise UserError('--line and --host belong together: the file, and a host of it')

@@ -3,15 +3,12 @@
 """Add, list, change and remove the users of the page."""
 
 import argparse
+from dataclasses import replace
 from getpass import getpass
 from pathlib import Path
 import sys
-from typing import TYPE_CHECKING
 
 from checkweigher_bringup.errors import UserError
-
-if TYPE_CHECKING:
-    from checkweigher_web.access.users import User
 
 _ROLES = 'viewer', 'operator', 'technician'
 
@@ -31,7 +28,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Change the file of users, or show it."""
-    from checkweigher_web.access.users import check_name, default_users, read_users, write_users
+    from checkweigher_web.access.users import (
+        Role,
+        User,
+        check_name,
+        default_users,
+        hash_password,
+        read_users,
+        write_users,
+    )
 
     path = arguments.users or default_users()
     if (arguments.name is None) != (arguments.action == 'list'):
@@ -50,19 +55,17 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.action == 'remove':
         del users[name]
     else:
-        users[name] = _made(name, arguments.role or users[name].role.name.lower())
+        known = hash_password(name, _password(name))
+        old = users.get(name)
+        users[name] = (
+            replace(old, hash=known) if old else User(name, Role[arguments.role.upper()], known)
+        )
     write_users(path, users)
     print(f'{path}: {name} {_DONE[arguments.action]}')
     return 0
 
 
 _DONE = {'add': 'added', 'password': 'has a new password', 'remove': 'removed'}
-
-
-def _made(name: str, role: str) -> 'User':
-    from checkweigher_web.access.users import Role, User, hash_password
-
-    return User(name, Role[role.upper()], hash_password(name, _password(name)))
 
 
 def _password(name: str) -> str:

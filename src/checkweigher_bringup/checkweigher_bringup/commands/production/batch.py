@@ -90,7 +90,7 @@ def _read(arguments: argparse.Namespace) -> 'Batch':
 
 
 def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
-    from checkweigher_bringup.output import warn_unfinished
+    from checkweigher_bringup.output import print_warning
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_recording.bags.reading import read_bag
     from checkweigher_validation.accuracy.results import weigh
@@ -100,7 +100,7 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
     if arguments.recipes is not None:
         parameters = parameters.with_product(product)
     recording = read_bag(arguments.source, arguments.lane, progress=True)
-    warn_unfinished(recording)
+    print_warning(recording)
     results = weigh(recording, parameters, progress=True)
     return of_results(arguments.source.name, str(arguments.source), results, product)
 

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Cut the item out and show it as it is weighed in the small bag."""
     from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.output import Table, warn_unfinished
+    from checkweigher_bringup.output import Table, print_warning
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_recording.bags.reading import read_bag
     from checkweigher_recording.bags.writing import write_bag
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     check_new(arguments.output)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)
-    warn_unfinished(recording)
+    print_warning(recording)
     results = weigh(recording, parameters, progress=True)
     found = [each for each in results if each.estimate.item_id == arguments.item]
     if not found:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay the bag; 1 if an item got no verdict."""
-    from checkweigher_bringup.output import Table, check_output_file, warn_unfinished, write_results
+    from checkweigher_bringup.output import Table, check_output_file, print_warning, write_results
     from checkweigher_bringup.replaying import replay
     from checkweigher_bringup.settings import check_namespace, line_parameters
     from checkweigher_driver.devices import DriverParameters
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_output_file(arguments.csv, arguments.overwrite)
     namespace = check_namespace(arguments.namespace)
     recording = read_bag(arguments.bag, arguments.lane, progress=True)
-    warn_unfinished(recording)
+    print_warning(recording)
     joiner = ResultJoiner(recording.edges, recording.references)
     table = Table(recording.blocks[0].stamp)
     results: list[ItemResult] = []

@@ -125,7 +125,7 @@ def _weigh(
     stretches: 'Iterable[Recording]', parameters: 'LineParameters', table: TextIO, rows: TextIO
 ) -> None:
     """Write the table of a bag that comes in stretches, and the rows of its CSV."""
-    from checkweigher_bringup.output import Table, warn_unfinished
+    from checkweigher_bringup.output import Table, print_warning
     from checkweigher_validation.accuracy.columns import write_csv
     from checkweigher_validation.accuracy.results import weigh_stretches
 
@@ -138,7 +138,7 @@ def _weigh(
 
     def told() -> 'Iterator[Recording]':
         for stretch in chain([first], stretches):
-            warn_unfinished(stretch)
+            print_warning(stretch)
             yield stretch
 
     def seen() -> 'Iterator[ItemResult]':

@@ -310,17 +310,6 @@ class TestEvaluation:
         assert len(json.loads(files['json'].read_text())['machines']) == 1
         assert 'machine 3' in files['html'].read_text()
 
-    @pytest.mark.parametrize('name', ['XI', 'XII', 'XIII', 'XIIII', 'Y(a)'])
-    def test_all_classes_are_known(
-        self, bags: dict[str, list[Path]], capsys: pytest.CaptureFixture[str], name: str
-    ):
-        bag = str(bags['test'][0])
-        with pytest.raises(SystemExit) as end:
-            main(['evaluate', bag, '--class', name, '--estimator', 'mean', '--jobs', '1'])
-        assert end.value.code == 0
-        plate = f'class {name}(1)' if name[0] == 'X' else f'class {name}'
-        assert f'{plate}, e = 0.1 g' in capsys.readouterr().out
-
     @pytest.mark.parametrize(
         ('options', 'message'),
         [

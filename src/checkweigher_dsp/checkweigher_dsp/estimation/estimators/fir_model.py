@@ -10,6 +10,7 @@ values at a fixed number of knots, so that it serves windows of other lengths an
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 from typing import ClassVar
 
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
 from checkweigher_dsp.parameters import parameter
 from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.signal.array_cache import array_cache
 
 # Until it is trained, a Hann window: sin^2 at the knots.
 _KNOTS = 24
@@ -126,17 +126,7 @@ def fit_fir(
     -------
     ndarray, (k,) float64
         Values at the knots, for `fir_weights`.
-
-    Raises
-    ------
-    ValueError
-        If the passes are too few, do not fit the masses, or a setting is out of its range.
     """
-    masses = np.asarray(masses, np.float64)
-    if len(samples) < 2 or len(samples) != len(masses):
-        raise ValueError(f'{len(samples)} passes with {len(masses)} masses cannot be fitted')
-    if count < 2 or not 0 <= ridge < np.inf:
-        raise ValueError(f'{count} knots with ridge {ridge:g} cannot be fitted')
     bases = [_basis(len(window), count) for window in samples]
     features = np.stack(
         [window @ basis / len(basis) for window, basis in zip(samples, bases, strict=True)]
@@ -159,7 +149,7 @@ def fit_fir(
 _LEAST_RIDGE = 1e-9
 
 
-@array_cache
+@lru_cache(maxsize=64)
 def _basis(count: int, knots: int) -> NDArray[np.float64]:
     """Return the share of each knot in each sample, (count, knots)."""
     position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)

@@ -44,7 +44,6 @@ _RATE_TOLERANCE = 1e-3
 # Speeds that differ by less share one noise model; the lines of a belt are not that sharp.
 _SPEED_STEP = 1e-3
 _UNTRAINED_ORDER = 40
-_WHITENERS = 2**22  # numbers, 32 MB, in the filters that are kept; one has the square of the order
 _LEAST_NOISE = 1e-9  # kg, of a signal that has none
 
 
@@ -148,8 +147,7 @@ class GaussMarkov(Estimator):
 
     def __init__(self, parameters: GaussMarkovParameters) -> None:
         super().__init__(parameters)
-        kept = min(64, max(1, _WHITENERS // parameters.order**2))
-        self._whitener = lru_cache(maxsize=kept)(self._whitener_at)
+        self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the load of a window and its variance, that of the zero included."""

@@ -16,6 +16,7 @@ from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate, is_in_window, raw_samples
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
@@ -75,9 +76,9 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
     edges = _ENTRY_NOISE / after_entry**_EDGE_EXPONENT + _EXIT_NOISE / before_exit**_EDGE_EXPONENT
     lags = abs(np.subtract.outer(np.arange(count), np.arange(count)))
     level, deviation = float(hann_mean(samples)), 0.0
-    belt = _autocovariance(empty, count)
+    belt = pooled_autocovariance([empty], count)
     for _ in range(_ITERATIONS):
-        covariance = _autocovariance(parts - level, count) + belt
+        covariance = pooled_autocovariance([parts - level], count) + belt
         scale = covariance[0]
         if not scale > 0:
             break
@@ -127,12 +128,3 @@ def _means(signal: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return the means of successive parts of `size` samples, the last ones of a signal."""
     used = signal[len(signal) % size :]
     return np.asarray(used.reshape(-1, size).mean(axis=1))
-
-
-def _autocovariance(signal: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the biased autocovariance of a signal (n,), (count,); 0 from n on."""
-    result = np.zeros(count)
-    if len(signal):
-        found = np.correlate(signal, signal, 'full')[len(signal) - 1 :][:count]
-        result[: len(found)] = found / len(signal)
-    return result

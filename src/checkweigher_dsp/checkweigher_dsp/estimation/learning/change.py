@@ -4,12 +4,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
+from checkweigher_dsp.parameters import parameter
+from checkweigher_dsp.settings_files import Settings
 
 RECENT = 20  # items that show a change
 _ALIKE = 1.25  # factor beyond the loads learned from, within which an item is compared
@@ -19,8 +22,8 @@ _SAME_PHASE = 0.6  # share of the amplitude
 _STRONG = 0.1  # of all power before: a line that matters
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+@dataclass(frozen=True)
+class Change(Settings):
     """A lasting change: where in the pass, or at which frequency.
 
     `place` is the share of t1..t3, below 0 before t1, where the load comes on differently, NaN if
@@ -28,10 +31,10 @@ class Change:
     deviations of an item at that place, or times the power at that frequency.
     """
 
-    item_id: int  # with which it was noticed
-    place: float
-    frequency: float
-    factor: float
+    item_id: int = parameter(text='item with which it was noticed')
+    place: float = parameter(math.nan, 'place in the pass')
+    frequency: float = parameter(math.nan, 'frequency', unit='Hz')
+    factor: float = parameter(0.0, 'by how much')
 
     def __str__(self) -> str:
         if np.isnan(self.frequency):

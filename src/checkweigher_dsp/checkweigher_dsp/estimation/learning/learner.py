@@ -3,7 +3,7 @@
 """What a machine has taught while it ran: state in, state out, item by item."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,9 @@ from checkweigher_dsp.estimation.learning.passage import (
     with_mass,
 )
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
+from checkweigher_dsp.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.settings_files import Settings
 
 _SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # relative differences of what is one
 _STEP = 5  # items from one fit to the next
@@ -64,22 +65,28 @@ class LearningParameters(Parameters):
             )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ItemKind:
+@dataclass(frozen=True, eq=False)
+class ItemKind(Settings):
     """What items of one belt speed (m/s) and length (m) have taught.
 
     Their passes are dropped once learning is over. `recent` are the residuals of the last items
     that could be compared, (k,) each in kg.
     """
 
-    speed: float
-    length: float
-    rise: int  # parts from t1 to t2
-    items: int = 0
-    passages: tuple[Passage, ...] = ()
-    fit: Fit | None = None
-    recent: tuple[NDArray[np.float64], ...] = ()
-    change: Change | None = None
+    speed: float = parameter(text='belt speed', unit='m/s')
+    length: float = parameter(text='length of the item', unit='m')
+    rise: int = parameter(text='parts from t1 to t2')
+    items: int = parameter(0, 'items that were seen')
+    passages: tuple[Passage, ...] = parameter((), 'passes that teach')
+    fit: Fit | None = parameter(None, 'what they have taught')
+    recent: tuple[NDArray[np.float64], ...] = parameter(
+        (), 'residuals of the last items', unit='kg'
+    )
+    change: Change | None = parameter(None, 'change of the machine since then')
+
+    def __post_init__(self) -> None:
+        if self.fit and {len(each) for each in self.recent} - {len(self.fit.weights)}:
+            raise SettingsError('residuals of another length than the weights', 'recent')
 
     @property
     def weighs(self) -> bool:
@@ -94,15 +101,22 @@ class ItemKind:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LearnedKinds:
+@dataclass(frozen=True, eq=False)
+class LearnedKinds(Settings):
     """What was learned of each kind of items, the one seen last at the end.
 
     It rests on the loads of one estimator with its parameters, the `basis`.
     """
 
-    basis: str
-    kinds: tuple[ItemKind, ...] = ()
+    basis: str = parameter(text='estimator with its parameters')
+    kinds: tuple[ItemKind, ...] = parameter((), 'kinds of items')
+
+    @classmethod
+    def prepared(cls, content: Any) -> Any:
+        """Return the table without the number that stood for that of the format."""
+        if not isinstance(content, dict):
+            return content
+        return {key: value for key, value in content.items() if key != 'version'}
 
 
 def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:

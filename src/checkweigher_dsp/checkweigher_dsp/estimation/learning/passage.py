@@ -18,25 +18,31 @@ from checkweigher_dsp.estimation.estimators.learned import (
     seconds_alone,
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
+from checkweigher_dsp.parameters import SettingsError, parameter
 from checkweigher_dsp.records import WeighWindow
+from checkweigher_dsp.settings_files import Settings
 
 MOST_LEAD = 48  # before t1
 
 
-@dataclass(frozen=True, slots=True)
-class Passage:
+@dataclass(frozen=True)
+class Passage(Settings):
     """The parts of a pass, with the load that the chosen estimator found in it.
 
     `parts` (lead + PARTS,), kg, are those of `pass_features`: `lead` of them are before t1, and the
     last `quiet` of these have no ring-down of the item before. `duration` is that of one part, s.
     """
 
-    parts: NDArray[np.float64]
-    quiet: int
-    duration: float
-    load: float  # kg
-    variance: float  # kg^2, that the estimator states for it; 0 if it states none
-    zero_variance: float  # kg^2
+    parts: NDArray[np.float64] = parameter(text='parts of the pass', unit='kg')
+    quiet: int = parameter(text='parts without ring-down', minimum=0)
+    duration: float = parameter(text='duration of a part', unit='s')
+    load: float = parameter(text='load by the estimator', unit='kg')
+    variance: float = parameter(text='that it states; 0 if it states none', unit='kg^2')
+    zero_variance: float = parameter(text='variance of the zero', unit='kg^2')
+
+    def __post_init__(self) -> None:
+        if len(self.parts) < PARTS:
+            raise SettingsError(f'{len(self.parts)} parts, at least {PARTS}', 'parts')
 
     @property
     def lead(self) -> int:

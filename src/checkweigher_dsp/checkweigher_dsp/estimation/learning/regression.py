@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, Passage
+from checkweigher_dsp.parameters import SettingsError, parameter
+from checkweigher_dsp.settings_files import Settings
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # a, b and c.
@@ -42,8 +44,8 @@ _FADING = 0.1  # s
 _LEAST_VARIANCE = 1e-18  # kg^2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False)
+class Fit(Settings):
     """What items of one speed and length have taught.
 
     `curve`, `weights` and `noise` are (k,), of the last k parts of a pass: a load of 1, the weights
@@ -51,16 +53,22 @@ class Fit:
     usual power by frequency beside the curve, (k // 2 + 1,), kg^2.
     """
 
-    curve: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    noise: NDArray[np.float64]
-    spectrum: NDArray[np.float64]
-    variance: float  # kg^2, of a mass, from items that were held out
-    variance_before: float  # the same of the chosen estimator
-    zero_variance: float  # kg^2, mean
-    loads: tuple[float, float]  # kg, smallest and largest
-    items: int
-    trusted: bool  # whether the masses are better than those of the chosen estimator
+    curve: NDArray[np.float64] = parameter(text='parts of a load of 1')
+    weights: NDArray[np.float64] = parameter(text='of the parts in the mass')
+    noise: NDArray[np.float64] = parameter(text='standard deviation of a part', unit='kg')
+    spectrum: NDArray[np.float64] = parameter(text='power by frequency', unit='kg^2')
+    variance: float = parameter(text='of the masses of items that were held out', unit='kg^2')
+    variance_before: float = parameter(text='the same of the chosen estimator', unit='kg^2')
+    zero_variance: float = parameter(text='mean variance of the zero', unit='kg^2')
+    loads: tuple[float, float] = parameter(text='smallest and largest', unit='kg')
+    items: int = parameter(text='number of items that taught')
+    trusted: bool = parameter(text='whether its masses are better than those of the estimator')
+
+    def __post_init__(self) -> None:
+        count = len(self.weights)
+        lengths = [len(each) for each in (self.curve, self.noise, self.spectrum)]
+        if count < PARTS or lengths != [count, count, count // 2 + 1]:
+            raise SettingsError(f'{count} weights do not fit to lists of {lengths}', 'weights')
 
     @property
     def lead(self) -> int:

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Who may do what on a lane: the rights of its nodes, the key of a locked line, limits of calls."""
+"""Rights of the nodes of a lane: the policy for SROS2, and the enclave of a process."""

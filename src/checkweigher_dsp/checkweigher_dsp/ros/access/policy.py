@@ -30,7 +30,7 @@ _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
-    'record': ports.ALL,
+    'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
     'segmenter': (ports.DIAGNOSTICS,),  # of clocks, where its stamps come from two hosts
     'page_results': (
@@ -38,8 +38,11 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
         ports.VERDICT, ports.STATISTICS, ports.FILLER_FEEDBACK, ports.STOP_REQUEST,
     ),
     'page_signals': (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW),
-    PAGE_WORK: (ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS, ports.PERFORMANCE_TEST),
-    VERIFY: tuple(port for port in ports.ALL if port is not ports.VERIFICATION),
+    PAGE_WORK: (
+        ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS, ports.PERFORMANCE_TEST,
+        ports.PRODUCT_IN_USE,
+    ),
+    VERIFY: tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
 }  # fmt: skip
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')

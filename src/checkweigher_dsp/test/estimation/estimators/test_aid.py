@@ -268,14 +268,3 @@ def test_a_lowpass_longer_than_half_the_window_is_cut_to_it():
     shape = prefilter_adaptively(np.full((1, 20), 0.1), settings, RATE)[0].shape
 
     assert shape == (1, 20 - 10 + 1)
-
-
-def test_too_short_a_window_is_refused():
-    with pytest.raises(ValueError, match='7 samples'):
-        identify_adaptive(np.ones((1, 7)), PLAIN, RATE)
-
-
-@pytest.mark.parametrize('fields', [(0, 2, 50.0), (3, -1, 50.0), (3, 2, 0.0), (3, 2, math.nan)])
-def test_settings_that_cannot_be_are_refused(fields):
-    with pytest.raises(ValueError, match='cannot be'):
-        AdaptiveSettings(*fields)

@@ -153,15 +153,6 @@ def test_passes_without_any_error_give_a_plain_average():
     assert fir_estimate(np.full(60, 0.5), knots) == pytest.approx(0.5, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ('passes', 'masses', 'count', 'ridge'),
-    [(1, 1, 8, 0.1), (3, 2, 8, 0.1), (3, 3, 1, 0.1), (3, 3, 8, -1.0), (3, 3, 8, np.nan)],
-)
-def test_what_cannot_be_fitted_is_refused(passes, masses, count, ridge):
-    with pytest.raises(ValueError, match='cannot be fitted'):
-        fit_fir(np.ones((passes, 64)), np.ones(masses), count, ridge)
-
-
 def test_weights_without_a_sum_are_refused():
     with pytest.raises(ValueError, match='no sum'):
         fir_weights(np.array([1.0, -1.0]), 10)

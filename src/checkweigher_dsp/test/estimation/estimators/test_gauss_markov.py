@@ -117,21 +117,14 @@ def test_a_signal_further_from_the_model_than_allowed_has_no_mass(make_pass, tim
     assert math.isfinite(found.mass) == known
 
 
-@pytest.mark.parametrize('empty_begin', [0, 150])
-def test_mass_and_variance_are_those_of_the_textbook(window, empty_begin):
+# The signal before t1 is used from the empty belt on, and no longer than it is asked for.
+@pytest.mark.parametrize(('empty_begin', 'lead'), [(0, {}), (150, {}), (0, {'lead_time': 0.1})])
+def test_mass_and_variance_are_those_of_the_textbook(window, empty_begin, lead):
     window = replace(window, empty_begin=empty_begin)
 
-    found = _estimate(window)
+    found = _estimate(window, **lead)
 
-    mass, variance = _textbook(window, found.mass)
-    assert found.mass == pytest.approx(mass, rel=1e-7)
-    assert found.variance == pytest.approx(variance, rel=1e-6)
-
-
-def test_less_of_the_empty_belt_is_used_if_less_is_asked_for(window):
-    found = _estimate(window, lead_time=0.1)
-
-    mass, variance = _textbook(window, found.mass, lead_time=0.1)
+    mass, variance = _textbook(window, found.mass, **lead)
     assert found.mass == pytest.approx(mass, rel=1e-7)
     assert found.variance == pytest.approx(variance, rel=1e-6)
 

@@ -82,19 +82,3 @@ def test_the_weights_are_an_average(schedule, count):
     assert weights.shape == (count,)
     assert weights.sum() == pytest.approx(1, rel=ROUNDING)
     assert weights.min() >= 0
-
-
-@pytest.mark.parametrize(
-    'arguments',
-    [
-        (0, 2, 30.0, 5.0, 0.9, RATE),
-        (9, 0, 30.0, 5.0, 0.9, RATE),
-        (9, 2, -1.0, 5.0, 0.9, RATE),
-        (9, 2, 30.0, math.nan, 0.9, RATE),
-        (9, 2, 30.0, 5.0, 1.1, RATE),
-        (9, 2, 30.0, 5.0, 0.9, 0.0),
-    ],
-)
-def test_what_is_no_schedule_is_refused(arguments):
-    with pytest.raises(ValueError, match=r'sections|schedule'):
-        lowpass_weights(*arguments)

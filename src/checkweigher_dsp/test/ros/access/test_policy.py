@@ -10,7 +10,7 @@ def test_reject_may_judge_and_no_more():
     its = rights('reject', 'lane1')
     assert '/lane1/verdict' in its.publish
     assert '/lane1/mass_estimate' in its.subscribe - its.publish
-    assert its.request == {'/lane1/line_history', '/lane1/record_change'}
+    assert its.request == {'/lane1/record_change'}
     assert '/lane1/select_product' not in its.reply
 
 

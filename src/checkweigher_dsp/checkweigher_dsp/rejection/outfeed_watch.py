@@ -1,0 +1,92 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Items that leave the weigh belt while the segmenter is dead or behind."""
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+from checkweigher_dsp.records import Eye, EyeEdge
+
+# An eye that was clear for less is flickering (more than the debounce_time of any line).
+FLICKER = 20_000_000  # ns
+_MOST = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class OutfeedEdge:
+    """An edge at which an item began to leave: its stamp, and when it came, in ns.
+
+    `after` is the largest number of an item by then.
+    """
+
+    stamp: int
+    came: int
+    after: int
+
+
+class OutfeedWatch:
+    """Outfeed edges that no announcement explains and the segmenter has not taken.
+
+    Stamps are in ns; `came` is on the clock of arrivals.
+    """
+
+    def __init__(self) -> None:
+        self.open: list[OutfeedEdge] = []
+        self._came: dict[int, int] = {}  # by stamp, of the latest edges
+        self._explained: deque[int] = deque(maxlen=_MOST)
+        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
+        self._taken: tuple[float, float] = (math.inf, -math.inf)
+        self._clear_since: int | None = None
+
+    def add(self, edge: EyeEdge, came: int, after: int) -> None:
+        """Add an edge of the eyes; `after` is the largest number of an item so far."""
+        self._stamps.append(edge.stamp)
+        if edge.eye != Eye.OUTFEED:
+            return
+        if not edge.blocked:
+            self._clear_since = edge.stamp
+            return
+        self._came[edge.stamp] = came
+        if len(self._came) > _MOST:
+            del self._came[next(iter(self._came))]
+        clear = self._clear_since
+        if clear is not None and 0 <= edge.stamp - clear < FLICKER:
+            return
+        if edge.stamp in self._explained or self._is_taken(edge.stamp):
+            return
+        self.open = [*self.open, OutfeedEdge(edge.stamp, came, after)][-_MOST:]
+
+    def came(self, t3: int | None) -> int | None:
+        """Return when an outfeed edge came, None if it is not known."""
+        return None if t3 is None else self._came.get(t3)
+
+    def explain(self, t3: int | None) -> None:
+        """Remove the edge of an announced item."""
+        if t3 is not None:
+            self._explained.append(t3)
+            self.remove(t3)
+
+    def take_to(self, stamp: int, count: int) -> None:
+        """Remove the last `count` edges up to a stamp: the segmenter has taken them."""
+        first = -math.inf
+        if 0 < count < len(self._stamps):  # a segmenter that was started after this stage
+            known = sorted(each for each in self._stamps if each <= stamp)
+            first = known[-count] if count < len(known) else first
+        self._taken = first, stamp
+        self.open = [each for each in self.open if not self._is_taken(each.stamp)]
+
+    def remove(self, stamp: int) -> None:
+        """Remove the edge of a stamp: its item has a verdict."""
+        self.open = [each for each in self.open if each.stamp != stamp]
+
+    def restart(self) -> None:
+        """Begin a new stream, of which the segmenter has taken nothing."""
+        self._taken = math.inf, -math.inf
+        self._clear_since = None
+        self._stamps.clear()
+        self._came.clear()
+
+    def _is_taken(self, stamp: int) -> bool:
+        first, last = self._taken
+        return first <= stamp <= last
