@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 
 from checkweigher_bringup.batch_report import read_recorded, write_report
-from checkweigher_dsp.production.audit_trail import REPORT
+from checkweigher_dsp.changes import REPORT
 from checkweigher_dsp.records import BatchResult
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.change_record import ChangeRecord

@@ -5,10 +5,9 @@
 from datetime import UTC, datetime
 import math
 
-from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import GRAMS, NANOSECONDS, FillerFeedback, Statistics, Verdict
-from checkweigher_dsp.rejection.batch_rules import BatchTally
+from checkweigher_dsp.rejection.batch_rules import ROUNDING, BatchTally
 from checkweigher_web.lane import Item
 
 # Colour is never the only sign.

@@ -28,10 +28,10 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.machine_folder import own_folder
 from checkweigher_bringup.spinning import memory_file
 from checkweigher_driver.calibration.file import replace_version
+from checkweigher_dsp.changes import TUNED
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 from checkweigher_dsp.parent_process import child_environment
-from checkweigher_dsp.production.audit_trail import TUNED
 from checkweigher_dsp.records import GRAMS
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.running import run

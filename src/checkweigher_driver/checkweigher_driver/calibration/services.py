@@ -28,8 +28,8 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 from checkweigher_driver.source_stream import StreamHistory
+from checkweigher_dsp.changes import CALIBRATION
 from checkweigher_dsp.parameters import ParameterError, SettingsError
-from checkweigher_dsp.production.audit_trail import CALIBRATION
 from checkweigher_dsp.records import GRAMS, EyeEdge, LoadCell, SampleBlock
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.stage_node import StageNode

@@ -9,12 +9,12 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import Trigger
 
+from checkweigher_dsp import changes
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.health.learning import describe, learning_finding
 from checkweigher_dsp.nodes.learned_record import LearnedRecord
-from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.ros import ports
@@ -83,7 +83,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     async def _on_forget(self, request: Any, response: Any) -> Any:
         """Forget what was learned, once that is in the audit log."""
         name = self.get_fully_qualified_name()
-        if reason := await self.change_record.write(audit_trail.LEARNED, name, 'forgotten'):
+        if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'
             return response
         count = len(self._identifier.learned.kinds)
@@ -117,7 +117,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     async def _audit(self, value: dict[str, object]) -> None:
         """Write down what was learned: it follows from the items, and so it is no request."""
         name = self.get_fully_qualified_name()
-        if reason := await self.change_record.write(audit_trail.LEARNED, name, value):
+        if reason := await self.change_record.write(changes.LEARNED, name, value):
             self.warn(f'what was learned: {reason}')
 
     def diagnose(self, now: float) -> list[Finding]:

@@ -9,10 +9,10 @@ import json
 import time
 from typing import Any
 
+from checkweigher_dsp import changes
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes.parameter_audit import ParameterAudit
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.production.authors import Author, Authors
@@ -25,10 +25,10 @@ _LONGEST_NAME = 64  # characters, of a person
 _CALL_PATIENCE = 150.0  # s, in which a person's call has ended
 # Node that makes a change and the service that asks it to, by kind and subject of the entry.
 _OF_SERVICES = {
-    audit_trail.ZERO: ('segmenter', ports.ZERO),
-    audit_trail.LEARNED: ('identifier', ports.FORGET_LEARNED),
-    audit_trail.TUNED: (ports.DYNAMIC_SETTING.name, ports.ACCEPT_TUNED),
-    audit_trail.CALIBRATION: ('driver', ports.FINISH_CALIBRATION),
+    changes.ZERO: ('segmenter', ports.ZERO),
+    changes.LEARNED: ('identifier', ports.FORGET_LEARNED),
+    changes.TUNED: (ports.DYNAMIC_SETTING.name, ports.ACCEPT_TUNED),
+    changes.CALIBRATION: ('driver', ports.FINISH_CALIBRATION),
 }
 
 
@@ -80,17 +80,17 @@ class LineAudit:
         kind, subject = request.kind, request.subject
         namespace, _, node = subject.rpartition('/')
         here = namespace == self._namespace
-        if kind == audit_trail.PERSON and len(subject) <= _LONGEST_NAME:
+        if kind == changes.PERSON and len(subject) <= _LONGEST_NAME:
             self._hear_person(one_line(subject), request, value)
-        elif kind == audit_trail.PARAMETER and here and isinstance(value, dict):
+        elif kind == changes.PARAMETER and here and isinstance(value, dict):
             self.parameters.announce({node: value}, self.author_of(f'{node}/{SETTER}', node))
-        elif kind == audit_trail.REPORT and self._has_record(subject):
+        elif kind == changes.REPORT and self._has_record(subject):
             by = Author(f'graph:{self._namespace}/batch_reporter')
             self.trail.state(kind, subject, value, by)
         elif subject == self._subjects().get(kind):
             maker, service = _OF_SERVICES[kind]
             by = self.author_of(service, maker)
-            if kind == audit_trail.CALIBRATION:
+            if kind == changes.CALIBRATION:
                 self.trail.state(kind, subject, value, by)
             else:
                 self.trail.note(kind, subject, None, value, by)
@@ -100,10 +100,10 @@ class LineAudit:
     def _subjects(self) -> dict[str, str]:
         """Return the subject of each kind of entry of `_OF_SERVICES`."""
         return {
-            audit_trail.ZERO: ports.ZERO,
-            audit_trail.LEARNED: f'{self._namespace}/identifier',
-            audit_trail.TUNED: f'{self._namespace}/{ports.DYNAMIC_SETTING.name}',
-            audit_trail.CALIBRATION: ports.LOAD_CELL_INFO.name,
+            changes.ZERO: ports.ZERO,
+            changes.LEARNED: f'{self._namespace}/identifier',
+            changes.TUNED: f'{self._namespace}/{ports.DYNAMIC_SETTING.name}',
+            changes.CALIBRATION: ports.LOAD_CELL_INFO.name,
         }
 
     def _hear_person(self, name: str, request: Any, value: Any) -> None:
@@ -112,7 +112,7 @@ class LineAudit:
         if value is None:
             self._authors.announce(author, list(request.subjects), time.monotonic())
         elif isinstance(value, str):
-            self.trail.note(audit_trail.PERSON, name, None, one_line(value), author)
+            self.trail.note(changes.PERSON, name, None, one_line(value), author)
         else:
             raise AuditError(f'{name}: what a person did is a text')
 
@@ -126,12 +126,12 @@ class LineAudit:
         """Write down a calibration that is not the last one known."""
         by = Author(f'graph:{self._namespace}/driver')
         name = ports.LOAD_CELL_INFO.name
-        self.trail.saw_state(audit_trail.CALIBRATION, name, asdict(load_cell), by)
+        self.trail.saw_state(changes.CALIBRATION, name, asdict(load_cell), by)
 
     def on_zero_setting(self, change: ZeroChange) -> None:
         """Write down the zero that was set."""
         by = self.author_of(ports.ZERO, 'segmenter')
-        self.trail.saw_state(audit_trail.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
+        self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
     def finding(self) -> Finding:
         """Return the aspect Audit log of the diagnostics."""

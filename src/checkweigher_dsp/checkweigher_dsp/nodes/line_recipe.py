@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.task import Future
 
-from checkweigher_dsp.production.audit_log import plain
+from checkweigher_dsp.changes import plain
 from checkweigher_dsp.production.recipes import NODES, Product
 from checkweigher_dsp.records import ProductOnLine
 from checkweigher_dsp.rejection.batch_rules import BatchTally

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 import math
 
+from checkweigher_dsp import changes
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.nodes.line_recipe import LineRecipe
-from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.production.audit_trail import AuditTrail
 from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.production.performance_test import (
@@ -49,7 +49,7 @@ class LineTest:
 
     def select(self, product: Product, batch: str) -> None:
         """Take the product and the batch on the line, whose parameters are set."""
-        if (entry := self._trail.last(audit_trail.TEST, product.name)) is not None:
+        if (entry := self._trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self._clock())
         self._publish(self._tests.state)
@@ -61,7 +61,7 @@ class LineTest:
             raise ValueError('who makes the performance test has to be named')
         plan = self._tests.plan_to_begin()
         product = self._tests.state.product
-        self._trail.note(audit_trail.TEST_BEGUN, product, None, True, Author(who, reason))
+        self._trail.note(changes.TEST_BEGUN, product, None, True, Author(who, reason))
         await self._recipe.change(performance_test=True)
         self._rejecting, self._reason = True, reason
         self._tests.begin(who, self._clock())
@@ -73,7 +73,7 @@ class LineTest:
         if not self._tests.wanted:
             return 'no performance test was under way'
         state = self._tests.state
-        self._trail.note(audit_trail.TEST_BEGUN, state.product, True, False, Author(who, reason))
+        self._trail.note(changes.TEST_BEGUN, state.product, True, False, Author(who, reason))
         self._tests.cancel(self._clock())
         self._publish(self._tests.state)
         return 'the performance test was broken off'
@@ -87,7 +87,7 @@ class LineTest:
             entry = as_entry(plan, ended, self._reason)
             product = self._tests.state.product
             author = Author(ended.who, self._reason)
-            self._trail.saw(audit_trail.TEST, product, None, entry, author)
+            self._trail.saw(changes.TEST, product, None, entry, author)
         if ended is not None or len(self._tests.state.errors) != passes:
             self._publish(self._tests.state)
 

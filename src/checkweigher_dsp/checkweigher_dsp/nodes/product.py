@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from checkweigher_msgs.srv import BeginTest, NewBatch, RecordChange, ResetStatistics, SelectProduct
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 
+from checkweigher_dsp import changes
 from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.host_clock import HostClock
 from checkweigher_dsp.nodes.batch_recorder import BatchRecorder
@@ -20,7 +21,6 @@ from checkweigher_dsp.nodes.line_recipe import LineRecipe
 from checkweigher_dsp.nodes.line_test import LineTest
 from checkweigher_dsp.parameters import ParameterError, Parameters, SettingsError, parameter
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.production.audit_log import AuditError, AuditLog
 from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.production.batch_record import RecordError
@@ -214,14 +214,14 @@ class ProductNode(StageNode[ProductParameters]):
         # Written before it is done: a change that cannot be written down is not made.
         before, batch = self._production.product, self._production.batch
         old, new = map(_audited, (self._recipe.in_use, product.on_line(batch)))
-        self._trail.note(audit_trail.SELECTION, 'product', old, new, self._by)
+        self._trail.note(changes.SELECTION, 'product', old, new, self._by)
         # Items that are judged by the new recipe while it is set belong to it already.
         self._use(product)
         try:
             await self._recipe.set(product, batch)
         except RefusedError as error:
             self._use(before if self._recipe.on_line.product else None)
-            self._trail.saw(audit_trail.REFUSED, 'product', name, str(error), self._by)
+            self._trail.saw(changes.REFUSED, 'product', name, str(error), self._by)
             raise
         self._control_filler(product)
         self._test.select(product, batch)
@@ -276,7 +276,7 @@ class ProductNode(StageNode[ProductParameters]):
             product = await self._recipe.restore()
             for node in sorted(lost):
                 self.warn(f'{node} was started again: it has the parameters of {product!r} again')
-                self._trail.saw(audit_trail.RESTORED, node, None, product)
+                self._trail.saw(changes.RESTORED, node, None, product)
         except RefusedError as error:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
@@ -319,12 +319,12 @@ class ProductNode(StageNode[ProductParameters]):
         if not name or self._production.has_batch(name) or self._has_record(name):
             response.message = f'batch {name!r}: a name that was not used before is needed'
             return response
-        work = self._end_count(response, audit_trail.BATCH, name)
+        work = self._end_count(response, changes.BATCH, name)
         return await self._answer(response, work, f'batch {name!r}')
 
     async def _on_reset(self, request: Any, response: Any) -> Any:
         self._by = self._audit.author_of(ports.RESET_STATISTICS)
-        work = self._end_count(response, audit_trail.RESET, None)
+        work = self._end_count(response, changes.RESET, None)
         return await self._answer(response, work, 'statistics')
 
     async def _end_count(self, response: Any, kind: str, batch: str | None) -> None:
@@ -347,7 +347,7 @@ class ProductNode(StageNode[ProductParameters]):
             await self._recipe.change(batch=batch)
         except (AuditError, RefusedError) as error:
             self._production.batch = before
-            self._trail.saw(audit_trail.REFUSED, 'batch', batch, str(error), self._by)
+            self._trail.saw(changes.REFUSED, 'batch', batch, str(error), self._by)
             raise
         product = self._production.product
         if self._record is not None:
@@ -361,7 +361,7 @@ class ProductNode(StageNode[ProductParameters]):
         """Tell of records that are complete, once the audit log has their hashes."""
         while self._record is not None and not self._record.ended.empty():
             ended = self._record.ended.get()
-            self._trail.saw_state(audit_trail.RECORD, ended.batch, ended.sha256)
+            self._trail.saw_state(changes.RECORD, ended.batch, ended.sha256)
             path = str(ended.path.resolve())
             self._results.send(BatchResult(self._stamp(), ended.batch, path, ended.sha256))
 

@@ -12,10 +12,10 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from checkweigher_dsp import changes
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.segmenter import SegmenterWatch
 from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
-from checkweigher_dsp.production import audit_trail
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import (
     NANOSECONDS,
@@ -107,7 +107,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if self._segmenter is None:
             response.message = 'no load_cell/info has come: not zeroed'
             return response
-        if reason := await self.change_record.write(audit_trail.ZERO, ports.ZERO, 'requested'):
+        if reason := await self.change_record.write(changes.ZERO, ports.ZERO, 'requested'):
             response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()

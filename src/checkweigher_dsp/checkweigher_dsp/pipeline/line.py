@@ -9,8 +9,7 @@ from typing import Any, Self, cast
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, flatten, in_section
-from checkweigher_dsp.production.recipes import Product
+from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, in_section
 from checkweigher_dsp.records import (
     EyeEdge,
     Item,
@@ -79,11 +78,6 @@ class LineParameters:
             own: Parameters = getattr(self, node)
             made[node] = own.from_mapping({**own.as_mapping(), **values})
         return replace(self, **cast(dict[str, Any], made))
-
-    def with_product(self, product: Product) -> Self:
-        """Return the same parameters with what a recipe sets, its limits as those of the line."""
-        limits = flatten({'reject': product.limits()})
-        return self.with_values(flatten(product.parameters) | limits)
 
     def with_estimator(self, name: str) -> Self:
         """Return the same parameters with another estimator."""

@@ -20,12 +20,12 @@ import errno
 import fcntl
 import hashlib
 import json
-import math
 import os
 from pathlib import Path
 import re
 from typing import Any, Self
 
+from checkweigher_dsp.changes import plain
 from checkweigher_dsp.input_files import read_input
 
 FIRST_PREVIOUS = '0' * 64
@@ -403,19 +403,6 @@ class AuditLog:
                 os.fsync(folder)
             finally:
                 os.close(folder)
-
-
-def plain(value: object) -> Any:
-    """Return a value as JSON has it: sequences as lists, NaN and infinities as strings."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, Mapping):
-        return {str(name): plain(each) for name, each in value.items()}
-    if isinstance(value, (str, bool, int, float)) or value is None:
-        return value
-    if hasattr(value, '__iter__'):
-        return [plain(each) for each in value]
-    return str(value)
 
 
 def _parse(line: bytes) -> Entry | None:

@@ -11,17 +11,11 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from checkweigher_dsp.production.audit_log import AuditError, AuditLog, plain
+from checkweigher_dsp.changes import FOUND, PARAMETER, RECIPE, REFUSED, ZERO, plain
+from checkweigher_dsp.production.audit_log import AuditError, AuditLog
 from checkweigher_dsp.production.authors import Author
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Verdict
-
-PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
-SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
-RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
-RECORD, REPORT = 'record', 'report'  # of a batch
-TUNED = 'tuned'
-TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
 
 
 class AuditTrail:

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from checkweigher_dsp.rejection.batch_rules import ROUNDING
+
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # kg, range of the table
 
@@ -29,9 +31,6 @@ _ROWS = (
     (1.0, 0.0, 0.015),
     (10.0, 0.015, 0.0),
 )
-
-# A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
-ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,6 +155,10 @@ class Product(Settings):
             'mean_value': self.mean_value,
         }
 
+    def stage_values(self) -> dict[str, object]:
+        """Return the parameters that the recipe sets, by `node.name`, its limits among them."""
+        return flatten(self.parameters) | flatten({'reject': self.limits()})
+
     def on_line(self, batch: str) -> ProductOnLine:
         """Return what the reject node needs of the product, in a batch."""
         limits: dict[str, Any] = self.limits()

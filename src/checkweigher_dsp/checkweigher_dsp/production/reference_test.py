@@ -27,7 +27,8 @@ import math
 
 import numpy as np
 
-from checkweigher_dsp.production.prepackages import MAX_SHARE_BELOW_TU1, ROUNDING, limits
+from checkweigher_dsp.production.prepackages import MAX_SHARE_BELOW_TU1, limits
+from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 WHOLE_BELOW = 100  # prepackages, tested one by one
 

@@ -11,11 +11,13 @@ stays at or above that.
 from dataclasses import dataclass, replace
 from typing import Any
 
-from checkweigher_dsp.production.prepackages import ROUNDING
 from checkweigher_dsp.reasons import Reason
 from checkweigher_dsp.records import Decision, ProductOnLine, Verdict
 
 _MAX_TALLIES = 1_000
+
+# A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 
-from checkweigher_dsp.production.audit_log import plain
+from checkweigher_dsp.changes import plain
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.line_parameters import in_time
 

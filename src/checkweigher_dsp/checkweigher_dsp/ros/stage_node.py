@@ -11,9 +11,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
 from rclpy.parameter import Parameter
 
+from checkweigher_dsp.changes import PARAMETER
 from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.production.audit_trail import PARAMETER
 from checkweigher_dsp.ros.change_record import ChangeRecord
 from checkweigher_dsp.ros.diagnostics import Diagnostics
 from checkweigher_dsp.ros.graph.place import Place, participant_of

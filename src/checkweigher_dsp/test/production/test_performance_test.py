@@ -9,8 +9,8 @@ import math
 
 import pytest
 
+from checkweigher_dsp.changes import plain
 from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.production.audit_log import plain
 from checkweigher_dsp.production.performance_test import (
     LastTest,
     PerformancePlan,

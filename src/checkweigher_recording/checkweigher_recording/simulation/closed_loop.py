@@ -30,7 +30,7 @@ def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
     if product.filler is None:
         raise ValueError(f'{product.name}: its recipe has no filler')
     controller = FillerController(product.filler, product.name, product.nominal, product.tare)
-    line = WeighingLine(simulation.load_cell, LineParameters().with_product(product))
+    line = WeighingLine(simulation.load_cell, LineParameters().with_values(product.stage_values()))
     for event in simulation:
         yield event
         if not isinstance(event, SampleBlock | EyeEdge):

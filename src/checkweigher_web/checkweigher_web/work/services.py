@@ -17,8 +17,8 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
 
+from checkweigher_dsp.changes import PERSON
 from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.audit_trail import PERSON
 from checkweigher_dsp.records import PerformanceTest, ProductOnLine, VerificationProgress
 from checkweigher_dsp.ros import ports
 from checkweigher_dsp.ros.port_node import PortNode

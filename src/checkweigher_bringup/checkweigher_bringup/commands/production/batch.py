@@ -98,7 +98,7 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
 
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     if arguments.recipes is not None:
-        parameters = parameters.with_product(product)
+        parameters = parameters.with_values(product.stage_values())
     recording = read_bag(arguments.source, arguments.lane, progress=True)
     print_warning(recording)
     results = weigh(recording, parameters, progress=True)

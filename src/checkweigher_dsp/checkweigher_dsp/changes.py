@@ -1,0 +1,27 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Kinds of changes that the audit log of a lane records, and their values as JSON has them."""
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
+SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
+RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
+RECORD, REPORT = 'record', 'report'  # of a batch
+TUNED = 'tuned'
+TEST, TEST_BEGUN = 'test', 'test_begun'  # of performance
+
+
+def plain(value: object) -> Any:
+    """Return a value as JSON has it: sequences as lists, NaN and infinities as strings."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, (str, bool, int, float)) or value is None:
+        return value
+    if hasattr(value, '__iter__'):
+        return [plain(each) for each in value]
+    return str(value)
