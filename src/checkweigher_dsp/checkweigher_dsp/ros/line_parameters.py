@@ -11,8 +11,7 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
-from checkweigher_dsp.ros.graph.place import PARTICIPANT, is_held
-from checkweigher_dsp.ros.graph.strangers import full_name
+from checkweigher_dsp.ros.graph.place import PARTICIPANT, full_name, is_held
 from checkweigher_dsp.ros.node_parameters import ros_parameters
 
 Values = dict[str, object]

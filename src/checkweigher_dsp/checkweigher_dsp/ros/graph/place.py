@@ -10,6 +10,7 @@ under a running line. Its reach is that of DDS on localhost: the network namespa
 import errno
 from hashlib import blake2b
 import socket
+from typing import Any
 from uuid import uuid4
 
 from diagnostic_msgs.msg import KeyValue
@@ -84,3 +85,8 @@ def _socket() -> socket.socket:
 def _address(domain: int, name: str, participant: bytes) -> str:
     text = f'{domain} {name} {participant.hex()}'  # of any length, and an address has 107 bytes
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
+
+
+def full_name(endpoint: Any) -> str:
+    """Return the full name of the node of an endpoint."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
