@@ -18,9 +18,9 @@ from kernels import varied, windows_of
 from loky import get_reusable_executor
 from rosbags.rosbag2 import Reader
 
+from checkweigher_core.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 from checkweigher_validation.jobs import ONE_THREAD
 
 _COMMAND = [sys.executable, '-m', 'checkweigher_bringup.cli']

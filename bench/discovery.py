@@ -31,7 +31,7 @@ STEADY = 15.0  # s
 # A node that says after what time it has found the verdicts of so many lanes, and stays.
 LOOKER = """
 import sys, time
-import checkweigher_dsp.ros
+import checkweigher_core.ros
 import rclpy
 began = time.monotonic()
 rclpy.init()

@@ -7,7 +7,7 @@ import sys
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
-from checkweigher_dsp.ros.running import run
+from checkweigher_core.ros.running import run
 
 
 class Echo(Node):

@@ -30,10 +30,10 @@ from builtin_interfaces.msg import Time
 from figures import Figure, figure, table
 from processes import HERE, Listener, Process, Usage, line_commands, listener, started
 
-from checkweigher_dsp.records import Decision, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
-from checkweigher_dsp.ros.ports import Port
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
+from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters

@@ -16,6 +16,7 @@ from measure import Case, main
 import numpy as np
 import plain_path
 
+from checkweigher_core.records import Reference, WeighWindow
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.denoising.wavelet_shrinkage import denoise_periodic
@@ -23,7 +24,6 @@ from checkweigher_dsp.denoising.window_batch import denoised_pass
 from checkweigher_dsp.estimation.estimators.base import raw_samples
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters, identify_passes
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.records import Reference, WeighWindow
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag

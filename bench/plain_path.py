@@ -13,10 +13,10 @@ from filterpy.kalman import ExtendedKalmanFilter
 import numpy as np
 import pywt
 
+from checkweigher_core.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.denoising.wavelet_shrinkage import Shrinkage
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
-from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.signal.extended_kalman import Noise
 
 _PREDICTION_RATE = 240.0  # Hz

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from checkweigher_bringup.spinning import write_parameter_file
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.ros.ports import NODES
 
 HERE = Path(__file__).parent
 _TICKS = os.sysconf('SC_CLK_TCK')

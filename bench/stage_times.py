@@ -24,14 +24,14 @@ from graph import parameters, write_line
 
 from checkweigher_bringup import line
 from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_core.ros.diagnostics import Diagnostics
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.identifier import IdentifierNode
-from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.ros.diagnostics import Diagnostics
+from checkweigher_production.nodes.product import ProductNode
 
 _SPACING = 0.35  # m, at 1.5 m/s
 _SETTLED = 10.0  # s, until all have found each other and are warm

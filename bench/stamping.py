@@ -9,11 +9,11 @@ import time
 from rclpy.node import Node
 
 from checkweigher_bringup.line import STAGE_NODES
+from checkweigher_core.recording import Event
+from checkweigher_core.records import Eye, EyeEdge, SampleBlock
+from checkweigher_core.ros.running import run_all
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.records import Eye, EyeEdge, SampleBlock
-from checkweigher_dsp.ros.running import run_all
-from checkweigher_recording.recording import Event
+from checkweigher_production.nodes.product import ProductNode
 
 
 class StampingDriver(DriverNode):

@@ -20,6 +20,6 @@ class PrintingExecutor(SingleThreadedExecutor):
 
 
 if __name__ == '__main__':
-    spinner = import_module('checkweigher_dsp.ros.spinner')
+    spinner = import_module('checkweigher_core.ros.spinner')
     spinner.SingleThreadedExecutor = PrintingExecutor
     import_module(sys.argv[1]).main([sys.argv[0], *sys.argv[2:]])

@@ -17,6 +17,10 @@ import yaml
 
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingParameters
 from checkweigher_bringup.commissioning.verifier import VerifierParameters
+from checkweigher_core.parameters import Description, Parameters, describe
+from checkweigher_core.records.reasons import Reason, StopReason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.services import SERVICES, Service
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import (
     EYES,
@@ -33,12 +37,8 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.base import EstimatorParameters
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
 from checkweigher_dsp.estimation.learning.learner import LearningParameters
-from checkweigher_dsp.nodes.product import ProductParameters
-from checkweigher_dsp.parameters import Description, Parameters, describe
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.services import SERVICES, Service
+from checkweigher_production.nodes.product import ProductParameters
 from checkweigher_recording.simulation.simulator import OperationParameters
 
 ROOT = Path(__file__).resolve().parent.parent

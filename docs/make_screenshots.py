@@ -21,9 +21,9 @@ from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
 from served_page import served  # noqa: E402
 
-from checkweigher_dsp.records import EyeEdge  # noqa: E402
+from checkweigher_core.recording import Recording  # noqa: E402
+from checkweigher_core.records import EyeEdge  # noqa: E402
 from checkweigher_recording.bags.writing import write_bag  # noqa: E402
-from checkweigher_recording.recording import Recording  # noqa: E402
 
 MS = 1_000_000  # ns
 COUNT, MISSING, EARLY, SATURATED = 60, 24, 36, 48  # items; of the faults their places

@@ -11,12 +11,12 @@ import pytest
 from running import ROOT
 
 from checkweigher_bringup.cli import COMMANDS
-from checkweigher_dsp.parameters import by_node
-from checkweigher_dsp.production import audit_trail
-from checkweigher_dsp.production.audit_log import TORN
-from checkweigher_dsp.production.recipes import Product, read_recipes
-from checkweigher_dsp.settings_files import plain
-from checkweigher_dsp.yaml_files import opened
+from checkweigher_core.parameters import by_node
+from checkweigher_core.settings_files import plain
+from checkweigher_core.yaml_files import opened
+from checkweigher_production import audit_trail
+from checkweigher_production.audit_log import TORN
+from checkweigher_production.recipes import Product, read_recipes
 
 INTERFACES = ROOT / 'docs/interfaces.md'
 PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')]

@@ -8,7 +8,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(include=[package_name, package_name + '.*']),
-    package_data={package_name: ['py.typed', 'ros/*.xml']},
+    package_data={package_name: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -26,7 +26,6 @@ setup(
             'denoise = checkweigher_dsp.nodes.denoise:main',
             'identifier = checkweigher_dsp.nodes.identifier:main',
             'reject = checkweigher_dsp.nodes.reject:main',
-            'product = checkweigher_dsp.nodes.product:main',
         ],
     },
 )

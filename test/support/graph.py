@@ -14,10 +14,10 @@ from running import BAGS, PATIENCE
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.ports import Port
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import Weighing
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import Port
 
 
 def wait_for(condition: Callable[[], bool], timeout: float = PATIENCE) -> None:

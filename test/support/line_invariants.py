@@ -10,9 +10,7 @@ import math
 
 from spoilt_lines import CELL, EDGES, LENGTH, MS, START, Event, SpoiltLine
 
-from checkweigher_dsp.estimation.identifier import IdentifierParameters
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
@@ -23,6 +21,8 @@ from checkweigher_dsp.records import (
     StreamStatus,
     Verdict,
 )
+from checkweigher_dsp.estimation.identifier import IdentifierParameters
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters

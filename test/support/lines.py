@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import Eye, EyeEdge, SampleBlock
-from checkweigher_recording.recording import Recording
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import Eye, EyeEdge, SampleBlock
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 

@@ -9,11 +9,11 @@ import threading
 import time
 from typing import ClassVar
 
+from checkweigher_core.parameters import Parameters, parameter
+from checkweigher_core.recording import Event
+from checkweigher_core.records import NANOSECONDS, Reference, SampleBlock
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.parameters import Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Reference, SampleBlock
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Event
 
 
 @dataclass(frozen=True)

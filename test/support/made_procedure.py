@@ -5,7 +5,7 @@
 from collections.abc import Sequence
 import math
 
-from checkweigher_dsp.records import LoadCell, ZeroChange
+from checkweigher_core.records import LoadCell, ZeroChange
 from checkweigher_validation.verification.plan import read_plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
 from checkweigher_validation.verification.steps import steps_of

@@ -16,7 +16,7 @@ from selenium.webdriver.remote.webelement import WebElement
 from served_page import line_of, served
 import yaml
 
-from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_production.audit_log import read_log
 from checkweigher_web.access.users import Role, User, hash_password, write_users
 
 PASSWORD = 'correct horse'

@@ -16,19 +16,19 @@ from running import PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
-from checkweigher_dsp.nodes.identifier import IdentifierNode
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.production.audit_log import Entry, read_log
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     Eye,
     EyeEdge,
     LoadCell,
     MassEstimate,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import stamp_from, to_message
-from checkweigher_dsp.ros.outputs import Output
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import stamp_from, to_message
+from checkweigher_core.ros.outputs import Output
+from checkweigher_dsp.nodes.identifier import IdentifierNode
+from checkweigher_production.audit_log import Entry, read_log
+from checkweigher_production.nodes.product import ProductNode
 
 RECIPES = """
 products:

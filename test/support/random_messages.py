@@ -8,7 +8,7 @@ from typing import Any
 
 from rclpy.serialization import serialize_message
 
-from checkweigher_dsp.reasons import Reason
+from checkweigher_core.records.reasons import Reason
 
 INTEGERS = {
     kind: (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if kind[0] == 'i' else (0, 2**bits - 1)

@@ -10,9 +10,9 @@ import zlib
 from lines import simulated
 import numpy as np
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell, SampleBlock
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, LoadCell, SampleBlock
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 from checkweigher_validation.verification.plan import read_plan
 from checkweigher_validation.verification.steps import Step, steps_of

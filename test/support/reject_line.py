@@ -11,10 +11,10 @@ from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import Spinner
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, MassEstimate
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, MassEstimate
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
 
 CELL = LoadCell(
     sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Lanes of the page that have seen a recording and its verdicts."""
 
+from checkweigher_core.recording import Recording
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.lane import SHOWN, Lane
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
 MS = NANOSECONDS // 1000
 START = 1_700_000_000 * NANOSECONDS

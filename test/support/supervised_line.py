@@ -21,9 +21,9 @@ from running import PATIENCE
 from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.ports import NODES
 
 PARAMETERS = """
 /**/driver:

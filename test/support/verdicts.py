@@ -9,10 +9,10 @@ from typing import Any
 
 from checkweigher_msgs.msg import Verdict
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import Reference
+from checkweigher_core.ros.conversion import stamp_from
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import Reference
-from checkweigher_dsp.ros.conversion import stamp_from
-from checkweigher_recording.recording import Recording
 
 
 def assert_one_verdict_each(edges: 'queue.SimpleQueue[Any]', found: list[Verdict]) -> None:

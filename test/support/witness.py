@@ -15,8 +15,8 @@ from typing import Any
 from rclpy.node import Node
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 
 
 class Witness(Node):

@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 import sys
 
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.production.batch_record import read_lines
-from checkweigher_recording.whole_file import write_whole
+from checkweigher_core.printable import one_line
+from checkweigher_core.whole_file import write_whole
+from checkweigher_production.audit_log import read_log
+from checkweigher_production.batch_record import read_lines
 from checkweigher_validation.batch.batch import Batch, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 

@@ -11,12 +11,12 @@ import os
 from pathlib import Path
 
 from checkweigher_bringup.batch_report import read_recorded, write_report
-from checkweigher_dsp.changes import REPORT
-from checkweigher_dsp.records import BatchResult
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.change_record import ChangeRecord
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.running import run
+from checkweigher_core.changes import REPORT
+from checkweigher_core.records import BatchResult
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.change_record import ChangeRecord
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.running import run
 from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s

@@ -19,8 +19,8 @@ import sys
 from types import FrameType, ModuleType
 from typing import NoReturn
 
-from checkweigher_dsp.parent_process import end_with_parent
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.parent_process import end_with_parent
+from checkweigher_core.printable import one_line
 
 # Name, purpose and one example of each, by folder of commands/: its module there has its name.
 GROUPS = {

@@ -17,14 +17,14 @@ from checkweigher_bringup.settings import (
     places_of,
 )
 from checkweigher_bringup.training import ReadPasses, read_passes
+from checkweigher_core.records import GRAMS
+from checkweigher_core.whole_file import write_whole
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.production.prepackages import limits
-from checkweigher_dsp.records import GRAMS
+from checkweigher_production.prepackages import limits
 from checkweigher_recording.archive.finding import find_bags
 from checkweigher_recording.simulation.machine import CAUSES
 from checkweigher_recording.simulation.simulator import CAPACITY, PROFILES
-from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_interval
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches

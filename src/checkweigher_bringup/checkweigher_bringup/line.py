@@ -16,14 +16,14 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros.running import run_all
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.identifier import IdentifierNode
-from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.ros.running import run_all
+from checkweigher_production.nodes.product import ProductNode
 
 STAGE_NODES = {
     'segmenter': SegmenterNode,

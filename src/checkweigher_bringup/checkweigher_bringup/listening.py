@@ -9,12 +9,12 @@ import queue
 import time
 from typing import Any
 
+from checkweigher_core.records import MassEstimate, Reference, Verdict
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import Port
 from checkweigher_dsp.pipeline.line import Weighing
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import MassEstimate, Reference, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.ports import Port
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without the estimate it rests on

@@ -11,10 +11,10 @@ import sys
 from typing import TextIO
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import GRAMS, Decision
-from checkweigher_recording.recording import Recording
-from checkweigher_recording.whole_file import (
+from checkweigher_core.printable import one_line
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import GRAMS, Decision
+from checkweigher_core.whole_file import (
     check_folder_of,
     is_stream,
     output_error,

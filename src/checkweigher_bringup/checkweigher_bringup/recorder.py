@@ -14,13 +14,13 @@ from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import asked_to_end, spinning
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, Decision, Reference, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.ports import Port
+from checkweigher_core.printable import one_line
+from checkweigher_core.records import GRAMS, Decision, Reference, Verdict
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
 _POLL_PERIOD = 0.2  # s

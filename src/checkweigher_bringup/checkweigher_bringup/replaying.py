@@ -24,10 +24,10 @@ from checkweigher_bringup.spinning import (
     spinning,
     write_parameter_file,
 )
+from checkweigher_core.records import StreamState, StreamStatus
+from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
-from checkweigher_dsp.records import StreamState, StreamStatus
-from checkweigher_dsp.ros import ports
 
 _PATIENCE = 30.0  # s without any sign of life
 _CHECK_PERIOD = 0.2  # s

@@ -25,9 +25,9 @@ from checkweigher_bringup.spinning import (
     write_parameter_file,
 )
 from checkweigher_bringup.supervision import CANNOT_START, SupervisedProcess, say
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.graph.place import Place
-from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.graph.place import Place
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_web.access.users import default_users
 
 _POLL_PERIOD = 0.1  # s

@@ -12,10 +12,10 @@ import re
 import sys
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.printable import one_line
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.recipes import Product, read_recipes
+from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_recording.archive.copying import is_url
 from checkweigher_recording.scratch import remove_abandoned
 from checkweigher_validation.archive.program import other_program, program

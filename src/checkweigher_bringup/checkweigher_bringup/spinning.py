@@ -14,10 +14,10 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 import yaml
 
-from checkweigher_dsp.parent_process import child_environment
-from checkweigher_dsp.ros.access.enclave import enclave_arguments
-from checkweigher_dsp.ros.ports import NODES
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.parent_process import child_environment
+from checkweigher_core.ros.access.enclave import enclave_arguments
+from checkweigher_core.ros.ports import NODES
+from checkweigher_core.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
 

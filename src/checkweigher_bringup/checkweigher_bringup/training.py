@@ -10,17 +10,17 @@ from pathlib import Path
 import sys
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.printable import one_line
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import LoadCell, Reference
+from checkweigher_core.whole_file import write_whole
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import LoadCell, Reference
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.block_cutting import join_stretches
-from checkweigher_recording.recording import Recording
-from checkweigher_recording.whole_file import write_whole
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, known_passes
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.choice import choose

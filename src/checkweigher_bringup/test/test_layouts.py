@@ -12,7 +12,7 @@ import pytest
 from running import ROOT
 import yaml
 
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
 
 CONFIG = ROOT / 'src/checkweigher_bringup/config'
 LAYOUT = json.loads((CONFIG / 'foxglove_layout.json').read_text())

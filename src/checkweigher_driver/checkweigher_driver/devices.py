@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_driver.line_io.machine_inputs import MachineInputs
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import Machine
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
 
 # Name and class. A class is imported when it is asked for, so that a machine needs only what its
 # own devices need. A further source is one module with a `Source` class in it and one line here.

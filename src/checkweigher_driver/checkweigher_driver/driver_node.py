@@ -8,6 +8,26 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.health.host_clock import HostClock
+from checkweigher_core.parameters import ParameterError, Parameters
+from checkweigher_core.recording import Event
+from checkweigher_core.records import (
+    ExternalReject,
+    EyeEdge,
+    Reference,
+    StopRequest,
+    StreamState,
+    Verdict,
+)
+from checkweigher_core.records.reasons import StopReason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.managed_node import ManagedStageNode
+from checkweigher_core.ros.node_parameters import declare
+from checkweigher_core.ros.outputs import Output
+from checkweigher_core.ros.port_node import locked
+from checkweigher_core.ros.running import run
 from checkweigher_driver.calibration.services import CalibrationServices
 from checkweigher_driver.calibration.session import CalibrationParameters
 from checkweigher_driver.devices import (
@@ -21,26 +41,6 @@ from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.health.host_clock import HostClock
-from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import (
-    ExternalReject,
-    EyeEdge,
-    Reference,
-    StopRequest,
-    StreamState,
-    Verdict,
-)
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
-from checkweigher_dsp.ros.managed_node import ManagedStageNode
-from checkweigher_dsp.ros.node_parameters import declare
-from checkweigher_dsp.ros.outputs import Output
-from checkweigher_dsp.ros.port_node import locked
-from checkweigher_dsp.ros.running import run
-from checkweigher_recording.recording import Event
 
 _LOOK_PERIOD = 0.2  # s, after which trouble of the machine is reported at the latest
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Health of a source: its state, samples, clock and photo-eyes."""
 
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.health.stream import EyeWatch, SampleWatch
-from checkweigher_dsp.records import EyeEdge, LoadCell, SampleBlock
-from checkweigher_recording.recording import Event
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.stream import EyeWatch, SampleWatch
+from checkweigher_core.recording import Event
+from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class DriverWatch:

@@ -10,23 +10,23 @@ import threading
 import time
 from typing import Any
 
-from checkweigher_driver.devices import DriverParameters
-from checkweigher_driver.health import DriverWatch
-from checkweigher_driver.sources import Source
-from checkweigher_driver.stoppable_waits import StoppableWaits
-from checkweigher_dsp.records import (
+from checkweigher_core.pacing import FlowControl, Pacer
+from checkweigher_core.recording import Event
+from checkweigher_core.records import (
     EyeEdge,
     SampleBlock,
     StreamState,
     StreamStatus,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.connections import has_matched_all
-from checkweigher_dsp.ros.outputs import LOCK
-from checkweigher_dsp.ros.stage_node import StageNode
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.connections import has_matched_all
+from checkweigher_core.ros.outputs import LOCK
+from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_driver.devices import DriverParameters
+from checkweigher_driver.health import DriverWatch
+from checkweigher_driver.sources import Source
+from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_recording.block_cutting import cut_for_pace
-from checkweigher_recording.pacing import FlowControl, Pacer
-from checkweigher_recording.recording import Event
 
 _PATIENCE = 5.0  # s without the line behind it
 _END_PATIENCE = 2.0  # s, for the last read of a source

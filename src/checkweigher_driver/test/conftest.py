@@ -8,7 +8,7 @@ from pathlib import Path
 from modbus_machine import Plc
 import pytest
 
-from checkweigher_recording.recording import Recording
+from checkweigher_core.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 

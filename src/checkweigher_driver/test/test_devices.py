@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
+from checkweigher_core.parameters import ParameterError, Parameters
+from checkweigher_core.recording import canonical_order
+from checkweigher_core.records import LoadCell
 from checkweigher_driver.devices import EYES, SOURCES, eyes_class, source_class, source_maker
 from checkweigher_driver.sources import EdgeSource, Source
-from checkweigher_dsp.parameters import ParameterError, Parameters
-from checkweigher_dsp.records import LoadCell
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import canonical_order
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 

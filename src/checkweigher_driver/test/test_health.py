@@ -4,9 +4,9 @@
 
 import pytest
 
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.health import DriverWatch
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.records import NANOSECONDS
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 
 START = 1_700_000_000 * NANOSECONDS

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from checkweigher_core.parameters import ParameterError, Parameters, by_node, parameter
+from checkweigher_core.yaml_files import opened
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, parameter
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.yaml_files import opened
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
-from checkweigher_recording.recording import BlockColumns, Event, Recording
+from checkweigher_core.recording import BlockColumns, Event, Recording
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
 LONGEST = 0.25  # s of signal in a joined block: the segmenter reports as often
 _ROUNDING = 1  # ns

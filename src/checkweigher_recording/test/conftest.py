@@ -12,10 +12,10 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys.store import Typestore
 
-from checkweigher_dsp.records import EyeEdge, SampleBlock
-from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import EyeEdge, SampleBlock
+from checkweigher_core.ros.ports import PLAYED
 from checkweigher_recording.bags.definitions import HEADER, TIME, typestore
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 

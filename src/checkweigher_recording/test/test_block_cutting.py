@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.pacing import Pacer
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.block_cutting import (
     cut_for_pace,
     is_exit,
@@ -18,8 +20,6 @@ from checkweigher_recording.block_cutting import (
     join_recording,
     join_stretches,
 )
-from checkweigher_recording.pacing import Pacer
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 RATE = 1000.0  # Hz

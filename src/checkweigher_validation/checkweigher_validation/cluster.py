@@ -11,7 +11,7 @@ import time
 from typing import Any
 import warnings
 
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.printable import one_line
 from checkweigher_validation.jobs import ClusterLostError, Job, Workers, jobs_done_by
 
 LOCAL = 'local'

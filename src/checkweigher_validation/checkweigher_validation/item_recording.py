@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from checkweigher_core.recording import BlockColumns, Recording
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, Verdict
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, Verdict
-from checkweigher_recording.recording import BlockColumns, Recording
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
 # Of its standard deviation, by which the mass may be another one: the zero is an average over all

@@ -15,7 +15,7 @@ from typing import Any
 
 from loky import cpu_count, get_reusable_executor
 
-from checkweigher_dsp.parent_process import end_with_parent
+from checkweigher_core.parent_process import end_with_parent
 from checkweigher_recording.progress import with_progress
 
 Job = Callable[[], Any]

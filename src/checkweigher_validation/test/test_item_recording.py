@@ -7,9 +7,9 @@ from dataclasses import replace
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import Decision
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import Decision
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 from checkweigher_validation.item_recording import KeepError, keep_item
 

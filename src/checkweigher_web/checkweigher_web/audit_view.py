@@ -9,10 +9,10 @@ from shlex import quote
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.audit_log import Entry, Verification, read_log
-from checkweigher_dsp.production.audit_seal import hold_to_seals, sealing, seals_path
-from checkweigher_dsp.production.audit_words import changes, conclusion, shortened
+from checkweigher_core.printable import one_line
+from checkweigher_production.audit_log import Entry, Verification, read_log
+from checkweigher_production.audit_seal import hold_to_seals, sealing, seals_path
+from checkweigher_production.audit_words import changes, conclusion, shortened
 
 NEWEST = 200  # entries that are shown
 HEADS = 'entry', 'time, UTC', 'who', 'kind', 'what: before → after', 'why'

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
     Eye,
@@ -20,6 +18,8 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
+from checkweigher_core.records.reasons import Reason
+from checkweigher_production.control_chart import SUBGROUP, ControlChart
 from checkweigher_web.empty_belt import Spectrum
 from checkweigher_web.fault_marks import EDGES, Scene, expected_rise, fault_marks, runs
 from checkweigher_web.lane import Item, Key, Stretch

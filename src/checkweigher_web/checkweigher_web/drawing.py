@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 from nicegui import json
 
-from checkweigher_dsp.production.control_chart import control_chart
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
+from checkweigher_core.records.reasons import Reason
+from checkweigher_production.control_chart import control_chart
 from checkweigher_web import charts
 from checkweigher_web.empty_belt import Line, spectrum
 from checkweigher_web.fault_marks import empty_reading, fault_marks

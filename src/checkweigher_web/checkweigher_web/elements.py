@@ -9,7 +9,7 @@ from nicegui import ui
 from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
-from checkweigher_dsp.health.findings import Level
+from checkweigher_core.health.findings import Level
 
 
 def panel(title: str, place: str = '') -> Element:

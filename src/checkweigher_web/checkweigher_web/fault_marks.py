@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
+from checkweigher_core.printable import counted
+from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, seconds
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 from checkweigher_web.lane import Item, Stretch
 

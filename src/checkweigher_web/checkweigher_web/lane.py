@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import (
+from checkweigher_core.recording import Event, Recording
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     Eye,
@@ -28,7 +29,6 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
-from checkweigher_recording.recording import Event, Recording
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.mass_series import MassSeries
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import threading
 import time
 
-from checkweigher_dsp.health.status_board import StatusBoard
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.spinner import Spinner
+from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_web.lane import SHOWN, Lane
 
 _RESULTS = (

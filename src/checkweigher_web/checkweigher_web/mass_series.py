@@ -5,8 +5,8 @@
 from dataclasses import dataclass, replace
 import math
 
-from checkweigher_dsp.production.control_chart import SUBGROUP
-from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_production.control_chart import SUBGROUP
 
 MAX_MASSES = 500
 

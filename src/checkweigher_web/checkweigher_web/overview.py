@@ -9,9 +9,9 @@ import time
 
 from nicegui import ui
 
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.status_board import LaneRow, by_lane
-from checkweigher_dsp.printable import counted
+from checkweigher_core.health.findings import Level
+from checkweigher_core.printable import counted
+from checkweigher_core.ros.status_board import LaneRow, by_lane
 from checkweigher_web.elements import Table, panel
 from checkweigher_web.lane import Lane
 from checkweigher_web.listening import Watch

@@ -9,9 +9,9 @@ import time
 
 from nicegui import ui
 
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.status_board import Row, StatusBoard, headline
-from checkweigher_dsp.records import Statistics
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import Statistics
+from checkweigher_core.ros.status_board import Row, StatusBoard, headline
 from checkweigher_web import charts
 from checkweigher_web.drawing import EMPTY, Drawing, row_key
 from checkweigher_web.elements import Figure, ItemList, Table, panel

@@ -6,8 +6,8 @@ from functools import partial
 
 from nicegui import ui
 
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.printable import counted
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import panel
 from checkweigher_web.page import LanePage

@@ -21,7 +21,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 import uvicorn
 
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.access.guard import Access, Guard, bind_events
 from checkweigher_web.access.login import add_login
 from checkweigher_web.access.site import PageError, Site

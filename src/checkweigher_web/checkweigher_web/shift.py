@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.denoising.denoiser import Denoiser
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.production.statistics import ProductionStatistics
-from checkweigher_dsp.records import (
+from checkweigher_core.recording import BlockColumns, Recording
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
@@ -24,8 +22,10 @@ from checkweigher_dsp.records import (
     Statistics,
     WeighWindow,
 )
+from checkweigher_dsp.denoising.denoiser import Denoiser
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
+from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_recording.block_cutting import join_recording
-from checkweigher_recording.recording import BlockColumns, Recording
 from checkweigher_validation.accuracy.results import ResultJoiner
 from checkweigher_web.lane import (
     MAX_ITEMS,

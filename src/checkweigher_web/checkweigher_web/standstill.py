@@ -4,8 +4,8 @@
 
 from collections.abc import Sequence
 
-from checkweigher_dsp.health.status_board import Row
-from checkweigher_dsp.ros.ports import STAGES
+from checkweigher_core.ros.ports import STAGES
+from checkweigher_core.ros.status_board import Row
 
 _WEIGHS = ('driver', *STAGES)
 # By the state of the driver.

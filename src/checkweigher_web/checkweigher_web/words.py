@@ -5,8 +5,8 @@
 from datetime import UTC, datetime
 import math
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, FillerFeedback, Statistics, Verdict
+from checkweigher_core.records import GRAMS, NANOSECONDS, FillerFeedback, Statistics, Verdict
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.batch_rules import ROUNDING, BatchTally
 from checkweigher_web.lane import Item
 

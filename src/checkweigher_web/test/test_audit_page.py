@@ -10,8 +10,8 @@ from persons import SCRIPT, Person, new_line, running_line
 from running import run_command
 import yaml
 
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.production.audit_seal import add_seal, private_key, seals_path
+from checkweigher_production.audit_log import read_log
+from checkweigher_production.audit_seal import add_seal, private_key, seals_path
 
 FILTER = 'Filter: node, who, what, why'
 VALUES = {'driver': {'simulator.masses': [0.2]}}

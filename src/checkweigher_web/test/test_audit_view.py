@@ -9,13 +9,13 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 import pytest
 from running import run_command
 
-from checkweigher_dsp.production.audit_log import (
+from checkweigher_production.audit_log import (
     AuditError,
     AuditLog,
     head_path,
     read_log,
 )
-from checkweigher_dsp.production.audit_seal import add_seal, seals_path
+from checkweigher_production.audit_seal import add_seal, seals_path
 from checkweigher_web.audit_view import NEWEST, view_of
 
 KEY = Ed25519PrivateKey.from_private_bytes(bytes(32))

@@ -8,14 +8,14 @@ from lines import simulated
 import numpy as np
 import pytest
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import Decision
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.production.control_chart import ControlChart, control_chart
-from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.production.statistics import ProductionStatistics
-from checkweigher_dsp.records import Decision
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.recording import Recording
+from checkweigher_production.control_chart import ControlChart, control_chart
+from checkweigher_production.recipes import Product
+from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_validation.accuracy.passes import known_passes
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web import charts

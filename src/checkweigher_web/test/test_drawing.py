@@ -10,9 +10,9 @@ from lines import edges_of, simulated
 import pytest
 from shown_lanes import lane_of
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision, Verdict
-from checkweigher_recording.recording import Recording
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_core.records.reasons import Reason
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.lane import Lane
 

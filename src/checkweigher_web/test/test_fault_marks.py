@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from shown_lanes import lane_of
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, SampleBlock, Verdict
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, SampleBlock, Verdict
-from checkweigher_recording.recording import Recording
 from checkweigher_web.charts import signal_chart
 from checkweigher_web.fault_marks import Mark, fault_marks
 from checkweigher_web.lane import Item, Lane

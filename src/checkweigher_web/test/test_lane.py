@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from shown_lanes import lane_of
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Reference, Verdict
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.lane import MAX_ITEMS, Lane, longest_gap
 

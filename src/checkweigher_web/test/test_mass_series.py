@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The masses of histogram and control chart are of one product and batch, in lasting subgroups."""
 
-from checkweigher_dsp.production.control_chart import SUBGROUP
-from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_production.control_chart import SUBGROUP
 from checkweigher_web.lane import MAX_ITEMS, Lane
 from checkweigher_web.mass_series import MAX_MASSES, MassSeries
 

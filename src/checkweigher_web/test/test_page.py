@@ -25,8 +25,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from served_page import line_of, served
 
+from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.results import weigh
 

@@ -18,10 +18,10 @@ from running import BAGS, PATIENCE
 from served_page import get, get_text, line_of, served
 from viewers import viewers
 
-from checkweigher_dsp.records import Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.records import Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.spinner import Spinner
 
 LANE = ('--namespace', '')  # the page of one lane, also before that runs
 SHORT, MANY = 4, 20  # viewers

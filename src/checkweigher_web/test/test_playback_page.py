@@ -23,7 +23,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from served_page import get, served
 
-from checkweigher_dsp.reasons import Reason
+from checkweigher_core.records.reasons import Reason
 from checkweigher_recording.bags.writing import write_bag
 
 ITEMS, FAULTS = 12, {4: 'Saturation', 8: 'MissingEdge'}

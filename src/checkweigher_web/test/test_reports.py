@@ -10,7 +10,7 @@ from selenium.webdriver.common.by import By
 from served_page import get, get_text
 import yaml
 
-from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_production.audit_log import read_log
 
 RECIPE = {
     'nominal': 0.15, 'lower_limit': 'TU2', 'tu1_quota': 0.025, 'mean_value': True,

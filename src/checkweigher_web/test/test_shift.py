@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from shown_lanes import lane_of
 
+from checkweigher_core.recording import BlockColumns, Recording
+from checkweigher_core.records import EyeEdge, SampleBlock
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import EyeEdge, SampleBlock
-from checkweigher_recording.recording import BlockColumns, Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.shift import Playback, Shift
 

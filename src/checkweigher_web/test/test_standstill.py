@@ -4,9 +4,9 @@
 
 from types import SimpleNamespace
 
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.status_board import StatusBoard
-from checkweigher_dsp.ros.ports import STAGES
+from checkweigher_core.health.findings import Level
+from checkweigher_core.ros.ports import STAGES
+from checkweigher_core.ros.status_board import StatusBoard
 from checkweigher_web.standstill import standstill
 
 

@@ -5,10 +5,10 @@
 from dataclasses import replace
 import math
 
-from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.production.statistics import ProductionStatistics
-from checkweigher_dsp.records import Decision, FillerFeedback, ProductOnLine, Verdict
+from checkweigher_core.records import Decision, FillerFeedback, ProductOnLine, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchRules
+from checkweigher_production.recipes import Product
+from checkweigher_production.statistics import ProductionStatistics
 from checkweigher_web.lane import Item
 from checkweigher_web.words import about, batch_rules, production
 

@@ -13,7 +13,7 @@ from browsers import needs_browser, open_browser
 from persons import SCRIPT, Person, new_line, running_line
 import yaml
 
-from checkweigher_dsp.production.audit_log import read_log
+from checkweigher_production.audit_log import read_log
 
 EMPTY = 600.0  # s, of the simulated belt before the first product
 

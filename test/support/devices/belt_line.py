@@ -24,8 +24,8 @@ from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.ports import NODES
 
 MACHINE = Path(__file__).with_name('belt_machine.py')
 GOOD, LIGHT, HEAVY = 150.0, 80.0, 240.0  # g

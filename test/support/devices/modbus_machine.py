@@ -13,6 +13,7 @@ import time
 
 from running import BAGS, PATIENCE
 
+from checkweigher_core.records import Permission
 from checkweigher_driver.line_io.modbus import (
     ModbusEyes,
     ModbusEyesParameters,
@@ -21,7 +22,6 @@ from checkweigher_driver.line_io.modbus import (
 )
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters
-from checkweigher_dsp.records import Permission
 
 PLC = Path(__file__).with_name('modbus_plc.py')
 BAG = BAGS / 'paper_90'

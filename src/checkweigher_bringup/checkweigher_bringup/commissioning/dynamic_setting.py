@@ -27,16 +27,16 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.machine_folder import own_folder
 from checkweigher_bringup.spinning import memory_file
+from checkweigher_core.changes import TUNED
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.parent_process import child_environment
+from checkweigher_core.records import GRAMS
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.running import run
+from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_core.whole_file import OutputError
 from checkweigher_driver.calibration.file import replace_version
-from checkweigher_dsp.changes import TUNED
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.parent_process import child_environment
-from checkweigher_dsp.records import GRAMS
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.running import run
-from checkweigher_dsp.ros.stage_node import StageNode
-from checkweigher_recording.whole_file import OutputError
 from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s

@@ -7,10 +7,10 @@ from pathlib import Path
 import time
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.whole_file import OutputError, write_whole
 from checkweigher_driver.calibration.file import check_not_installed
 from checkweigher_driver.calibration.static_calibration import CalibrationError
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_recording.whole_file import OutputError, write_whole
 from checkweigher_validation.verification.plan import PLANS
 
 _RECIPES = """\

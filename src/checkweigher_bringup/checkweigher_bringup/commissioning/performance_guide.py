@@ -10,9 +10,9 @@ from checkweigher_msgs.srv import BeginTest
 from checkweigher_bringup.commissioning.service_call import ask
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.records import GRAMS, PerformanceState, PerformanceTest
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
 
 _PATIENCE = 5.0  # s, for the line to be found, and for an answer
 _POLL_PERIOD = 0.05  # s

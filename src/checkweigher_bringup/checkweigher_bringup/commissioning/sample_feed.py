@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
+from checkweigher_core.pacing import Pacer
+from checkweigher_core.records import LoadCell, SampleBlock
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.records import LoadCell, SampleBlock
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_recording.pacing import Pacer
 
 _PATIENCE = 5.0  # s without a sample
 

@@ -10,6 +10,7 @@ import sys
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed, line_feed, source_feed
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, check_positive
+from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_driver.calibration.file import (
     calibration_table,
     check_calibrated_source,
@@ -26,7 +27,6 @@ from checkweigher_driver.calibration.static_calibration import (
     zero_only,
 )
 from checkweigher_driver.devices import source_class
-from checkweigher_dsp.records import GRAMS, LoadCell
 
 
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:

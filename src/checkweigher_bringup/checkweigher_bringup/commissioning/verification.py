@@ -21,10 +21,10 @@ from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import make_folder
 from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning, write_parameter_file
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.production.audit_log import AuditError, Entry, read_log
+from checkweigher_core.printable import one_line
+from checkweigher_core.whole_file import check_new, write_whole
+from checkweigher_production.audit_log import AuditError, Entry, read_log
 from checkweigher_recording.archive.copying import local_bag
-from checkweigher_recording.whole_file import check_new, write_whole
 from checkweigher_validation.archive.program import program_digest
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.procedure import read_procedure

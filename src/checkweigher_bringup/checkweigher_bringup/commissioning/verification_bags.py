@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from checkweigher_bringup.errors import UserError
-from checkweigher_driver.calibration.static_calibration import RestReading, Steadiness
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.records import (
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
     EyeEdge,
@@ -21,13 +20,14 @@ from checkweigher_dsp.records import (
     StepState,
     VerificationStep,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.ports import Port
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.ports import Port
+from checkweigher_driver.calibration.static_calibration import RestReading, Steadiness
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_recording.bags.definitions import serialize
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_recording.block_cutting import join_recording
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 

@@ -29,8 +29,7 @@ from checkweigher_bringup.commissioning.verification_bags import (
 )
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
-from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
     LoadCell,
@@ -40,10 +39,11 @@ from checkweigher_dsp.records import (
     VerificationStep,
     ZeroChange,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
-from checkweigher_dsp.ros.line_parameters import python_value
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.line_parameters import python_value
+from checkweigher_core.ros.spinner import Spinner
+from checkweigher_driver.calibration.static_calibration import CalibrationError, Steadiness
 from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.verification.evaluation import Result, evaluate
 from checkweigher_validation.verification.plan import MINUTE, Plan

@@ -25,14 +25,14 @@ from checkweigher_bringup.commissioning.verification_guide import (
     BrokenOffError,
     procedure_on_line,
 )
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
-from checkweigher_dsp.ros.running import run
-from checkweigher_dsp.ros.stage_node import StageNode
-from checkweigher_recording.whole_file import write_whole
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.printable import one_line
+from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.running import run
+from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_core.whole_file import write_whole
 from checkweigher_validation.verification.plan import (
     VERIFICATIONS,
     Plan,

@@ -27,10 +27,10 @@ from pathlib import Path
 import re
 from typing import Any
 
-from checkweigher_dsp.parameters import SettingsError, parameter
-from checkweigher_dsp.ros.ports import NODES
-from checkweigher_dsp.settings_files import Settings, settings_of
-from checkweigher_dsp.yaml_files import opened
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.ros.ports import NODES
+from checkweigher_core.settings_files import Settings, settings_of
+from checkweigher_core.yaml_files import opened
 
 # Items are timed by the clock of one host, and announced and judged although the network is down.
 AT_MACHINE = ('driver', 'segmenter', 'reject')

@@ -25,12 +25,12 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.dynamic_setting import DynamicSettingNode
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.ros import ports
+from checkweigher_production.audit_log import read_log
+from checkweigher_production.nodes.product import ProductNode
 from checkweigher_recording.bags.writing import write_bag
 
 Rows = Callable[..., list[dict[str, str]]]

@@ -9,7 +9,7 @@ import yaml
 
 from checkweigher_bringup.commissioning.machine_folder import MachineFolder
 from checkweigher_bringup.errors import UserError
-from checkweigher_dsp.production.recipes import read_recipes
+from checkweigher_production.recipes import read_recipes
 
 
 def test_a_new_folder_has_a_recipe_to_begin_with_and_keeps_what_is_changed(tmp_path: Path):

@@ -20,11 +20,11 @@ import yaml
 from checkweigher_bringup.commissioning.verification_guide import VerificationNode
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import spinning
+from checkweigher_core.records import NANOSECONDS, Decision, SampleBlock, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.production.audit_log import AuditLog
-from checkweigher_dsp.records import NANOSECONDS, Decision, SampleBlock, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_production.audit_log import AuditLog
 
 
 def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path):

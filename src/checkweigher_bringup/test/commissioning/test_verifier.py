@@ -20,11 +20,11 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.verifier import VerifierNode
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
 
 LANE = 'guided'
 MAKE, SKIP, GO_ON = StepAnswer

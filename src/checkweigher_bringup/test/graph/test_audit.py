@@ -25,10 +25,10 @@ from supervised_line import supervised_line
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.production.audit_log import head_path, read_log
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_core.health.findings import Level
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_production.audit_log import head_path, read_log
 
 
 @pytest.fixture

@@ -19,11 +19,11 @@ import yaml
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.ros import ports
+from checkweigher_production.audit_log import read_log
+from checkweigher_production.nodes.product import ProductNode
 
 TAKEN_FOR, SENSITIVITY, ZERO = 500_000.0, 480_000, 1_250_000  # of the device, which is the truth
 NOISE = 40  # counts, more than that of the device

@@ -19,15 +19,15 @@ from running import PATIENCE, ROOT, run_command
 from checkweigher_bringup.commands.line.status import table
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, SampleBlock
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.status_board import Row, StatusBoard, headline
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.health.status_board import Row, StatusBoard, headline
-from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.nodes.reject import RejectNode
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, SampleBlock
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_production.nodes.product import ProductNode
 
 LANE = 'diagnosed'
 # Whether these are well depends on what else the machine does meanwhile.

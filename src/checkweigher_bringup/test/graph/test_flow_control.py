@@ -18,9 +18,9 @@ from running import BAGS
 from verdicts import offline_verdicts
 
 from checkweigher_bringup.spinning import Spinner, node_command, running_processes, spinning
-from checkweigher_dsp.records import Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_core.records import Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 from checkweigher_recording.bags.reading import read_bag
 
 NAMESPACE = 'held_up'

@@ -15,8 +15,8 @@ from std_srvs.srv import Trigger
 from supervised_line import supervised_line
 
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.ros import ports
+from checkweigher_core.health.findings import Level
+from checkweigher_core.ros import ports
 
 SAYS = '/running/stranger publishes /running/mass_estimate'
 

@@ -11,9 +11,9 @@ from graph import wait_for
 from running import ROOT
 
 from checkweigher_bringup.spinning import running_processes, spinning
-from checkweigher_dsp.health.status_board import StatusBoard
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.status_board import StatusBoard
 
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
 LINE = f"""

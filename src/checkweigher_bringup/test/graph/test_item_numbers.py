@@ -19,8 +19,8 @@ from graph import wait_for
 import pytest
 from supervised_line import SupervisedLine, supervised_line
 
-from checkweigher_dsp.records import NANOSECONDS, NUMBERS_AT_ONCE
-from checkweigher_dsp.ros.conversion import stamp_from
+from checkweigher_core.records import NANOSECONDS, NUMBERS_AT_ONCE
+from checkweigher_core.ros.conversion import stamp_from
 
 # Of each campaign, and where its chances begin: CHECKWEIGHER_SHARD tells one from another.
 KILLS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '40'))

@@ -21,8 +21,8 @@ from verdicts import offline_verdicts
 
 from checkweigher_bringup.hosts.description import AT_MACHINE
 from checkweigher_bringup.spinning import node_command, running_processes
-from checkweigher_dsp.records import Decision, Eye
-from checkweigher_dsp.ros import ports
+from checkweigher_core.records import Decision, Eye
+from checkweigher_core.ros import ports
 from checkweigher_recording.bags.reading import read_bag
 
 AWAY = ('denoise', 'identifier')

@@ -19,11 +19,11 @@ from running import PATIENCE
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import node_command, running_processes, spinning
+from checkweigher_core.records import Reference, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.records import Reference, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_production.audit_log import read_log
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # Of each lane, with its bags: one has no namespace, and one begins with the name of another.

@@ -10,8 +10,8 @@ import pytest
 from reject_line import RejectLine, estimate
 
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
 
 
 @pytest.fixture

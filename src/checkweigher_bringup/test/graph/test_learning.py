@@ -15,8 +15,8 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.health.findings import Finding, Level
-from checkweigher_dsp.ros.outputs import Output
+from checkweigher_core.health.findings import Finding, Level
+from checkweigher_core.ros.outputs import Output
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.passes import known_passes
 

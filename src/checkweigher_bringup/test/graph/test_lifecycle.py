@@ -21,11 +21,11 @@ from verdicts import assert_one_verdict_each
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import stamp_from
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import stamp_from
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE

@@ -26,13 +26,13 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Decision, EyeEdge, SampleBlock, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Decision, EyeEdge, SampleBlock, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Recording
 
 _MOST_MISSED = 20  # samples at the start of the port
 _PASS = 0.1  # s, less than any pass takes

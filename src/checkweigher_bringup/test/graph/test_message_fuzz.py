@@ -24,8 +24,8 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
+from checkweigher_production.nodes.product import ProductNode
 
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 BURST = 50  # messages, after which all must have arrived

@@ -27,8 +27,8 @@ from std_msgs.msg import Header
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import EchoNode, ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.ros import ports
 
 LARGEST = {'uint64': 2**64 - 1, 'uint32': 2**32 - 1, 'int32': 2**31 - 1}
 

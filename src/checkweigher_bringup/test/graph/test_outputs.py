@@ -17,13 +17,13 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 from checkweigher_driver.devices import SOURCES
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import Decision, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
 
 ITEMS = 8
 

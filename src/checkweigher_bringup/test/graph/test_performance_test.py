@@ -15,8 +15,8 @@ import pytest
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
+from checkweigher_production.nodes.product import ProductNode
 
 
 @pytest.fixture

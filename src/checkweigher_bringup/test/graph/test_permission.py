@@ -18,7 +18,7 @@ from belt_line import BeltLine, belt_line
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
 
 TRIALS = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '1'))
 NODES = ('driver', 'segmenter', 'denoise', 'identifier', 'reject')

@@ -18,8 +18,8 @@ from rclpy.parameter import Parameter
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, node_command, spinning, write_parameter_file
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
+from checkweigher_production.nodes.product import ProductNode
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ import pytest
 
 from checkweigher_bringup.batch_reporter import BatchReporter
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.production.batch_record import read_lines
-from checkweigher_dsp.ros import ports
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros import ports
+from checkweigher_production.batch_record import read_lines
+from checkweigher_production.nodes.product import ProductNode
 
 # 100 g in 4 g of packaging; 95 g lie between TU2, 91 g, and TU1, 95.5 g.
 GOOD, LIGHT = 0.102 + 0.004, 0.095 + 0.004

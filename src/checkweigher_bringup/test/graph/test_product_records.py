@@ -23,16 +23,16 @@ from running import BAGS, PATIENCE, run_command
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.product import ProductNode
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.production.audit_log import read_log
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import (
     NANOSECONDS,
     ZeroChange,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_production.audit_log import read_log
+from checkweigher_production.nodes.product import ProductNode
 
 
 @pytest.fixture

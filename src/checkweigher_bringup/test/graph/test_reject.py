@@ -18,9 +18,7 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
 from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.reject import RejectNode
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     NUMBERS_AT_ONCE,
     Eye,
@@ -28,8 +26,10 @@ from checkweigher_dsp.records import (
     StreamState,
     StreamStatus,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import stamp_from, to_message
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import stamp_from, to_message
+from checkweigher_driver.driver_node import DriverNode
+from checkweigher_dsp.nodes.reject import RejectNode
 
 # An item without a mass is a FAULT 2 s after t3 and 2 s before it is at the rejector. Both are for
 # a machine that is busy with something else.

@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 from checkweigher_bringup.hosts.description import LineDescription, read_line
-from checkweigher_dsp.parameters import SettingsError
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.ros.ports import NODES
 
 MACHINE = ['reject', 'driver', 'segmenter']
 REST = ['product', 'denoise', 'identifier']

@@ -14,8 +14,8 @@ import time
 from graph import wait_for
 import pytest
 
-from checkweigher_dsp.health.findings import Finding, Level
-from checkweigher_dsp.health.host_clock import COMMAND, HostClock, tracking_finding
+from checkweigher_core.health.findings import Finding, Level
+from checkweigher_core.health.host_clock import COMMAND, HostClock, tracking_finding
 
 # As chronyc 4.3 printed it; times in s.
 FOLLOWS = (

@@ -16,12 +16,9 @@ import numpy as np
 from processes import resident_memory
 import pytest
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
-from checkweigher_dsp.estimation.estimators import ESTIMATORS
-from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError, describe
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError, describe
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import (
     MAX_WINDOW,
     NANOSECONDS,
     Decision,
@@ -32,9 +29,12 @@ from checkweigher_dsp.records import (
     SampleBlock,
     WeighWindow,
 )
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.estimators import ESTIMATORS
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.segmenter import Segmenter
-from checkweigher_recording.recording import Recording
 
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 DAY = 86_400 * NANOSECONDS

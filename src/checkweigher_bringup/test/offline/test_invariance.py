@@ -9,8 +9,8 @@ from pathlib import Path
 from lines import amplified, reblocked, simulated
 import pytest
 
+from checkweigher_core.recording import Recording
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording
 
 Rows = Callable[..., list[dict[str, str]]]
 

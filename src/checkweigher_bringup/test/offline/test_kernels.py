@@ -10,13 +10,13 @@ import plain_path
 import pytest
 from running import BAGS
 
+from checkweigher_core.records import Reference
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
 from checkweigher_dsp.pipeline import line
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import Reference
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag

@@ -10,7 +10,7 @@ from line_invariants import Tally, parameters, verdicts_in_time, violations, wei
 import pytest
 from spoilt_lines import MS, Jump, Plan, SpoiltLine, make_line, plans
 
-from checkweigher_dsp.records import Verdict
+from checkweigher_core.records import Verdict
 
 # All that is random comes from hypothesis, and is the same in every run.
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))

@@ -14,9 +14,9 @@ from processes import resident_memory
 import pytest
 from running import PATIENCE
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_core.recording import Event, canonical_order
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Event, canonical_order
 
 HOURS = float(os.environ.get('CHECKWEIGHER_HOURS', '2'))  # of the soak test
 RATE, SIZE = 20_000, 5_000  # Hz and samples of a block: 80 kB of samples a second

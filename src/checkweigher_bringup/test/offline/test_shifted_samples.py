@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 import pytest
 from running import BAGS, ROOT
 
+from checkweigher_core.recording import Recording, canonical_order
+from checkweigher_core.records import NANOSECONDS, Reference
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, Reference
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording, canonical_order
 from checkweigher_recording.simulation.simulator import PROFILES
 from checkweigher_validation.accuracy.passes import ReferenceMasses
 

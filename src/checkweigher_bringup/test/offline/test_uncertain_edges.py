@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 import pytest
 from running import BAGS
 
+from checkweigher_core.recording import Recording, canonical_order
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Reference
 from checkweigher_dsp.denoising.load_rise import load_response
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Reference
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Recording, canonical_order
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,
     MOVING_MASS,

@@ -20,12 +20,12 @@ from rclpy.node import Node
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
+from checkweigher_core.records import Reference, Verdict
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_record
 from checkweigher_driver.driver_node import DriverNode
-from checkweigher_dsp.nodes.product import ProductNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import Reference, Verdict
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_record
+from checkweigher_production.nodes.product import ProductNode
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # 90 m/min, and each product enters soon after the one before it has left the belt.

@@ -13,9 +13,9 @@ from checkweigher_msgs.msg import Verdict
 import pytest
 from supervised_line import SupervisedLine, supervised_line
 
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.ros.conversion import stamp_from
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros.conversion import stamp_from
+from checkweigher_core.ros.ports import NODES
 
 pytestmark = pytest.mark.soak
 

@@ -14,17 +14,17 @@ from typing import Any, cast
 from ament_index_python import get_packages_with_prefixes
 import yaml
 
+from checkweigher_core.parameters import ParameterError, check_sections, flatten, in_section
+from checkweigher_core.records import GRAMS
+from checkweigher_core.settings_files import plain
+from checkweigher_core.whole_file import check_folder_of, output_error, write_whole
+from checkweigher_core.yaml_files import opened
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationError,
     CalibrationPoint,
     StaticCalibration,
 )
 from checkweigher_driver.devices import source_class
-from checkweigher_dsp.parameters import ParameterError, check_sections, flatten, in_section
-from checkweigher_dsp.records import GRAMS
-from checkweigher_dsp.settings_files import plain
-from checkweigher_dsp.yaml_files import opened
-from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
 
 _FIRST_LINE = '# Made by checkweigher calibrate, version '  # the command or the services
 

@@ -15,6 +15,11 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from checkweigher_core.changes import CALIBRATION
+from checkweigher_core.parameters import ParameterError, SettingsError
+from checkweigher_core.records import GRAMS, EyeEdge, LoadCell, SampleBlock
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_driver.calibration.file import (
     check_calibrated_source,
     check_calibration_file,
@@ -28,11 +33,6 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 from checkweigher_driver.source_stream import StreamHistory
-from checkweigher_dsp.changes import CALIBRATION
-from checkweigher_dsp.parameters import ParameterError, SettingsError
-from checkweigher_dsp.records import GRAMS, EyeEdge, LoadCell, SampleBlock
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.stage_node import StageNode
 
 _LOOK_PERIOD = 0.05  # s
 _SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come

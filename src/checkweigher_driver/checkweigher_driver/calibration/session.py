@@ -8,6 +8,8 @@ import math
 from pathlib import Path
 from typing import ClassVar
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationError,
     CalibrationPoint,
@@ -18,8 +20,6 @@ from checkweigher_driver.calibration.static_calibration import (
     calibrate,
     zero_only,
 )
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
 _QUIET = 2 * NANOSECONDS  # without an edge, before the stream may be interrupted
 _LONGEST = 3600.0  # s from the first point to the end: the zero drifts

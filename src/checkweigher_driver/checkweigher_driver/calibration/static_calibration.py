@@ -18,7 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import GRAMS, LoadCell
+from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import time
 
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Item, Verdict
+from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Item, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
 _MAX_ITEMS = 200  # more are on no belt

@@ -14,8 +14,8 @@ import os
 from pathlib import Path
 import threading
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.state_files import state_file
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.state_files import state_file
 
 _SIZE = 16_384  # bytes, which the file has from the start: a full disk is no trouble later
 _NAME = 'rejector.record'

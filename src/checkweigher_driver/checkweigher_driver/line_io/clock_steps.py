@@ -5,7 +5,7 @@
 from collections.abc import Callable
 import time
 
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 
 # After a step, for which a stamp may be from before or after it.
 _DOUBT = 10 * NANOSECONDS

@@ -9,8 +9,8 @@ its stamp is the middle, its uncertainty half of that, which is half of period a
 
 from dataclasses import dataclass
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.sources import EyeEvent, EyesBack, EyesLost
-from checkweigher_dsp.records import Eye, EyeEdge
 
 
 @dataclass(frozen=True, slots=True)

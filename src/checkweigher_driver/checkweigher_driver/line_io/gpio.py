@@ -12,11 +12,11 @@ from typing import ClassVar
 import gpiod
 from gpiod.line import Bias, Clock, Direction, Edge, Value
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.outputs import OutputPort
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import Eye, EyeEdge
 
 _CONSUMER = 'checkweigher'
 _BUFFER_SIZE = 1024  # events that the kernel keeps

@@ -14,10 +14,10 @@ import threading
 import time
 from typing import NamedTuple
 
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import NANOSECONDS, ExternalReject, MachineConditions
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import NANOSECONDS, ExternalReject, MachineConditions
+from checkweigher_core.records.reasons import StopReason
 
 DEVICES = ('metal', 'xray', 'vision')
 CONDITIONS = {

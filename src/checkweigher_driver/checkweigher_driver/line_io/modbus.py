@@ -8,14 +8,14 @@ import threading
 import time
 from typing import ClassVar
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.line_io.clock_steps import read_clocks
 from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
 from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
 from checkweigher_driver.line_io.outputs import OutputPort
 from checkweigher_driver.sources import EdgeSource, EyeEvent
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS
 
 _MAX_INPUTS = 64  # that one request spans
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s

@@ -8,6 +8,15 @@ from contextlib import contextmanager
 import threading
 import time
 
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.records import (
+    NANOSECONDS,
+    EyeEdge,
+    Item,
+    Permission,
+    StopRequest,
+    Verdict,
+)
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.missed_products import Latch, LatchEvent
 from checkweigher_driver.line_io.rejector_control import (
@@ -17,15 +26,6 @@ from checkweigher_driver.line_io.rejector_control import (
     Switches,
 )
 from checkweigher_driver.prompt_threads import shorten_switch_interval
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.records import (
-    NANOSECONDS,
-    EyeEdge,
-    Item,
-    Permission,
-    StopRequest,
-    Verdict,
-)
 
 _FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 _CLOSE_TIME = 3.0  # s

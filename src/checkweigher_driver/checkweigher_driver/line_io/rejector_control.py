@@ -6,16 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
-from checkweigher_driver.line_io.belt_items import BeltItems
-from checkweigher_driver.line_io.belt_record import OnBelt
-from checkweigher_driver.line_io.clock_steps import ClockStepWatch
-from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
-from checkweigher_driver.line_io.permits import Permits
-from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
-from checkweigher_driver.line_io.verdict_watch import VerdictWatch
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
@@ -24,7 +16,15 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
 )
-from checkweigher_dsp.ros.ports import FRESH_TIME
+from checkweigher_core.records.reasons import Reason, StopReason
+from checkweigher_core.ros.ports import FRESH_TIME
+from checkweigher_driver.line_io.belt_items import BeltItems
+from checkweigher_driver.line_io.belt_record import OnBelt
+from checkweigher_driver.line_io.clock_steps import ClockStepWatch
+from checkweigher_driver.line_io.missed_products import Latch, LatchEvent, MissedProducts
+from checkweigher_driver.line_io.permits import Permits
+from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
+from checkweigher_driver.line_io.verdict_watch import VerdictWatch
 
 # Relative to the product before: how far the travel time of two merged products is off.
 _OTHER_WAY = 0.2

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time by which each product that leaves the weigh belt must have its verdict."""
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, Verdict
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
 # Until a first product has shown how long it takes to the rejector.

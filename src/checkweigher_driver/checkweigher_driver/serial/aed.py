@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import serial
 
+from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_driver.serial.decoder import Decoder
 from checkweigher_driver.serial.frame_decoder import TRAILERS, FrameDecoder
 from checkweigher_driver.serial.port import SerialError
 from checkweigher_driver.serial.source import SerialParameters, SerialSource
-from checkweigher_dsp.parameters import ParameterError, parameter
 
 _AS_IT_IS = -1
 _QUIET = 0.03  # s without a byte after which nothing more is on its way

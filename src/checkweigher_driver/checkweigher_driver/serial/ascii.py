@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 import serial
 
+from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.source import SerialParameters, SerialSource
-from checkweigher_dsp.parameters import ParameterError, parameter
 
 _LONGEST_LINE = 256  # bytes, beyond which it is none
 _ENDS = re.compile(rb'[\r\n]+')

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_core.records import NANOSECONDS, SampleBlock
 
 _WINDOW = 60.0  # s of signal that the line is fitted to
 _BUCKET = 1.0  # s; only the hull of its points is kept

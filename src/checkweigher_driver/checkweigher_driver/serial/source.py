@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 import serial
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.recording import Event
+from checkweigher_core.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, SampleBlock
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError, open_port, reason_of
 from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, SampleBlock
-from checkweigher_recording.recording import Event
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
 _BROKEN = (OSError, termios.error)  # raised by a port that is gone; the latter is no OSError

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from checkweigher_dsp.parameters import Parameters
-from checkweigher_dsp.records import EyeEdge, LoadCell, SampleBlock
-from checkweigher_recording.recording import Event
+from checkweigher_core.parameters import Parameters
+from checkweigher_core.recording import Event
+from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class Device(ABC):

@@ -8,11 +8,11 @@ from pathlib import Path
 import threading
 from typing import ClassVar
 
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.recording import Event, Recording
+from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_driver.sources import EdgeSource, EyeEvent, Source
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, SampleBlock
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Event, Recording
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ import queue
 import threading
 from typing import Any, ClassVar
 
+from checkweigher_core.parameters import Parameters
+from checkweigher_core.recording import Event
+from checkweigher_core.records import SampleBlock
 from checkweigher_driver.prompt_threads import shorten_switch_interval
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
-from checkweigher_dsp.parameters import Parameters
-from checkweigher_dsp.records import SampleBlock
-from checkweigher_recording.recording import Event
 
 _END_PATIENCE = 2.0  # s for a thread to end
 

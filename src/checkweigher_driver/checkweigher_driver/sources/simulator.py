@@ -4,9 +4,9 @@
 
 from collections.abc import Iterator
 
+from checkweigher_core.recording import Event
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.sources import Source
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_recording.recording import Event
 from checkweigher_recording.simulation.simulator import (
     OperationParameters,
     Simulation,

@@ -8,10 +8,10 @@ from pathlib import Path
 from full_disk import file_size_limit
 import pytest
 
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.whole_file import OutputError
 from checkweigher_driver.calibration.file import read_calibration, write_version
 from checkweigher_driver.calibration.static_calibration import CalibrationPoint, calibrate
-from checkweigher_dsp.parameters import SettingsError
-from checkweigher_recording.whole_file import OutputError
 
 POINTS = [CalibrationPoint(0.0, 1000.0, 2.0), CalibrationPoint(1.0, 5000.0, 2.0)]
 # As `calibrate` writes it; `rate` and the segmenter's are the user's own.

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_driver.calibration.session import CalibrationSession
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationError,
@@ -14,7 +15,6 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
     Steadiness,
 )
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
 RATE, SENSITIVITY = 960.0, 5e5
 CELL = LoadCell(RATE, SENSITIVITY, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2)

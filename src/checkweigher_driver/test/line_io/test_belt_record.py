@@ -10,8 +10,8 @@ import time
 from modbus_machine import wait_for
 import pytest
 
+from checkweigher_core.parameters import ParameterError
 from checkweigher_driver.line_io.belt_record import BeltRecord, OnBelt, record_path
-from checkweigher_dsp.parameters import ParameterError
 
 RUNNING = OnBelt(released=True)
 

@@ -5,9 +5,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.line_io.edge_polling import EdgePolling, Poll
 from checkweigher_driver.sources import EyesBack, EyesLost
-from checkweigher_dsp.records import Eye, EyeEdge
 
 CLEAR = (False, False)
 

@@ -11,6 +11,8 @@ import time
 from gpiod import EdgeEvent
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.line_io.gpio import (
     EdgeOrder,
     GpioEyes,
@@ -19,8 +21,6 @@ from checkweigher_driver.line_io.gpio import (
     GpioOutputs,
 )
 from checkweigher_driver.sources import EyesBack, EyesLost
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Eye, EyeEdge
 
 CONFIG = Path('/sys/kernel/config/gpio-sim')
 PATIENCE = 10.0  # s

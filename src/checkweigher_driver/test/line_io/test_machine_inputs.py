@@ -8,12 +8,12 @@ from typing import Any
 from modbus_machine import wait_for
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS, ExternalReject, MachineConditions
 from checkweigher_driver.line_io.gpio import GpioInputParameters
 from checkweigher_driver.line_io.machine_inputs import InputWatch, MachineInputs, Reading
 from checkweigher_driver.line_io.modbus import ModbusInputParameters, ModbusInputs
 from checkweigher_driver.line_io.modbus_link import ModbusLink
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS, ExternalReject, MachineConditions
 
 GUARD, AIR, BIN, READY, METAL = 8, 9, 10, 11, 12
 WELL = {'guards[0]': True, 'air[0]': True, 'bins[0]': True, 'inspections[0]': True, 'metal': False}

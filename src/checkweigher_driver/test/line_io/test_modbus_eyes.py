@@ -7,11 +7,11 @@ import time
 from modbus_machine import BAG, MS, reading, wait_for
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS, EyeEdge
 from checkweigher_driver.line_io.modbus import ModbusEyesParameters, ModbusOutputParameters
 from checkweigher_driver.line_io.modbus_link import ModbusLink, ModbusLinkError
 from checkweigher_driver.sources import EyesBack, EyesLost
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge
 from checkweigher_recording.bags.reading import read_bag
 
 

@@ -9,9 +9,9 @@ import time
 
 from modbus_machine import BAG, MS, REJECTOR, RELEASE, permit, reading, switching, wait_for
 
+from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
 from checkweigher_driver.line_io.modbus_link import ModbusLink
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, Decision, Eye, EyeEdge, Verdict
 from checkweigher_recording.bags.reading import read_bag
 
 
@@ -210,7 +210,7 @@ def test_a_master_that_dies_leaves_outputs_that_go_safe(plc, tmp_path):
     program.write_text(
         'import sys, time\n'
         'from checkweigher_driver.devices import make_outputs\n'
-        'from checkweigher_dsp.records import Permission\n'
+        'from checkweigher_core.records import Permission\n'
         'values = {"modbus_outputs": {"host": "127.0.0.1", "port": int(sys.argv[1]), "stop": 1,\n'
         '                             "watchdog": 0}, "rejector": {}}\n'
         'outputs = make_outputs("modbus", lambda kind: kind.from_mapping(values[kind.node]))\n'

@@ -7,16 +7,7 @@ import time
 
 import pytest
 
-from checkweigher_driver.line_io.belt_record import OnBelt
-from checkweigher_driver.line_io.missed_products import LatchEvent
-from checkweigher_driver.line_io.rejector_control import (
-    Levels,
-    OutputParameters,
-    RejectorControl,
-    Switches,
-)
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     Decision,
     Eye,
     EyeEdge,
@@ -25,7 +16,16 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
 )
-from checkweigher_dsp.ros.ports import FRESH_TIME
+from checkweigher_core.records.reasons import Reason, StopReason
+from checkweigher_core.ros.ports import FRESH_TIME
+from checkweigher_driver.line_io.belt_record import OnBelt
+from checkweigher_driver.line_io.missed_products import LatchEvent
+from checkweigher_driver.line_io.rejector_control import (
+    Levels,
+    OutputParameters,
+    RejectorControl,
+    Switches,
+)
 
 MS = 1_000_000
 FOREVER = 10**12

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.records import NANOSECONDS, SampleBlock
 from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.reading import read_bag
 

@@ -13,8 +13,8 @@ import pytest
 from serial_device import number_of
 from serial_line import LINES, RATE, Reader, SerialDevice, make
 
+from checkweigher_core.parameters import ParameterError
 from checkweigher_driver.serial.port import SerialError, open_port
-from checkweigher_dsp.parameters import ParameterError
 
 
 @pytest.fixture

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from serial_line import Reader, SerialDevice
 
+from checkweigher_core.parameters import Parameters
+from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_driver.devices import source_maker
 from checkweigher_driver.sources import EdgeSource, EyesBack, EyesLost, Source
 from checkweigher_driver.sources.machine import Machine
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier
-from checkweigher_dsp.parameters import Parameters
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import Eye, EyeEdge, LoadCell, SampleBlock
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_recording.bags.writing import write_bag

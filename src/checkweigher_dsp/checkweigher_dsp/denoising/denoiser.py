@@ -11,6 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import ParameterError, Parameters, check_cost, parameter
+from checkweigher_core.records import WeighWindow
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.entry_fit import EntryFit
 from checkweigher_dsp.denoising.extrapolation import extrapolate
 from checkweigher_dsp.denoising.load_rise import load_response
@@ -26,9 +29,6 @@ from checkweigher_dsp.denoising.window_batch import (
     is_consistent,
     padded_length,
 )
-from checkweigher_dsp.parameters import ParameterError, Parameters, check_cost, parameter
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 # How a window can be padded, see `Denoiser` and `pad`.

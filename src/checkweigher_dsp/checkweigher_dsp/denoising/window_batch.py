@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow, seconds
 from checkweigher_dsp.denoising.extrapolation import PREDICTION_RATE
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
-from checkweigher_dsp.records import MAX_SAMPLE_RATE, MAX_WINDOW, NANOSECONDS, WeighWindow, seconds
 
 _PERIOD = 2**LEVELS
 # The signal before t2 is taken in steps of this, so that there are few shapes.

@@ -9,6 +9,9 @@ import json
 import math
 from typing import ClassVar
 
+from checkweigher_core.parameters import Parameters, parameter
+from checkweigher_core.records import MassEstimate, WeighWindow
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.window_batch import is_consistent
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.estimation.estimators.aeksi import AeksiParameters
@@ -31,9 +34,6 @@ from checkweigher_dsp.estimation.learning.learner import (
     learn,
     learned_load,
 )
-from checkweigher_dsp.parameters import Parameters, parameter
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import MassEstimate, WeighWindow
 from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
 
 

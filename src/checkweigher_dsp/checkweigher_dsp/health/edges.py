@@ -4,7 +4,7 @@
 
 import math
 
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 
 _MILLI = 1e3

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 import math
 
-from checkweigher_dsp.health.findings import (
+from checkweigher_core.health.findings import (
     MINUTE,
     Concern,
     Finding,
@@ -15,9 +15,9 @@ from checkweigher_dsp.health.findings import (
     RecentValues,
     conclude,
 )
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
+from checkweigher_core.printable import counted
+from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
+from checkweigher_core.records.reasons import Reason
 
 _TOO_MANY_FAILED = 0.05  # share of the last items
 _FEWEST_FAILED = 2

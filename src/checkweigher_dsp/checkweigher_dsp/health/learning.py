@@ -7,11 +7,11 @@ from statistics import median
 
 import numpy as np
 
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.printable import counted
+from checkweigher_core.records import GRAMS
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
 from checkweigher_dsp.estimation.learning.learner import ItemKind, LearnedKinds, LearningParameters
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.records import GRAMS
 
 _HINT = 'look at what was changed: belt, rollers, feet; then call forget_learned to learn it'
 _QUARTERS = (0.25, 0.5, 0.75, 1.0)

@@ -7,8 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.health.findings import MINUTE, Concern, Finding, Level, RecentValues, conclude
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.health.findings import (
+    MINUTE,
+    Concern,
+    Finding,
+    Level,
+    RecentValues,
+    conclude,
+)
+from checkweigher_core.records import GRAMS
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 
 _HOUR = 3600.0  # s

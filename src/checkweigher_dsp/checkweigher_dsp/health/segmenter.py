@@ -5,12 +5,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.stream import PATIENCE, EyeWatch, SampleWatch
+from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.health.edges import edges_finding
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
 from checkweigher_dsp.health.items import FaultWatch
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
-from checkweigher_dsp.health.stream import PATIENCE, EyeWatch, SampleWatch
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, SampleBlock, WeighWindow
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter

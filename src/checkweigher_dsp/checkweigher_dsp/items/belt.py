@@ -5,9 +5,9 @@
 from collections import deque
 from collections.abc import Callable
 
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
-from checkweigher_dsp.reasons import Reason
 
 # An item without its outfeed edge is overdue when it should have left this many transits ago.
 _OVERDUE = 1.5

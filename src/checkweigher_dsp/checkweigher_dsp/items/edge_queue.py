@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from itertools import takewhile
 from operator import attrgetter
 
-from checkweigher_dsp.records import EyeEdge
+from checkweigher_core.records import EyeEdge
 
 _STAMP = attrgetter('stamp')
 

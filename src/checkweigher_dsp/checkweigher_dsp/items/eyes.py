@@ -5,8 +5,8 @@
 from collections import OrderedDict
 from dataclasses import dataclass, replace
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.item import TrackedItem
-from checkweigher_dsp.records import Eye, EyeEdge
 
 _LONG_AGO = -(2**62)  # ns
 _REMEMBERED = 64  # edges, among which one that comes twice is recognized

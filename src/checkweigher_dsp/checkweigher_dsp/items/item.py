@@ -5,7 +5,7 @@
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
-from checkweigher_dsp.reasons import Reason
+from checkweigher_core.records.reasons import Reason
 
 
 class State(Enum):

@@ -8,6 +8,8 @@ the belt), t3 (outfeed blocked: begins to leave) and t4 (outfeed clears: gone).
 
 from collections.abc import Callable
 
+from checkweigher_core.records import EyeEdge
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import TrackedItem
@@ -17,8 +19,6 @@ from checkweigher_dsp.items.transitions import (
     settle,
     settle_first,
 )
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import EyeEdge
 
 
 class ItemTracker:

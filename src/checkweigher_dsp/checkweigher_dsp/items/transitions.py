@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from checkweigher_core.records import Eye, EyeEdge
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt
 from checkweigher_dsp.items.eyes import Switch
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Eye, EyeEdge
 
 _FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends
 

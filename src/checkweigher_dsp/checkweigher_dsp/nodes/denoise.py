@@ -5,13 +5,13 @@
 from functools import partial
 import time
 
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import WeighWindow
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.running import run
+from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
-from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import WorkloadWatch
-from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.running import run
-from checkweigher_dsp.ros.stage_node import StageNode
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):

@@ -6,9 +6,9 @@ from contextlib import suppress
 import os
 from pathlib import Path
 
-from checkweigher_dsp.parent_process import parent_identity
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.state_files import state_file
+from checkweigher_core.parent_process import parent_identity
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.state_files import state_file
 
 _LINE = 100  # bytes, of the identity of the run; each number follows in a line of its own
 _NUMBER = 21  # bytes

@@ -9,17 +9,17 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp import changes
+from checkweigher_core import changes
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import WeighWindow
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.running import run
+from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.health.findings import Finding
 from checkweigher_dsp.health.items import ConvergenceWatch, WorkloadWatch
 from checkweigher_dsp.health.learning import describe, learning_finding
 from checkweigher_dsp.nodes.learned_record import LearnedRecord
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.running import run
-from checkweigher_dsp.ros.stage_node import StageNode
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):

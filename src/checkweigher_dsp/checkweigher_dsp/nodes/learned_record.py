@@ -5,10 +5,10 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.settings_files import read_settings, write_settings
+from checkweigher_core.state_files import state_file
 from checkweigher_dsp.estimation.learning.learner import LearnedKinds
-from checkweigher_dsp.parameters import SettingsError
-from checkweigher_dsp.settings_files import read_settings, write_settings
-from checkweigher_dsp.state_files import state_file
 
 _NONE = '-'
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 import threading
 import time
 
-from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.records import NANOSECONDS, Permission, StreamStatus
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import NANOSECONDS, Permission, StreamStatus
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.outputs import LOCK, Input
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.outputs import LOCK, Input
-from checkweigher_dsp.ros.port_node import PortNode
 
 _PERIOD = 0.1  # s
 _SAMPLES_TIME = 0.4  # s; the segmenter tells of its samples every 0.2 s and a block

@@ -9,12 +9,8 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.health.items import RejectorWatch, VerdictWatch
-from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
-from checkweigher_dsp.nodes.permission import PermissionGiver
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import (
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import (
     ExternalReject,
     Eye,
     EyeEdge,
@@ -29,6 +25,16 @@ from checkweigher_dsp.records import (
     StreamStatus,
     Verdict,
 )
+from checkweigher_core.records.reasons import Reason, StopReason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.managed_node import ManagedStageNode
+from checkweigher_core.ros.outputs import Output
+from checkweigher_core.ros.running import run
+from checkweigher_dsp.health.items import RejectorWatch, VerdictWatch
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
+from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
+from checkweigher_dsp.nodes.permission import PermissionGiver
+from checkweigher_dsp.nodes.strangers import StrangerWatch
 from checkweigher_dsp.rejection.batch_rules import BatchTally
 from checkweigher_dsp.rejection.inspections import LATENESS
 from checkweigher_dsp.rejection.items import MAX_JUDGED
@@ -36,12 +42,6 @@ from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters, limits_of
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.rejection.timing import StreamClock
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.graph.strangers import StrangerWatch
-from checkweigher_dsp.ros.managed_node import ManagedStageNode
-from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
-from checkweigher_dsp.ros.outputs import Output
-from checkweigher_dsp.ros.running import run
 
 _LOOK_PERIOD = 1.0  # s
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)

@@ -12,12 +12,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from checkweigher_dsp import changes
-from checkweigher_dsp.health.findings import Finding
-from checkweigher_dsp.health.segmenter import SegmenterWatch
-from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import (
+from checkweigher_core import changes
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.records import (
     NANOSECONDS,
     NUMBERS_AT_ONCE,
     EyeEdge,
@@ -27,10 +24,13 @@ from checkweigher_dsp.records import (
     StreamStatus,
     WeighWindow,
 )
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.one_shot_timer import OneShotTimer
-from checkweigher_dsp.ros.running import run
-from checkweigher_dsp.ros.stage_node import StageNode
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.running import run
+from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_dsp.health.segmenter import SegmenterWatch
+from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
+from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 

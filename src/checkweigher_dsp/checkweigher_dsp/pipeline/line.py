@@ -7,10 +7,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self, cast
 
-from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
-from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError, Parameters, by_node, in_section
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError, Parameters, by_node, in_section
+from checkweigher_core.records import (
     EyeEdge,
     Item,
     LoadCell,
@@ -19,11 +17,13 @@ from checkweigher_dsp.records import (
     Verdict,
     WeighWindow,
 )
+from checkweigher_core.yaml_files import opened
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
+from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
-from checkweigher_dsp.yaml_files import opened
 
 # Nodes that a parameter file for the line may address as well, but that are no stages.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting', 'verifier')

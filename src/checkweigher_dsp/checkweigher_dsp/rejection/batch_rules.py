@@ -11,8 +11,8 @@ stays at or above that.
 from dataclasses import dataclass, replace
 from typing import Any
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, ProductOnLine, Verdict
+from checkweigher_core.records import Decision, ProductOnLine, Verdict
+from checkweigher_core.records.reasons import Reason
 
 _MAX_TALLIES = 1_000
 

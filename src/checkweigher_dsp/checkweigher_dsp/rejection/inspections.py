@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, Decision, ExternalReject, Verdict
+from checkweigher_core.records import NANOSECONDS, Decision, ExternalReject, Verdict
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {

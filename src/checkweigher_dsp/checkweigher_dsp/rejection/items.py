@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from checkweigher_dsp.records import NUMBERS_AT_ONCE, Item, Verdict
+from checkweigher_core.records import NUMBERS_AT_ONCE, Item, Verdict
 
 MAX_JUDGED = 1_024  # numbers; more than the port `items` keeps for a node that is started again
 _MAX_PENDING = 10_000

@@ -4,8 +4,8 @@
 
 import math
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Decision, MassEstimate, ProductOnLine, Verdict
+from checkweigher_core.records import Decision, MassEstimate, ProductOnLine, Verdict
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 

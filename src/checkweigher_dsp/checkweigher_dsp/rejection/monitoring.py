@@ -4,8 +4,7 @@
 
 from dataclasses import dataclass
 
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     EyeEdge,
@@ -15,6 +14,7 @@ from checkweigher_dsp.records import (
     StopRequest,
     Verdict,
 )
+from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.rejection.inspections import Missed
 from checkweigher_dsp.rejection.parameters import RejectParameters
 

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
-from checkweigher_dsp.records import Eye, EyeEdge
+from checkweigher_core.records import Eye, EyeEdge
 
 # An eye that was clear for less is flickering (more than the debounce_time of any line).
 FLICKER = 20_000_000  # ns

@@ -7,8 +7,8 @@ from functools import cached_property, partial
 import math
 from typing import Any, ClassVar
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, ProductOnLine
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import NANOSECONDS, ProductOnLine
 from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
 
 # Those of the line, which the product on it replaces.

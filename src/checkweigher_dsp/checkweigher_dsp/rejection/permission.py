@@ -4,8 +4,8 @@
 
 from collections.abc import Mapping
 
-from checkweigher_dsp.health.findings import Concern, Finding, Level, conclude
-from checkweigher_dsp.records import NANOSECONDS, StreamStatus
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.records import NANOSECONDS, StreamStatus
 
 _HINTS = {
     'samples': 'check load cell, driver and segmenter: no new samples are taken',

@@ -11,8 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 import math
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     ExternalReject,
@@ -23,6 +22,7 @@ from checkweigher_dsp.records import (
     StreamStatus,
     Verdict,
 )
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.batch_rules import BatchRules
 from checkweigher_dsp.rejection.inspections import Inspections, Passage
 from checkweigher_dsp.rejection.items import PendingItem, PendingItems

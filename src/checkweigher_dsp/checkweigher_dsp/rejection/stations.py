@@ -10,9 +10,9 @@ and if it is accepted to neither. What has no known place goes to the rejector a
 from dataclasses import dataclass, replace
 import math
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, Decision, Verdict
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS, Decision, Verdict
+from checkweigher_core.records.reasons import Reason
 
 MAX_STATIONS = 16
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Clocks of the reject stage: the time of the stamps, and when an edge should have come."""
 
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 
 # Faster than any clock of a machine runs away from another one.
 _DRIFT = 500e-6

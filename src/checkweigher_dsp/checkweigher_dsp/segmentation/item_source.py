@@ -5,11 +5,11 @@
 from collections.abc import Iterable
 import math
 
+from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, LoadCell
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.edge_queue import EdgeQueue
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.items.tracking import ItemTracker
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, Item, LoadCell
 from checkweigher_dsp.segmentation.load_check import is_unloaded
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer

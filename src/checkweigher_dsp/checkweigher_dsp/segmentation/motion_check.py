@@ -4,9 +4,9 @@
 
 import math
 
+from checkweigher_core.records import seconds
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import seconds
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
 # Of the usual speed; a belt that runs slower than that during a pass has stood still.

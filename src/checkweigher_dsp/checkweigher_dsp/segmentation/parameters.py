@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG
 
 _MAX_HISTORY = 2**22  # samples

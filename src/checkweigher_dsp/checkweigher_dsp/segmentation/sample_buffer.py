@@ -10,7 +10,7 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_core.records import NANOSECONDS, SampleBlock
 
 # An edge stamped at the very instant of a sample must fall on the same side of it however the
 # blocks were cut, although each block's stamp is rounded to a nanosecond.

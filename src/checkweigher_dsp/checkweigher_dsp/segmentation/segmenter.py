@@ -5,8 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     EyeEdge,
     Item,
@@ -15,6 +14,7 @@ from checkweigher_dsp.records import (
     WeighWindow,
     seconds,
 )
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.item_source import ItemSource
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters

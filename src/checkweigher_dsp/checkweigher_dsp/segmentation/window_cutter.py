@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import NANOSECONDS, LoadCell, WeighWindow, seconds
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, LoadCell, WeighWindow, seconds
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.load_check import LoadCheck
 from checkweigher_dsp.segmentation.motion_check import MotionCheck

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell, ZeroChange
+from checkweigher_core.records import NANOSECONDS, LoadCell, ZeroChange
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker

@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import WeighWindow, seconds
+from checkweigher_core.records import WeighWindow, seconds
 
 PLATFORM_LAG = 5e-4  # s, 2 xi / omega of the platform that is assumed until another one is known
 _TAPER = 0.05  # s, of a; at most half of the level

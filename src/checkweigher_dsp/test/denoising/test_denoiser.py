@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS, WeighWindow
 from checkweigher_dsp.denoising.denoiser import (
     PADDINGS,
     DenoiseParameters,
@@ -24,8 +26,6 @@ from checkweigher_dsp.denoising.wavelet_shrinkage import (
     threshold_universally,
 )
 from checkweigher_dsp.denoising.window_batch import batches_of, denoised_pass
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS, WeighWindow
 
 ROUNDING = 1e-12
 RATE = 960.0

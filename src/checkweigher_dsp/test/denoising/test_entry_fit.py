@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.entry_fit import EntryFit, platform_taps
 from checkweigher_dsp.denoising.extrapolation import block_means
 from checkweigher_dsp.denoising.load_rise import load_response
 from checkweigher_dsp.denoising.window_batch import WindowBatch, denoised_pass
-from checkweigher_dsp.records import NANOSECONDS
 
 RATE, BLOCK, COUNT = 960.0, 4, 402  # two samples more than whole blocks
 ENTRY = 200 + 1 / 3  # samples

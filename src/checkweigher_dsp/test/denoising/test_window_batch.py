@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.denoising.window_batch import (
     batches_of,
     padded_length,
     rise_time,
     time_since_entry,
 )
-from checkweigher_dsp.records import NANOSECONDS
 
 ROUNDING = 1e-12
 

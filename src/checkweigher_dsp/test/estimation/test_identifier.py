@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.denoiser import PADDINGS, DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.estimators.averages import MeanParameters
 from checkweigher_dsp.estimation.estimators.iswd_eksi import IswdEksiParameters
 from checkweigher_dsp.estimation.identifier import ESTIMATORS, Identifier, IdentifierParameters
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import WeighWindow
 
 # R / P0 of a noise-free window is 1e-12: so much the prior may pull, with room for rounding.
 PRIOR = 1e-10

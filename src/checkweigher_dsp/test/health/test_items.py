@@ -4,7 +4,9 @@
 
 import pytest
 
-from checkweigher_dsp.health.findings import Level
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, StopRequest, Verdict
+from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.health.items import (
     ConvergenceWatch,
     FaultWatch,
@@ -12,8 +14,6 @@ from checkweigher_dsp.health.items import (
     VerdictWatch,
     WorkloadWatch,
 )
-from checkweigher_dsp.reasons import Reason, StopReason
-from checkweigher_dsp.records import NANOSECONDS, Decision, MassEstimate, StopRequest, Verdict
 
 
 def test_faults_are_an_error_once_nothing_else_comes():

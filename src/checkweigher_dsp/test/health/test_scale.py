@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_dsp.health.findings import Level
+from checkweigher_core.health.findings import Level
 from checkweigher_dsp.health.scale import BeltNoiseWatch, ZeroWatch
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long items take, and which of those on the belt an edge can be of."""
 
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import State, TrackedItem
-from checkweigher_dsp.reasons import Reason
 
 MAX_TRANSIT = 2000
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges in any order of arrival wait for the samples in the order of their stamps."""
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.edge_queue import EdgeQueue
-from checkweigher_dsp.records import Eye, EyeEdge
 
 
 def _edge(stamp: int) -> EyeEdge:

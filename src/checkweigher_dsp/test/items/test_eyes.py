@@ -4,8 +4,8 @@
 
 import pytest
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_dsp.items.eyes import Eyes, Switch
-from checkweigher_dsp.records import Eye, EyeEdge
 
 DEBOUNCE, MAX_TRANSIT = 5, 2000
 

@@ -4,8 +4,8 @@
 
 import pytest
 
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import State, TrackedItem
-from checkweigher_dsp.reasons import Reason
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from checkweigher_core.records import Eye, EyeEdge
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.tracking import ItemTracker
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Eye, EyeEdge
 
 MS = 1_000_000
 DEBOUNCE = 5 * MS

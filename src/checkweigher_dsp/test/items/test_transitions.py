@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from checkweigher_core.records import Eye, EyeEdge
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items import transitions
 from checkweigher_dsp.items.belt import Belt, UsualTransit
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import State
 from checkweigher_dsp.items.tracking import ItemTracker
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import Eye, EyeEdge
 
 MS = 1_000_000
 DEBOUNCE = 5 * MS

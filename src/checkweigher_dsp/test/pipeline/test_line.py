@@ -8,11 +8,11 @@ import math
 import numpy as np
 import pytest
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import Decision, SampleBlock
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters
 from checkweigher_dsp.estimation.identifier import ESTIMATORS
-from checkweigher_dsp.parameters import ParameterError
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.records import Decision, SampleBlock
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 COUNT = 1e-6  # kg, to which readings are rounded

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     ExternalReject,

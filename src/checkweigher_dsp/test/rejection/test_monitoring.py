@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_core.records import Decision, Eye, EyeEdge, Verdict
+from checkweigher_core.records.reasons import StopReason
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import StreamClock

@@ -4,8 +4,8 @@
 
 import pytest
 
-from checkweigher_dsp.health.findings import Level
-from checkweigher_dsp.records import StreamState, StreamStatus
+from checkweigher_core.health.findings import Level
+from checkweigher_core.records import StreamState, StreamStatus
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 MS = 1_000_000

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Decision, MassEstimate, ProductOnLine
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import Decision, MassEstimate, ProductOnLine
 from checkweigher_dsp.rejection import limits
 from checkweigher_dsp.rejection.limits import decide
 from checkweigher_dsp.rejection.parameters import RejectParameters

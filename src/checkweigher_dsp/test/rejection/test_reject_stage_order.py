@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from checkweigher_dsp.records import (
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     Eye,

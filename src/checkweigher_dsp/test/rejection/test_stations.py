@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     Eye,

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS as S
+from checkweigher_core.records import NANOSECONDS as S
 from checkweigher_dsp.rejection.timing import ArrivalClock
 
 OFFSET = 1_700_000_000 * S  # of the stamps against the clock of arrivals

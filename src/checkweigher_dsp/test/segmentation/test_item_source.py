@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 
-from checkweigher_dsp.reasons import Reason
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
+from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.segmentation.item_source import ItemSource
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer

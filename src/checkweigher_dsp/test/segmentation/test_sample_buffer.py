@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
+from checkweigher_core.records import NANOSECONDS, SampleBlock
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 
 RATE = 960.0

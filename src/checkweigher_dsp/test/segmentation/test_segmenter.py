@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge
+from checkweigher_core.records import NANOSECONDS, EyeEdge
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 

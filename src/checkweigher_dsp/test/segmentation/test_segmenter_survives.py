@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 

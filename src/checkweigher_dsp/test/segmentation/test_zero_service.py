@@ -10,8 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from running import PATIENCE
 from std_srvs.srv import Trigger
 
+from checkweigher_core.ros.ports import ZERO_SETTING
 from checkweigher_dsp.nodes.segmenter import SegmenterNode
-from checkweigher_dsp.ros.ports import ZERO_SETTING
 
 
 @pytest.fixture

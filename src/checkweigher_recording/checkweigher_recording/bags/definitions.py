@@ -12,9 +12,9 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.ros import conversion
-from checkweigher_dsp.ros.ports import RECORDED, Port
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros import conversion
+from checkweigher_core.ros.ports import RECORDED, Port
 
 TIME, HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
 _STORE = get_typestore(Stores.EMPTY)

@@ -8,8 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from checkweigher_dsp.records import NANOSECONDS, EyeEdge, LoadCell, Reference
-from checkweigher_dsp.ros.ports import (
+from checkweigher_core.recording import BlockColumns, Recording, canonical_order
+from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference
+from checkweigher_core.ros.ports import (
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
     PHOTO_EYES,
@@ -17,7 +18,6 @@ from checkweigher_dsp.ros.ports import (
 )
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import SampleDecoder
-from checkweigher_recording.recording import BlockColumns, Recording, canonical_order
 
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # messages between two stretches, and their bytes
 _LATE = 60 * NANOSECONDS  # that a message may come after one with a later stamp

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rosbags.interfaces import Connection
 
-from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES, PLAYED, Port
+from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES, PLAYED, Port
 from checkweigher_recording.bags.definitions import BagError
 
 Lane = list[tuple[Connection, Port]]

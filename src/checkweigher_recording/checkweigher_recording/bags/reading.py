@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
-from checkweigher_dsp.ros.ports import LOAD_CELL_INFO
+from checkweigher_core.recording import Recording
+from checkweigher_core.ros.ports import LOAD_CELL_INFO
 from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
 from checkweigher_recording.bags.integrity import check_file
 from checkweigher_recording.bags.lane_messages import LaneMessages, OutOfOrderError
 from checkweigher_recording.bags.lanes import choose_lane
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts
 from checkweigher_recording.progress import with_progress
-from checkweigher_recording.recording import Recording
 
 T = TypeVar('T')
 

@@ -4,7 +4,7 @@
 
 from pathlib import Path
 
-from checkweigher_dsp.ros.ports import RECORDED, Port
+from checkweigher_core.ros.ports import RECORDED, Port
 from checkweigher_recording.bags.definitions import BagError, bag_errors, check_definition
 from checkweigher_recording.bags.lanes import find_port
 from checkweigher_recording.bags.unfinished import UnfinishedBag, unfinished_parts

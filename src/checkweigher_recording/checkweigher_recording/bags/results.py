@@ -8,7 +8,7 @@ from typing import Any
 
 from rosbags.typesys.store import Typestore
 
-from checkweigher_dsp.ros.ports import Port
+from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.definitions import BagError, definitions_of, deserialize
 from checkweigher_recording.bags.lanes import find_port
 from checkweigher_recording.bags.reading import open_bag

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES
+from checkweigher_core.recording import BlockColumns
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
 from checkweigher_recording.bags.definitions import deserialize, typestore
-from checkweigher_recording.recording import BlockColumns
 
 _LITTLE_ENDIAN = 0x0100  # encapsulation of plain CDR, read as little-endian number
 # Messages that are kept until they are decoded together, and their bytes.

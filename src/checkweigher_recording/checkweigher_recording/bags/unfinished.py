@@ -33,7 +33,7 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import MAGIC
 

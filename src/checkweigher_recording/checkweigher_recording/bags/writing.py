@@ -23,12 +23,12 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
-from checkweigher_dsp.records import LoadCell
-from checkweigher_dsp.ros.ports import LOAD_CELL_INFO, PLAYED, Port
+from checkweigher_core.recording import Event
+from checkweigher_core.records import LoadCell
+from checkweigher_core.ros.ports import LOAD_CELL_INFO, PLAYED, Port
+from checkweigher_core.whole_file import OutputError, check_new, output_error, write_whole
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
-from checkweigher_recording.recording import Event
-from checkweigher_recording.whole_file import OutputError, check_new, output_error, write_whole
 
 # Fixed, not taken from the folder: a recording has the same bytes wherever it is written.
 _FILE = 'line_0.mcap'

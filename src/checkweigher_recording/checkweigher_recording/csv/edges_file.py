@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from checkweigher_dsp.records import GRAMS, Eye
+from checkweigher_core.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
 
 _LARGEST_NUMBER = 1e15  # of a row, a mass or a rate

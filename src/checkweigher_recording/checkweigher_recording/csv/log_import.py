@@ -12,8 +12,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import (
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.recording import Event, Recording
+from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
     Eye,
@@ -24,7 +25,6 @@ from checkweigher_dsp.records import (
 )
 from checkweigher_recording.csv.edges_file import EdgesFile, read_edges_file
 from checkweigher_recording.csv.table import CsvError, Table, read_table
-from checkweigher_recording.recording import Event, Recording
 
 _INT32 = np.iinfo(np.int32)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.input_files import read_input
+from checkweigher_core.input_files import read_input
 
 
 class CsvError(ValueError):

@@ -4,11 +4,11 @@
 
 from collections.abc import Iterator
 
+from checkweigher_core.recording import Event
+from checkweigher_core.records import EyeEdge, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_dsp.production.filler_feedback import FillerController
-from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.records import EyeEdge, SampleBlock
-from checkweigher_recording.recording import Event
+from checkweigher_production.filler_feedback import FillerController
+from checkweigher_production.recipes import Product
 from checkweigher_recording.simulation.simulator import Simulation
 
 

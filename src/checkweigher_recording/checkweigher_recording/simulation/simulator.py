@@ -29,9 +29,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
-from checkweigher_recording.recording import Event, Recording, canonical_order
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.recording import Event, Recording, canonical_order
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Reference, SampleBlock
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Line, Pass
 from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.machine import PREFIX, machine_of

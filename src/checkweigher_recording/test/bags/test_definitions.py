@@ -10,8 +10,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from checkweigher_dsp.records import Decision, Verdict
-from checkweigher_dsp.ros.ports import (
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.ros.ports import (
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
     PHOTO_EYES,

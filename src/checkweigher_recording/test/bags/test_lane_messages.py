@@ -7,11 +7,11 @@ import random
 
 import pytest
 
+from checkweigher_core.recording import Recording
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.lane_messages import OutOfOrderError
 from checkweigher_recording.bags.reading import read_bag, read_stretches
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 SECOND = 10**9  # ns

@@ -4,7 +4,7 @@
 
 import pytest
 
-from checkweigher_dsp.ros.ports import DIAGNOSTICS, DRIVER_STATUS, PHOTO_EYES, RECORDED, VERDICT
+from checkweigher_core.ros.ports import DIAGNOSTICS, DRIVER_STATUS, PHOTO_EYES, RECORDED, VERDICT
 from checkweigher_recording.bags.lanes import find_port, lane_prefix
 
 

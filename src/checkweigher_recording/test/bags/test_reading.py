@@ -13,9 +13,9 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import yaml
 
-from checkweigher_dsp.records import Eye
-from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
-from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_core.records import Eye
+from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES as SAMPLES
+from checkweigher_core.ros.ports import PLAYED
 from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from checkweigher_dsp.records import Decision, StepState, Verdict, VerificationStep
-from checkweigher_dsp.ros.ports import STOP_REQUEST, VERDICT, VERIFICATION
+from checkweigher_core.records import Decision, StepState, Verdict, VerificationStep
+from checkweigher_core.ros.ports import STOP_REQUEST, VERDICT, VERIFICATION
 from checkweigher_recording.bags.definitions import BagError, serialize
 from checkweigher_recording.bags.results import mcap_digest, read_records
 from checkweigher_recording.bags.writing import BagWriter

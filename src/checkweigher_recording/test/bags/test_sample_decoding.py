@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS
-from checkweigher_dsp.ros.ports import LOAD_CELL_SAMPLES
+from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.ros.ports import LOAD_CELL_SAMPLES
 from checkweigher_recording.bags import sample_decoding
 from checkweigher_recording.bags.definitions import HEADER, TIME, deserialize, typestore
 from checkweigher_recording.bags.sample_decoding import SampleDecoder

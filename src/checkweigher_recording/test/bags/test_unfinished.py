@@ -10,12 +10,12 @@ import pytest
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from checkweigher_dsp.ros.ports import DIAGNOSTICS, PLAYED, REFERENCE_MASS
+from checkweigher_core.ros.ports import DIAGNOSTICS, PLAYED, REFERENCE_MASS
+from checkweigher_core.whole_file import OutputError
 from checkweigher_recording.bags.definitions import HEADER, TIME, BagError, typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.recovery import recover_bag
 from checkweigher_recording.bags.writing import BagWriter, write_bag
-from checkweigher_recording.whole_file import OutputError
 
 FLUSHED = 10  # messages at a time
 

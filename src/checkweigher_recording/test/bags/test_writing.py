@@ -15,12 +15,12 @@ from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Reader
 import yaml
 
-from checkweigher_dsp.ros.ports import PLAYED
+from checkweigher_core.ros.ports import PLAYED
+from checkweigher_core.whole_file import OutputError
 from checkweigher_recording.bags.definitions import typestore
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import BagWriter, write_bag
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
-from checkweigher_recording.whole_file import OutputError
 
 
 def _files(folder):
@@ -176,9 +176,7 @@ def test_a_full_disk_is_one_line(tmp_path):
         text=True,
     )
     last_line = done.stderr.strip().splitlines()[-1]
-    assert last_line.startswith(
-        f'checkweigher_recording.whole_file.OutputError: {tmp_path / "bag"}: '
-    )
+    assert last_line.startswith(f'checkweigher_core.whole_file.OutputError: {tmp_path / "bag"}: ')
     assert os.strerror(errno.EFBIG) in last_line
     assert not list(tmp_path.iterdir())
 

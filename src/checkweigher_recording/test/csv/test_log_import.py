@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Eye
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import Eye
 from checkweigher_recording.csv.log_import import ImportParameters, import_csv
 from checkweigher_recording.csv.table import CsvError
 

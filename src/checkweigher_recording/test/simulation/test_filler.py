@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from checkweigher_dsp.production.filler_feedback import FillerParameters
-from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.records import Reference
+from checkweigher_core.records import Reference
+from checkweigher_production.filler_feedback import FillerParameters
+from checkweigher_production.recipes import Product
 from checkweigher_recording.simulation.closed_loop import with_feedback
 from checkweigher_recording.simulation.filler import Filler
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters

@@ -7,8 +7,8 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Eye
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import Eye
 from checkweigher_recording.simulation.machine import CAUSES, Machine, draw, machine_of
 from checkweigher_recording.simulation.simulator import (
     SimulationParameters,

@@ -10,9 +10,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import Eye, EyeEdge, Reference, SampleBlock
-from checkweigher_recording.recording import canonical_order
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.recording import canonical_order
+from checkweigher_core.records import Eye, EyeEdge, Reference, SampleBlock
 from checkweigher_recording.simulation.simulator import (
     MAX_COUNTS,
     PROFILES,

@@ -23,8 +23,8 @@ and does not say that a machine conforms.
 from dataclasses import dataclass, replace
 import math
 
-from checkweigher_dsp.production.prepackages import tolerable_negative_error
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
+from checkweigher_production.prepackages import tolerable_negative_error
 from checkweigher_validation.accuracy.errors import ConditionResult
 
 # A mass that lies on a bound must not exceed it by a rounding error.

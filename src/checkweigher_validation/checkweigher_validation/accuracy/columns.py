@@ -9,7 +9,7 @@ from enum import Enum
 import math
 from typing import Any, TextIO
 
-from checkweigher_dsp.records import GRAMS, NANOSECONDS
+from checkweigher_core.records import GRAMS, NANOSECONDS
 from checkweigher_validation.accuracy.results import ItemResult
 
 

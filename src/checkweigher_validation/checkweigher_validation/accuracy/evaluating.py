@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
+from checkweigher_core.records import MassEstimate
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier
 from checkweigher_dsp.pipeline.line import LineParameters, estimate_masses
-from checkweigher_dsp.records import MassEstimate
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.jobs import run_jobs

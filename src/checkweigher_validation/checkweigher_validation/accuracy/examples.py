@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 import pywt
 
+from checkweigher_core.records import WeighWindow, seconds
 from checkweigher_dsp.denoising.denoiser import METHODS, DenoiseParameters, Denoiser
 from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS, WAVELET
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import WeighWindow, seconds
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,

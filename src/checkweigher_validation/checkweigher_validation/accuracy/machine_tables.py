@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass
 from checkweigher_validation.accuracy.errors import Evaluation, average, coverage
 from checkweigher_validation.accuracy.tables import (

@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, LoadCell, Reference, WeighWindow
+from checkweigher_core.recording import Event
+from checkweigher_core.records import NANOSECONDS, LoadCell, Reference, WeighWindow
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
-from checkweigher_recording.recording import Event
 
 # A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.
 SAME_ITEM = NANOSECONDS // 100

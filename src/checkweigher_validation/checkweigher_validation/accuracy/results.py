@@ -9,9 +9,9 @@ from heapq import heappop, heappush
 from itertools import chain
 import math
 
-from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.printable import counted, one_line
-from checkweigher_dsp.records import (
+from checkweigher_core.printable import counted, one_line
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
     Decision,
@@ -21,10 +21,10 @@ from checkweigher_dsp.records import (
     Reference,
     Verdict,
 )
+from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
 from checkweigher_dsp.signal.running_moments import RunningMoments
 from checkweigher_recording.block_cutting import join_recording, join_stretches
 from checkweigher_recording.progress import with_progress
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 
 

@@ -8,7 +8,7 @@ import io
 import json
 import math
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import (
     ConditionResult,

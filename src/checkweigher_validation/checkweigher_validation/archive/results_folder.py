@@ -8,8 +8,8 @@ from dataclasses import asdict, fields, replace
 from io import StringIO
 from pathlib import Path
 
-from checkweigher_dsp.printable import counted
-from checkweigher_recording.whole_file import check_folder_of, output_error, write_whole
+from checkweigher_core.printable import counted
+from checkweigher_core.whole_file import check_folder_of, output_error, write_whole
 from checkweigher_validation.archive.results_file import BagSummary, read_origin
 from checkweigher_validation.archive.weighing import Weighed, WeighJob, origin_of
 

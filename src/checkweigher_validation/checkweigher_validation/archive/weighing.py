@@ -14,15 +14,15 @@ from pathlib import Path
 from socket import gethostname
 import traceback
 
+from checkweigher_core.printable import one_line
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import GRAMS, NANOSECONDS, Decision
+from checkweigher_core.ros.ports import STAGES
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision
-from checkweigher_dsp.ros.ports import STAGES
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.scratch import scratch_folder
 from checkweigher_validation.accuracy.results import ErrorSum, ItemResult, weigh_stretches
 from checkweigher_validation.archive.program import Program, other_program, program

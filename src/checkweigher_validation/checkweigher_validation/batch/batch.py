@@ -12,11 +12,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from checkweigher_dsp.changes import RECORD
-from checkweigher_dsp.production.audit_log import Entry
-from checkweigher_dsp.production.batch_record import RecordError, read_lines, verdict_of
-from checkweigher_dsp.production.recipes import Product, product_of
-from checkweigher_dsp.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_core.changes import RECORD
+from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
+from checkweigher_production.audit_log import Entry
+from checkweigher_production.batch_record import RecordError, read_lines, verdict_of
+from checkweigher_production.recipes import Product, product_of
 from checkweigher_validation.accuracy.results import ItemResult
 
 

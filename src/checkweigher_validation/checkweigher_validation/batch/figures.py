@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.production.control_chart import ControlChart, control_chart
-from checkweigher_dsp.production.prepackages import (
+from checkweigher_core.records import Decision
+from checkweigher_production.control_chart import ControlChart, control_chart
+from checkweigher_production.prepackages import (
     LARGEST,
     SMALLEST,
     BatchJudgement,
     judge_batch,
 )
-from checkweigher_dsp.production.recipes import Product
-from checkweigher_dsp.production.reference_test import (
+from checkweigher_production.recipes import Product
+from checkweigher_production.reference_method import (
     ReferenceTest,
     SamplingPlan,
     reference_test,
 )
-from checkweigher_dsp.records import Decision
 from checkweigher_validation.batch.batch import Batch, Part
 
 _MOST_BINS = 60

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import NANOSECONDS, WeighWindow
+from checkweigher_core.records import NANOSECONDS, WeighWindow
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.tuning.calibration import index
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.paper_table import paper_index
 from checkweigher_validation.accuracy.tables import (

@@ -8,8 +8,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_dsp.production.control_chart import SUBGROUP, ControlChart
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
+from checkweigher_production.control_chart import SUBGROUP, ControlChart
 from checkweigher_validation.batch.batch import Batch
 from checkweigher_validation.batch.figures import PartFigures
 from checkweigher_validation.report.content import number

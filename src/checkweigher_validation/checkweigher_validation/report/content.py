@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
 from checkweigher_validation.accuracy.errors import (
     Average,

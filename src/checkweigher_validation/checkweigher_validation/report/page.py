@@ -10,7 +10,7 @@ from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from checkweigher_dsp.production import prepackages
+from checkweigher_production import prepackages
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
     suitability,

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report.inline_svg import INK, MUTED, SHADE, stand_in
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import rise_time, transit
 from checkweigher_dsp.estimation.estimators.learned import (
     PARTS,
@@ -34,7 +35,6 @@ from checkweigher_dsp.estimation.estimators.learned import (
     seconds_alone,
 )
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import are_distinct, calibrate, folds

@@ -9,8 +9,8 @@ from itertools import dropwhile
 
 import yaml
 
-from checkweigher_dsp.parameters import Parameters
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.parameters import Parameters
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.tuning.tuner import Tuned
 
 _WIDTH = 100

@@ -25,7 +25,7 @@ from statistics import median
 
 import numpy as np
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass, judge
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.verification.plan import MINUTE, Mass

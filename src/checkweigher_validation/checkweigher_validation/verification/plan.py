@@ -13,11 +13,11 @@ from importlib.resources import files
 import re
 from typing import Any
 
-from checkweigher_dsp.parameters import SettingsError, parameter
-from checkweigher_dsp.production.prepackages import LARGEST, SMALLEST
-from checkweigher_dsp.records import GRAMS
-from checkweigher_dsp.settings_files import Settings, settings_of
-from checkweigher_dsp.yaml_files import opened
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.records import GRAMS
+from checkweigher_core.settings_files import Settings, settings_of
+from checkweigher_core.yaml_files import opened
+from checkweigher_production.prepackages import LARGEST, SMALLEST
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
     Suitability,

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from checkweigher_dsp.records import (
+from checkweigher_core.recording import BlockColumns
+from checkweigher_core.records import (
     NANOSECONDS,
     Decision,
     LoadCell,
@@ -20,12 +21,11 @@ from checkweigher_dsp.records import (
     VerificationStep,
     ZeroChange,
 )
-from checkweigher_dsp.ros import ports
+from checkweigher_core.ros import ports
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.results import mcap_digest, read_records
-from checkweigher_recording.recording import BlockColumns
 from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
 

@@ -14,7 +14,7 @@ import json
 import math
 from typing import Any
 
-from checkweigher_dsp.records import GRAMS, NANOSECONDS
+from checkweigher_core.records import GRAMS, NANOSECONDS
 from checkweigher_validation.verification.evaluation import (
     Evaluation,
     Result,

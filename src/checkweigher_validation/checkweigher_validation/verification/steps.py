@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_validation.verification.plan import MINUTE, Mass, Passes, Plan
 
 

@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batch, evaluate_batches
 from checkweigher_validation.accuracy.passes import KnownPass
 

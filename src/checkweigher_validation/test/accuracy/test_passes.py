@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from checkweigher_core.records import Eye, EyeEdge, Reference, WeighWindow
 from checkweigher_dsp.estimation.identifier import IdentifierParameters
-from checkweigher_dsp.records import Eye, EyeEdge, Reference, WeighWindow
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.passes import (

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from spoilt_lines import CELL, make_line, plans
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Reference
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import NANOSECONDS, Reference
-from checkweigher_recording.recording import Recording
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.results import ErrorSum, weigh, weigh_stretches
 

@@ -11,7 +11,7 @@ import stat
 
 import pytest
 
-from checkweigher_recording.whole_file import OutputError, write_whole
+from checkweigher_core.whole_file import OutputError, write_whole
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.tables import (
     CSV_COLUMNS,

@@ -11,8 +11,8 @@ import shutil
 import pyarrow.parquet as pq
 import pytest
 
+from checkweigher_core.records import GRAMS
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import GRAMS
 from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from checkweigher_dsp.production.audit_log import Entry
-from checkweigher_dsp.production.batch_record import RecordError, RecordWriter
-from checkweigher_dsp.production.recipes import make_product
-from checkweigher_dsp.production.reference_test import SamplingPlan
-from checkweigher_dsp.reasons import StopReason
-from checkweigher_dsp.records import Decision, FillerFeedback, StopRequest, Verdict
+from checkweigher_core.records import Decision, FillerFeedback, StopRequest, Verdict
+from checkweigher_core.records.reasons import StopReason
+from checkweigher_production.audit_log import Entry
+from checkweigher_production.batch_record import RecordError, RecordWriter
+from checkweigher_production.recipes import make_product
+from checkweigher_production.reference_method import SamplingPlan
 from checkweigher_validation.batch.batch import Batch, BatchError, read_csv, read_record
 from checkweigher_validation.batch.figures import as_json, figures_of
 from checkweigher_validation.report.batch_page import render_batch

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import WeighWindow
+from checkweigher_core.records import WeighWindow
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.protocol.attainable import attainable_errors
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import butter, lfilter, sosfilt
 
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_recording.simulation.noise import FLOOR_BAND
 from checkweigher_recording.simulation.simulator import (
     DAMPING_RATIO,

@@ -7,9 +7,9 @@ from dataclasses import replace
 from lines import simulated
 import pytest
 
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 

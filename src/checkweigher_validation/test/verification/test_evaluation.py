@@ -9,7 +9,7 @@ from made_procedure import PLAN, START, attempt_of, procedure_of
 import numpy as np
 import pytest
 
-from checkweigher_dsp.records import ZeroChange
+from checkweigher_core.records import ZeroChange
 from checkweigher_validation.verification.evaluation import evaluate
 
 GRAM = 1e-3

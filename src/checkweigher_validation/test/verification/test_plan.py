@@ -4,7 +4,7 @@
 
 import pytest
 
-from checkweigher_dsp.parameters import SettingsError
+from checkweigher_core.parameters import SettingsError
 from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, read_plan
 from checkweigher_validation.verification.steps import StepKind, steps_of
 

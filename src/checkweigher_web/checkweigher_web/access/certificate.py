@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from checkweigher_recording.whole_file import check_new, write_whole
+from checkweigher_core.whole_file import check_new, write_whole
 
 _VALID = timedelta(days=825)  # the longest that browsers take
 

@@ -12,7 +12,7 @@ from fastapi import FastAPI, Request, Response
 from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 from rclpy.logging import get_logger
 
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
 from checkweigher_web.access.users import User, spend_check_time
 

@@ -14,10 +14,10 @@ import unicodedata
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
-from checkweigher_dsp.parameters import SettingsError, parameter
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.settings_files import Settings, read_settings, settings_of, write_settings
-from checkweigher_recording.whole_file import output_error
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.printable import one_line
+from checkweigher_core.settings_files import Settings, read_settings, settings_of, write_settings
+from checkweigher_core.whole_file import output_error
 
 SHORTEST, LONGEST = 8, 128  # characters of a password
 _MODE = 0o600

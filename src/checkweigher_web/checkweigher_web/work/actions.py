@@ -10,16 +10,16 @@ import re
 
 from lifecycle_msgs.msg import State, Transition
 
-from checkweigher_dsp.parameters import ParameterError, flatten
+from checkweigher_core.parameters import ParameterError, flatten
+from checkweigher_core.printable import counted
+from checkweigher_core.records import GRAMS, ProductOnLine
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.line_parameters import python_value
+from checkweigher_core.ros.node_parameters import ros_parameters
+from checkweigher_core.ros.services import SETTER
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.production.recipes import Product, read_recipes
-from checkweigher_dsp.records import GRAMS, ProductOnLine
 from checkweigher_dsp.rejection.parameters import limits_of
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.line_parameters import python_value
-from checkweigher_dsp.ros.node_parameters import ros_parameters
-from checkweigher_dsp.ros.services import SETTER
+from checkweigher_production.recipes import Product, read_recipes
 from checkweigher_web.work.services import LaneServices, RefusedError
 
 _MANAGED = 'reject', 'driver'  # in the order in which they start

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from nicegui import ui
 
-from checkweigher_dsp.production.audit_log import AuditError
+from checkweigher_production.audit_log import AuditError
 from checkweigher_web.access.users import Role
 from checkweigher_web.audit_view import HEADS, AuditView
 from checkweigher_web.elements import Rows

@@ -8,7 +8,7 @@ import math
 
 from nicegui import ui
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Item, Lane
 from checkweigher_web.work import actions

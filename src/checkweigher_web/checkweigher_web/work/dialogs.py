@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from nicegui import ui
 from nicegui.element import Element
 
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.users import Role
 from checkweigher_web.audit_view import Auditor

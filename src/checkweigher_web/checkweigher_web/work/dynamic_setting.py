@@ -8,8 +8,8 @@ from pathlib import Path
 from checkweigher_msgs.msg import DynamicSetting
 from nicegui import ui
 
-from checkweigher_dsp.records import GRAMS
-from checkweigher_dsp.ros import ports
+from checkweigher_core.records import GRAMS
+from checkweigher_core.ros import ports
 from checkweigher_web.access.users import Role
 from checkweigher_web.elements import Table
 from checkweigher_web.work.dialogs import Action, Desk, Dialog, field, number, reason_field

@@ -6,11 +6,11 @@ import asyncio
 from datetime import UTC, datetime
 from pathlib import Path
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import GRAMS, NANOSECONDS
+from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import GRAMS, NANOSECONDS
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording
-from checkweigher_recording.whole_file import OutputError
 from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import Item
 from checkweigher_web.work.services import RefusedError

@@ -6,8 +6,8 @@ import math
 
 from nicegui import ui
 
-from checkweigher_dsp.records import GRAMS, PerformanceState, PerformanceTest
-from checkweigher_dsp.ros import ports
+from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
+from checkweigher_core.ros import ports
 from checkweigher_web.access.users import Role
 from checkweigher_web.work.dialogs import Action, Desk, ask
 from checkweigher_web.work.services import LaneServices

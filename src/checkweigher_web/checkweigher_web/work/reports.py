@@ -10,8 +10,8 @@ from urllib.parse import quote, unquote, urlencode
 from fastapi import FastAPI, HTTPException, Response
 from nicegui import ui
 
-from checkweigher_dsp.input_files import read_input
-from checkweigher_dsp.production.batch_record import SUFFIX
+from checkweigher_core.input_files import read_input
+from checkweigher_production.batch_record import SUFFIX
 from checkweigher_validation.verification.plan import VERIFICATIONS
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog

@@ -17,12 +17,12 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
 
-from checkweigher_dsp.changes import PERSON
-from checkweigher_dsp.printable import one_line
-from checkweigher_dsp.records import PerformanceTest, ProductOnLine, VerificationProgress
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.services import (
+from checkweigher_core.changes import PERSON
+from checkweigher_core.printable import one_line
+from checkweigher_core.records import PerformanceTest, ProductOnLine, VerificationProgress
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.services import (
     LIFE_CYCLE_NODES,
     OF_MACHINE,
     PAGE_WORK,
@@ -30,7 +30,7 @@ from checkweigher_dsp.ros.services import (
     SETTER,
     changes_line,
 )
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.ros.spinner import Spinner
 
 _DISCOVERY = 3.0  # s, for a service to be found
 _PATIENCE = 120.0  # s, for an answer: a load may take half a minute to come to rest

@@ -4,7 +4,7 @@
 
 from nicegui import ui
 
-from checkweigher_dsp.records import GRAMS
+from checkweigher_core.records import GRAMS
 from checkweigher_web.access.users import Role
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Operation

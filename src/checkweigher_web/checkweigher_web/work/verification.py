@@ -9,11 +9,11 @@ from pathlib import Path
 
 from nicegui import ui
 
-from checkweigher_dsp.input_files import read_input
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.printable import counted
-from checkweigher_dsp.records import ProgressState, StepAnswer, VerificationProgress
-from checkweigher_dsp.ros import ports
+from checkweigher_core.input_files import read_input
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.printable import counted
+from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
+from checkweigher_core.ros import ports
 from checkweigher_validation.verification.plan import (
     EXAMPLE,
     LONGEST,

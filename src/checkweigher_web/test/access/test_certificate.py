@@ -9,7 +9,7 @@ from pathlib import Path
 from cryptography import x509
 import pytest
 
-from checkweigher_recording.whole_file import OutputError
+from checkweigher_core.whole_file import OutputError
 from checkweigher_web.access.certificate import CertificateError, check_pair, make_certificate
 
 

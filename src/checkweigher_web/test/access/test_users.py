@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from checkweigher_dsp.parameters import SettingsError
+from checkweigher_core.parameters import SettingsError
 from checkweigher_web.access.users import (
     Role,
     User,

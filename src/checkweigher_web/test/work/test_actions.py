@@ -9,7 +9,7 @@ from typing import cast
 import pytest
 from rcl_interfaces.msg import ParameterType, ParameterValue
 
-from checkweigher_dsp.records import ProductOnLine
+from checkweigher_core.records import ProductOnLine
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import Limits
 from checkweigher_web.work.services import LaneServices, RefusedError

@@ -10,10 +10,10 @@ from lines import simulated
 import pytest
 from shown_lanes import lane_of
 
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, SampleBlock
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_dsp.records import NANOSECONDS, SampleBlock
 from checkweigher_recording.bags.reading import read_bag
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_web.lane import Item, Lane
 from checkweigher_web.work.keeping import HELD, Keeper

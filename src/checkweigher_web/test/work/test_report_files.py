@@ -15,7 +15,7 @@ import pytest
 from served_page import get, get_text
 import uvicorn
 
-from checkweigher_dsp.production.batch_record import record_path
+from checkweigher_production.batch_record import record_path
 from checkweigher_validation.verification.plan import VERIFICATIONS
 from checkweigher_web.work.reports import add_reports
 from checkweigher_web.work.services import Workshop

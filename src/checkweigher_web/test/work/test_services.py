@@ -10,9 +10,9 @@ from checkweigher_msgs.srv import RecordChange
 import pytest
 import rclpy
 
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.port_node import PortNode
-from checkweigher_dsp.ros.spinner import Spinner
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.work.services import LaneServices, Outcome, Person, RefusedError
 
 ANNA = Person('anna', '127.0.0.1')

@@ -8,7 +8,7 @@ import sys
 
 from checkweigher_bringup.commands import add_namespace, add_parameter_file
 from checkweigher_bringup.errors import UserError
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.printable import one_line
 
 EXAMPLES = ('verify --from 2026-05-28/bag 2026-06-28/bag --output again',)
 
@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
     """Make the reports of bags again, each by its name; 1 if one is not passed or not made."""
     from checkweigher_bringup.commissioning import verification
+    from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.definitions import BagError
-    from checkweigher_recording.whole_file import check_new
 
     check_new(arguments.output)
     failed = 0

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve the page until interrupted."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.settings import check_namespace
-    from checkweigher_recording.whole_file import check_folder_of
+    from checkweigher_core.whole_file import check_folder_of
     from checkweigher_web.access.site import Site
 
     given = arguments
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ('params', 'estimator', 'report'):
         if getattr(given, name) is not None:
             raise UserError(f'--{name}: goes with --bag only')
-    from checkweigher_dsp.production.audit_seal import public_key
+    from checkweigher_production.audit_seal import public_key
     from checkweigher_web.server import serve
 
     serve(site, namespace, given.keep, given.trust and public_key(given.trust))

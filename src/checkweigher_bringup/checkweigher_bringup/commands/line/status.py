@@ -15,7 +15,7 @@ from checkweigher_bringup.commands import add_end
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_dsp.health.status_board import Row
+    from checkweigher_core.ros.status_board import Row
 
 _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # s, in which the first report of a running line comes
@@ -38,10 +38,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Show tables until interrupted; 1 if the last one has an error or a silent node."""
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
-    from checkweigher_dsp.health.findings import Level
-    from checkweigher_dsp.health.status_board import StatusBoard, worst
-    from checkweigher_dsp.ros import ports
-    from checkweigher_dsp.ros.port_node import PortNode
+    from checkweigher_core.health.findings import Level
+    from checkweigher_core.ros import ports
+    from checkweigher_core.ros.port_node import PortNode
+    from checkweigher_core.ros.status_board import StatusBoard, worst
 
     if arguments.all and arguments.namespace:
         raise UserError('--all: is of all lanes; leave --namespace away')
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
-    from checkweigher_dsp.health.status_board import headline
+    from checkweigher_core.ros.status_board import headline
 
     lines = [time.strftime('%Y-%m-%d %H:%M:%S  ') + headline(rows)]
     if not heard:
@@ -86,7 +86,7 @@ def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
     """Yield the lines of a table with a row for each lane, `width` columns wide at most."""
-    from checkweigher_dsp.health.status_board import by_lane
+    from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
     wide = max([len(each.lane) for each in lanes] + [10])
@@ -102,7 +102,7 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
 
     Rows that are not OK show their hint and their figures; with `values` the others do, too.
     """
-    from checkweigher_dsp.health.findings import Level
+    from checkweigher_core.health.findings import Level
 
     rows = list(rows)
     wide = max([len(row.node) for row in rows] + [10])

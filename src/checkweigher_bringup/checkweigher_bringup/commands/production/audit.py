@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_dsp.production.audit_log import Entry, Verification
-    from checkweigher_dsp.production.audit_seal import Seal
+    from checkweigher_production.audit_log import Entry, Verification
+    from checkweigher_production.audit_seal import Seal
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,14 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the changes; 1 if the chain is broken, or is not the one that was sealed."""
-    from checkweigher_dsp.production.audit_log import read_log
-    from checkweigher_dsp.production.audit_seal import (
+    from checkweigher_production.audit_log import read_log
+    from checkweigher_production.audit_seal import (
         hold_to_seals,
         public_key,
         sealing,
         seals_path,
     )
-    from checkweigher_dsp.production.audit_words import conclusion
+    from checkweigher_production.audit_words import conclusion
 
     found = read_log(arguments.log, _noted_hash(arguments.hash))
     seals_file = arguments.seals or seals_path(arguments.log)
@@ -72,8 +72,8 @@ def _noted_hash(given: str | None) -> str:
 
 
 def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path) -> 'Seal':
-    from checkweigher_dsp.production.audit_log import AuditError
-    from checkweigher_dsp.production.audit_seal import add_seal, private_key
+    from checkweigher_production.audit_log import AuditError
+    from checkweigher_production.audit_seal import add_seal, private_key
 
     if arguments.seal.resolve().parent == arguments.log.resolve().parent:
         raise AuditError(
@@ -99,8 +99,8 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 def _table(entries: 'Sequence[Entry]') -> Iterator[str]:
     """Yield a line for each value that was changed."""
-    from checkweigher_dsp.printable import one_line
-    from checkweigher_dsp.production.audit_words import changes, shortened
+    from checkweigher_core.printable import one_line
+    from checkweigher_production.audit_words import changes, shortened
 
     yield f'{"entry":>5}  {"time":26}  {"who":16}  {"kind":11}  what: old -> new, why'
     for entry in entries:

@@ -12,7 +12,7 @@ from checkweigher_bringup.commands import add_parameter_file, add_recipe
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_dsp.production.recipes import Product
+    from checkweigher_production.recipes import Product
     from checkweigher_validation.batch.batch import Batch
     from checkweigher_validation.batch.figures import PartFigures
 
@@ -51,8 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the figures and write the files that are asked for; 1 if the record is another one."""
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_bringup.output import check_output_file
-    from checkweigher_dsp.production.reference_test import SamplingPlan
-    from checkweigher_recording.whole_file import is_stream
+    from checkweigher_core.whole_file import is_stream
+    from checkweigher_production.reference_method import SamplingPlan
     from checkweigher_validation.batch.batch import InLog
     from checkweigher_validation.batch.figures import figures_of
 
@@ -107,8 +107,8 @@ def _weigh(arguments: argparse.Namespace, product: 'Product') -> 'Batch':
 
 def _product(arguments: argparse.Namespace) -> 'Product':
     from checkweigher_bringup.settings import recipe_of
-    from checkweigher_dsp.production.recipes import make_product
-    from checkweigher_dsp.records import GRAMS
+    from checkweigher_core.records import GRAMS
+    from checkweigher_production.recipes import make_product
 
     product = recipe_of(arguments)
     if product is not None and arguments.nominal is not None:
@@ -123,8 +123,8 @@ def _product(arguments: argparse.Namespace) -> 'Product':
 
 def _lines(batch: 'Batch', parts: 'list[PartFigures]') -> Iterator[str]:
     """Yield how the record compares with the audit log, and the figures of each product."""
-    from checkweigher_dsp.printable import one_line
-    from checkweigher_dsp.records import GRAMS
+    from checkweigher_core.printable import one_line
+    from checkweigher_core.records import GRAMS
     from checkweigher_validation.batch.batch import InLog
 
     title = f'batch {one_line(batch.name)}'
@@ -158,7 +158,7 @@ def _lines(batch: 'Batch', parts: 'list[PartFigures]') -> Iterator[str]:
 
 
 def _judgement(part: 'PartFigures') -> Iterator[str]:
-    from checkweigher_dsp.records import GRAMS
+    from checkweigher_core.records import GRAMS
 
     rules, test = part.judgement, part.reference
     if rules is None or test is None:

@@ -66,9 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Read the log and write the bag."""
+    from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.csv.log_import import ImportParameters, import_csv
-    from checkweigher_recording.whole_file import check_new
 
     names = {entry.name for entry in fields(ImportParameters)}
     given = {n: value for n, value in vars(arguments).items() if n in names and value is not None}

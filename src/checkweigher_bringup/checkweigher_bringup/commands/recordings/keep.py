@@ -24,9 +24,9 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.output import Table, print_warning
     from checkweigher_bringup.settings import line_parameters
+    from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.reading import read_bag
     from checkweigher_recording.bags.writing import write_bag
-    from checkweigher_recording.whole_file import check_new
     from checkweigher_validation.accuracy.results import weigh
     from checkweigher_validation.item_recording import keep_item
 

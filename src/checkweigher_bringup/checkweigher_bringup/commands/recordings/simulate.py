@@ -10,7 +10,7 @@ from checkweigher_bringup.commands import add_new_bag, add_recipe
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_recording.recording import Event
+    from checkweigher_core.recording import Event
 
 # Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
 # one of SI.
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _to_si(option: str, value: float) -> float:
     """Return the value of an option in SI; a refusal is in the unit of the option."""
-    from checkweigher_dsp.parameters import describe
+    from checkweigher_core.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
     name, unit, per_si = _CONVERTED[option]

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, TextIO
 
 from checkweigher_bringup.commands import add_bags, add_scheduling, add_weighing
 from checkweigher_bringup.errors import UserError
-from checkweigher_dsp.printable import one_line
+from checkweigher_core.printable import one_line
 
 if TYPE_CHECKING:
+    from checkweigher_core.recording import Recording
     from checkweigher_dsp.pipeline.line import LineParameters
-    from checkweigher_recording.recording import Recording
     from checkweigher_validation.accuracy.results import ItemResult
     from checkweigher_validation.archive.weighing import Weighed
 
@@ -60,9 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
 def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
     """Weigh a bag and show each item."""
     from checkweigher_bringup.output import check_output_file
+    from checkweigher_core.whole_file import write_whole
     from checkweigher_recording.archive.copying import local_bag
     from checkweigher_recording.bags.reading import over_stretches
-    from checkweigher_recording.whole_file import write_whole
 
     check_output_file(arguments.csv, arguments.overwrite)
     # On the disk until the end of the bag has been read: it may show that nothing is to be used.

@@ -16,11 +16,11 @@ from running import run_command
 from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.accuracy import verify as verify_command
 from checkweigher_bringup.settings import line_parameters
-from checkweigher_dsp.production.audit_log import AuditLog
-from checkweigher_dsp.records import NANOSECONDS, Eye, EyeEdge
+from checkweigher_core.recording import Recording
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge
+from checkweigher_production.audit_log import AuditLog
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Recording
 from checkweigher_validation.accuracy.results import weigh
 from checkweigher_validation.verification.plan import EXAMPLE
 

@@ -18,15 +18,15 @@ import yaml
 from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.line import calibrate as calibrate_command
 from checkweigher_bringup.settings import line_parameters
+from checkweigher_core.records import LoadCell, SampleBlock
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
 from checkweigher_driver.calibration.file import check_calibration_file, write_version
 from checkweigher_driver.calibration.static_calibration import (
     CalibrationError,
     CalibrationPoint,
     calibrate,
 )
-from checkweigher_dsp.records import LoadCell, SampleBlock
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
 
 RATE, BLOCK = 960.0, 48
 # What the scale is, and what it is taken for before it has been calibrated.

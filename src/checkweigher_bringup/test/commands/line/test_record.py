@@ -21,13 +21,13 @@ from running import run_command
 import yaml
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.records import Eye, EyeEdge, LoadCell
-from checkweigher_dsp.ros import ports
-from checkweigher_dsp.ros.conversion import to_message
+from checkweigher_core.recording import Event, Recording
+from checkweigher_core.records import Eye, EyeEdge, LoadCell
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.conversion import to_message
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_recording.bags.writing import write_bag
-from checkweigher_recording.recording import Event, Recording
 
 MODULE = [sys.executable, '-m', 'checkweigher_bringup.cli']
 

@@ -18,7 +18,7 @@ from running import PATIENCE, run_command
 from served_page import get
 from supervised_line import SupervisedLine, supervised_line
 
-from checkweigher_dsp.ros.ports import NODES
+from checkweigher_core.ros.ports import NODES
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import subprocess
 
 from running import run_command
 
-from checkweigher_dsp.production.audit_log import AuditLog, head_path
+from checkweigher_production.audit_log import AuditLog, head_path
 
 
 def write(log: Path, limits: list[int]) -> None:

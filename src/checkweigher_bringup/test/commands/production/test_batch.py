@@ -8,10 +8,10 @@ from pathlib import Path
 
 from running import BAGS, ROOT, run_command
 
-from checkweigher_dsp.production.audit_log import AuditLog
-from checkweigher_dsp.production.batch_record import RecordWriter
-from checkweigher_dsp.production.recipes import make_product
-from checkweigher_dsp.records import Decision, Verdict
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_production.audit_log import AuditLog
+from checkweigher_production.batch_record import RecordWriter
+from checkweigher_production.recipes import make_product
 
 RECIPES = ROOT / 'src/checkweigher_bringup/config/recipes.yaml'
 

@@ -11,7 +11,7 @@ import sys
 import pytest
 from running import ROOT, run_command
 
-from checkweigher_dsp.production.audit_log import AuditLog, head_path
+from checkweigher_production.audit_log import AuditLog, head_path
 
 Forge = Callable[[Path], None]
 
@@ -155,7 +155,7 @@ def test_a_second_writer_is_refused_and_costs_no_entry(tmp_path: Path):
     write(log, 0.14)
     program = (
         'import sys; from pathlib import Path; '
-        'from checkweigher_dsp.production.audit_log import AuditLog; '
+        'from checkweigher_production.audit_log import AuditLog; '
         'AuditLog(Path(sys.argv[1]))'
     )
     with AuditLog(log) as first:

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from running import BAGS, PATIENCE, run_command
 
 from checkweigher_bringup.spinning import spinning
-from checkweigher_dsp.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS
 from checkweigher_recording.bags.writing import write_bag
 
 Rows = Callable[..., list[dict[str, str]]]

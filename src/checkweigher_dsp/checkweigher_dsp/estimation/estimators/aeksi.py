@@ -12,6 +12,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.aid import (
     LEAST_SAMPLES,
     AdaptiveIdentification,
@@ -20,8 +22,6 @@ from checkweigher_dsp.estimation.estimators.aid import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.estimation.estimators.base import Estimator, LoadEstimate, raw_samples
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.extended_kalman import Noise, identify
 from checkweigher_dsp.signal.platform_poles import is_stable
 

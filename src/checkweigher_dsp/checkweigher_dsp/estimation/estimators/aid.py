@@ -31,14 +31,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
     raw_samples,
 )
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Identification

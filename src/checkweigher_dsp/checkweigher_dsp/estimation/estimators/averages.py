@@ -8,8 +8,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 

@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_dsp.parameters import ParameterError, Parameters, parameter
-from checkweigher_dsp.records import WeighWindow
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 # How far an average may be off the plain mean of a window: standard deviations of its samples, and

@@ -17,9 +17,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.estimation.estimators.base import Average, EstimatorParameters
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 
 # Until it is trained, a Hann window: sin^2 at the knots.
 _KNOTS = 24

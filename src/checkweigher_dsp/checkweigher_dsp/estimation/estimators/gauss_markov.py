@@ -25,14 +25,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import ParameterError, parameter
+from checkweigher_core.records import WeighWindow, seconds
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
     EstimatorParameters,
     LoadEstimate,
     raw_samples,
 )
-from checkweigher_dsp.parameters import ParameterError, parameter
-from checkweigher_dsp.records import WeighWindow, seconds
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections

@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import denoised_pass
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
@@ -18,8 +20,6 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
 )
 from checkweigher_dsp.estimation.estimators.untrained import doubt
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
 
 

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 import pywt
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.shrinkage_table import TABLE_1
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
@@ -23,8 +25,6 @@ from checkweigher_dsp.estimation.estimators.base import (
     LoadEstimate,
     raw_samples,
 )
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 _WAVELET, _LEVELS = 'db16', 7

@@ -19,6 +19,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import (
     Estimator,
@@ -27,8 +29,6 @@ from checkweigher_dsp.estimation.estimators.base import (
     raw_samples,
     rough_variance,
 )
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.averages import hann_mean
 
 # A t2 that is off by more than this share of t3 - t1 is that of a longer or shorter product. One

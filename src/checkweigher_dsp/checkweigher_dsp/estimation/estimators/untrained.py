@@ -12,10 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.load_rise import load_share
 from checkweigher_dsp.denoising.window_batch import rise_time, time_since_entry, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate, is_in_window, raw_samples
-from checkweigher_dsp.records import WeighWindow
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of

@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import parameter
+from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
-from checkweigher_dsp.parameters import parameter
-from checkweigher_dsp.settings_files import Settings
 
 RECENT = 20  # items that show a change
 _ALIKE = 1.25  # factor beyond the loads learned from, within which an item is compared

@@ -8,6 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
+from checkweigher_core.records import WeighWindow
+from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.learning.change import (
     RECENT,
@@ -22,9 +25,6 @@ from checkweigher_dsp.estimation.learning.passage import (
     with_mass,
 )
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
-from checkweigher_dsp.parameters import ParameterError, Parameters, SettingsError, parameter
-from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.settings_files import Settings
 
 _SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # relative differences of what is one
 _STEP = 5  # items from one fit to the next

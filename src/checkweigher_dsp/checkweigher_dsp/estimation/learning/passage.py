@@ -8,6 +8,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.records import WeighWindow
+from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.denoising.window_batch import rise_time, transit
 from checkweigher_dsp.estimation.estimators.base import LoadEstimate
 from checkweigher_dsp.estimation.estimators.learned import (
@@ -18,9 +21,6 @@ from checkweigher_dsp.estimation.estimators.learned import (
     seconds_alone,
 )
 from checkweigher_dsp.estimation.estimators.untrained import SETTLE_TIME
-from checkweigher_dsp.parameters import SettingsError, parameter
-from checkweigher_dsp.records import WeighWindow
-from checkweigher_dsp.settings_files import Settings
 
 MOST_LEAD = 48  # before t1
 

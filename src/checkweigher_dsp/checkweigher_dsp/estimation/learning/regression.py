@@ -20,10 +20,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.parameters import SettingsError, parameter
+from checkweigher_core.settings_files import Settings
 from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.passage import MOST_LEAD, Passage
-from checkweigher_dsp.parameters import SettingsError, parameter
-from checkweigher_dsp.settings_files import Settings
 from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # a, b and c.

@@ -10,14 +10,14 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import seconds
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkov,
     GaussMarkovParameters,
     estimate_untrained,
     least_squares,
 )
-from checkweigher_dsp.parameters import ParameterError
-from checkweigher_dsp.records import seconds
 from checkweigher_dsp.signal.autoregression import burg
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checkweigher_core.parameters import ParameterError
 from checkweigher_dsp.estimation.estimators.learned import (
     Layout,
     Learned,
     LearnedParameters,
     pass_features,
 )
-from checkweigher_dsp.parameters import ParameterError
 
 # The pass of `make_pass` takes 0.2 s, half of it to come on.
 LAYOUT = Layout(lead=4, rise=8, window=8)

@@ -8,12 +8,12 @@ import json
 import numpy as np
 import pytest
 
+from checkweigher_core.health.findings import Level
+from checkweigher_core.settings_files import plain, settings_of
 from checkweigher_dsp.estimation.estimators.averages import MeanParameters
 from checkweigher_dsp.estimation.identifier import Identifier, IdentifierParameters
 from checkweigher_dsp.estimation.learning.learner import LearnedKinds, LearningParameters
-from checkweigher_dsp.health.findings import Level
 from checkweigher_dsp.health.learning import learning_finding
-from checkweigher_dsp.settings_files import plain, settings_of
 
 PARAMETERS = IdentifierParameters(estimator='mean', learn=True)
 MASSES = (0.1, 0.15, 0.2)

@@ -1,0 +1,73 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Clock of this host, as chrony reports it by its command chronyc."""
+
+from collections.abc import Sequence
+import math
+import shutil
+import subprocess
+
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+
+COMMAND = ('chronyc', '-n', '-c', 'tracking')
+_ASPECT = 'Host clock'
+_PERIOD = 30.0  # s, from one question to the next
+_PATIENCE = 10.0  # s, for an answer
+_LARGEST_BOUND = 0.1  # s
+_OWN_CLOCK = 0x7F7F0101  # reference of a chrony that follows no other clock (`local`)
+
+
+class HostClock:
+    """Watch of the clock of this host.
+
+    chronyc runs beside the node, which never waits for it: its answer is read at a later call.
+    """
+
+    def __init__(self, command: Sequence[str] = COMMAND) -> None:
+        self._command = command
+        self._exists = shutil.which(command[0]) is not None
+        self._asked = -math.inf
+        self._question: subprocess.Popen[str] | None = None
+        text = 'not known yet' if self._exists else 'not checked: there is no chrony here'
+        self._finding = conclude(_ASPECT, text, ())
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Host clock at `now`, s."""
+        if self._question is not None:
+            if self._question.poll() is not None:
+                self._finding = tracking_finding(self._question.communicate()[0])
+                self._question = None
+            elif now - self._asked > _PATIENCE:
+                self._question.kill()
+        elif self._exists and now - self._asked >= _PERIOD:
+            self._asked = now
+            self._question = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL, text=True,
+            )  # fmt: skip
+        return self._finding
+
+
+def tracking_finding(text: str) -> Finding:
+    """Return the finding on what ``chronyc -c tracking`` prints.
+
+    The bound of the error is that of the manual of chronyc: offset of the system clock, root
+    dispersion, and half of the root delay.
+    """
+    fields = text.strip().split(',')
+    try:
+        reference, leap = int(fields[0], 16), fields[13]
+        bound = abs(float(fields[4])) + float(fields[11]) + float(fields[10]) / 2
+    except (IndexError, ValueError):
+        hint = 'check that chronyd runs, and that chronyc tracking works for this user'
+        return conclude(_ASPECT, '', [Concern(Level.WARN, 'chrony does not answer', hint)])
+    if reference == 0 or leap == 'Not synchronised':
+        hint = 'check chronyc sources, and the network to them'
+        return conclude(_ASPECT, '', [Concern(Level.WARN, 'it is not synchronised', hint)])
+    if reference == _OWN_CLOCK:
+        return conclude(_ASPECT, 'chrony follows this clock itself (local)', ())
+    well, found = f'right to {1e3 * bound:.3g} ms by chrony', []
+    if bound > _LARGEST_BOUND:
+        hint = 'check chronyc sources; times of other hosts cannot be compared with those of here'
+        found.append(Concern(Level.WARN, well, hint))
+    return conclude(_ASPECT, well, found, {'bound_ms': 1e3 * bound})

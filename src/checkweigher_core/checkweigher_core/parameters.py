@@ -1,0 +1,278 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the stages: declared once, with unit, range and meaning, for nodes, files and docs.
+
+The parameters of a stage are a frozen dataclass whose fields are made by `parameter`. The node
+declares them to ROS from these fields, a command reads them from the same YAML, and `make docs`
+writes the tables of docs/interfaces.md and config/line.yaml from them.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+import math
+import reprlib
+from typing import Any, ClassVar, Self, cast
+
+from checkweigher_core.printable import one_line
+
+_MAX_LENGTH = 100_000  # values of a list, characters of a text
+_MAX_COST = 0.05  # s, of an item
+
+
+class ParameterError(ValueError):
+    """A parameter that cannot be used; the message names it, its value and what is allowed."""
+
+
+class SettingsError(ParameterError):
+    """Settings that cannot be used; one line with file, line, field, fault and advice."""
+
+    def __init__(self, text: str, *path: object) -> None:
+        super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
+        self.text, self.path = text, path
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """Meaning of a parameter and the values that it takes."""
+
+    text: str
+    unit: str
+    minimum: float
+    maximum: float
+    choices: tuple[str, ...]
+
+
+def parameter(
+    default: Any = MISSING,
+    text: str = '',
+    *,
+    unit: str = '',
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a field of a `Parameters` class.
+
+    The type of `default` (bool, int, float, str or tuple of float) is the parameter's type. `text`
+    and `unit` (SI, empty for a pure number) are for the ROS descriptor and the docs. The range is
+    inclusive; that of a tuple holds for each element. A string may be any if it has no `choices`.
+    A field of `Settings` may have other types and no default: then it must be given.
+    """
+    description = Description(text, unit, minimum, maximum, choices)
+    return field(default=default, metadata={'description': description})
+
+
+def describe(entry: 'Field[Any]') -> Description:
+    """Return the description that `parameter` gave to a dataclass field."""
+    return cast(Description, entry.metadata['description'])
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Base of all parameter sets: checks types and ranges, all or nothing.
+
+    A field may be a set of its own, whose parameters are then named with a dot, as in
+    ``tvlpf.gain``.
+
+    Raises
+    ------
+    ParameterError
+        On the first field that is of a wrong type, NaN or out of range.
+    """
+
+    # The node that declares the set, as it is named in parameter files.
+    node: ClassVar[str] = ''
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not isinstance(entry.default, Parameters):
+                value = check(f'{self.node}.{entry.name}', entry, getattr(self, entry.name))
+                object.__setattr__(self, entry.name, value)
+
+    @classmethod
+    def entries(cls) -> 'dict[str, Field[Any]]':
+        """Return all parameters by their name, those of inner sets with a dot."""
+        own = {entry.name: entry for entry in fields(cls)}
+        sets = {name: e.default for name, e in own.items() if isinstance(e.default, Parameters)}
+        return flatten(own | {name: each.entries() for name, each in sets.items()})
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, object]) -> Self:
+        """Make a set from names and values; names that are absent keep their defaults."""
+        known = cls.entries()
+        for name in values:
+            if name not in known:
+                has = f'{cls.node} has {", ".join(_names_like(name, sorted(known)))}'
+                raise ParameterError(f'{cls.node}.{name}: no such parameter; {has}')
+        own: dict[str, Any] = {name: value for name, value in values.items() if '.' not in name}
+        for entry in fields(cls):
+            if isinstance(entry.default, Parameters):
+                begin = f'{entry.name}.'
+                inner = {n[len(begin) :]: v for n, v in values.items() if n.startswith(begin)}
+                own[entry.name] = type(entry.default).from_mapping(inner)
+        return cls(**own)
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return names and values of all parameters, the reverse of `from_mapping`."""
+        return flatten(asdict(self))
+
+
+def _names_like(name: str, known: list[str]) -> list[str]:
+    """Return the names of the inner set that `name` means, or else all, inner ones summed up."""
+    prefix, dot, _ = name.rpartition('.')
+    inner = [other for other in known if dot and other.startswith(prefix + dot)]
+    return inner or sorted({f'{n.partition(".")[0]}.*' if '.' in n else n for n in known})
+
+
+def check(name: str, entry: 'Field[Any]', value: object) -> object:
+    """Return `value` in the field's type, or raise `ParameterError`."""
+    try:
+        return convert(type(entry.default), describe(entry), value)
+    except ValueError as error:
+        raise ParameterError(f'{name}: {error}') from None
+
+
+def convert(kind: type, description: Description, value: object) -> object:
+    """Return a value as `kind`; ValueError says what it has to be."""
+    if issubclass(kind, (bool, str)):
+        if not isinstance(value, kind):
+            expected = 'a string' if kind is str else 'true or false'
+            raise ValueError(f'{reprlib.repr(value)} is not {expected}')
+        if description.choices and value not in description.choices:
+            choices = ', '.join(description.choices)
+            raise ValueError(f'{reprlib.repr(value)} is not one of {choices}')
+        if isinstance(value, str) and len(value) > _MAX_LENGTH:
+            raise ValueError(f'{len(value)} characters, at most {_MAX_LENGTH}')
+        return value
+    if issubclass(kind, tuple):
+        if isinstance(value, str) or not isinstance(value, Collection):
+            raise ValueError(f'{reprlib.repr(value)} is not a list of numbers')
+        if len(value) > _MAX_LENGTH:
+            raise ValueError(f'{len(value)} values, at most {_MAX_LENGTH}')
+        return tuple(_number(float, description, element) for element in value)
+    return _number(kind, description, value)
+
+
+def _number(kind: type, description: Description, value: object) -> float:
+    whole = kind is int
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise ValueError(f'{reprlib.repr(value)} is not a {"whole number" if whole else "number"}')
+    try:
+        number = value if whole else float(value)
+    except OverflowError:
+        number = math.nan  # a whole number that no float can hold
+    if not description.minimum <= number <= description.maximum:  # NaN is not
+        span = f'{description.minimum:g}..{description.maximum:g} {description.unit}'.rstrip()
+        raise ValueError(f'{value} is not in {span}')
+    return number
+
+
+def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
+    """Raise ParameterError if a window would take too long.
+
+    `cost` returns an estimate in s from the parameters `names`; the one that raises it most above
+    what it is by default is to be lowered.
+    """
+    values = {name: getattr(parameters, name) for name in names}
+    if (seconds := cost(**values)) <= _MAX_COST:
+        return
+    defaults = {entry.name: entry.default for entry in fields(parameters)}
+    dearest = min(names, key=lambda name: cost(**{**values, name: defaults[name]}))
+    others = ', '.join(f'{name} {value}' for name, value in values.items() if name != dearest)
+    raise ParameterError(
+        f'{parameters.node}.{dearest}: {values[dearest]} with {others} would take about '
+        f'{seconds:.2g} s for each item, at most {_MAX_COST:g} s: lower it'
+    )
+
+
+def _is_common(name: str) -> bool:
+    """Return whether any ROS node may have a parameter of this name."""
+    return name == 'use_sim_time' or name.startswith('qos_overrides.')
+
+
+def by_node(
+    sections: object, sets: Mapping[str, type[Parameters]], other_nodes: tuple[str, ...] = (),
+    lane: str | None = None,
+) -> dict[str, dict[str, object]]:  # fmt: skip
+    """Return names and values for each node from the sections of a ROS parameter file.
+
+    A section ``/**`` addresses all nodes that know the name, ``/**/segmenter`` or
+    ``/lane1/segmenter`` one of them, and wins over it. `sets` has the classes of parameters by name
+    of the node; sections of `other_nodes` are passed over. `lane` is the namespace of the nodes,
+    where the file addresses several lanes.
+
+    Raises
+    ------
+    SettingsError
+        If it is no parameter file, addresses a node or under ``/**`` a parameter that does not
+        exist, or several lanes without `lane`.
+    """
+    found = check_sections(sections)
+    own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
+    shared: dict[str, object] = {}
+    passed_over = _of_other_lanes(map(str, found), lane)
+    known = {node: parameters.entries() for node, parameters in sets.items()}
+    for address, values in found.items():
+        node = str(address).rsplit('/', 1)[-1]
+        if node != '**' and node not in own:
+            raise SettingsError(f'addresses none of {", ".join(own)}', address)
+        if str(address) in passed_over:
+            continue
+        for name, value in flatten(values).items():
+            if node == '**' and not (_is_common(name) or name in set().union(*known.values())):
+                why = f'none of {", ".join(sets)} has a parameter {name}'
+                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
+            (shared if node == '**' else own[node])[name] = value
+    return {
+        node: {name: value for name, value in shared.items() if name in names}
+        | {name: value for name, value in own[node].items() if not _is_common(name)}
+        for node, names in known.items()
+    }
+
+
+def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
+    """Return the values of each section of a ROS parameter file, or raise `SettingsError`."""
+    if not isinstance(sections, dict):
+        raise SettingsError('not a parameter file: no "node: ros__parameters:" section')
+    found = {}
+    for address, section in sections.items():
+        values = section.get('ros__parameters') if isinstance(section, dict) else None
+        if not isinstance(values, dict):
+            raise SettingsError('has no ros__parameters, which must be there', address)
+        found[address] = values
+    return found
+
+
+def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
+    """Return an error of a parameter with its place in the sections of a file."""
+    made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
+    node, _, own = name.partition('.')
+    for address, section in sections.items():
+        if str(address).rsplit('/', 1)[-1] in ('**', node):
+            values = section['ros__parameters']
+            if own in flatten(values):
+                steps = [own] if own in values else own.split('.')
+                made.path = address, 'ros__parameters', *steps
+    return made
+
+
+def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
+    """Return the addresses that name another namespace than that of the lane."""
+    named = {each: each.rpartition('/')[0].strip('/') for each in addresses}
+    named = {each: namespace for each, namespace in named.items() if namespace.strip('*/')}
+    lanes = sorted(set(named.values()))
+    if lane is None and len(lanes) > 1:
+        names = ', '.join(lanes)
+        raise SettingsError(f'addresses several lanes, {names}; name one of them')
+    return {each for each in named if lane is not None and named[each] != lane.strip('/')}
+
+
+def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Join nested names by dots, as ROS does."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f'{prefix}{name}.')
+        else:
+            flat[f'{prefix}{name}'] = value
+    return flat

@@ -1,0 +1,159 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A recording: the samples, edges and known masses of a line, ordered by their stamps."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+import heapq
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core.records import EyeEdge, LoadCell, Reference, SampleBlock
+
+Event = SampleBlock | EyeEdge | Reference
+
+_AT_A_TIME = 1 << 14  # blocks
+
+
+def canonical_order(event: Event) -> tuple[float, ...]:
+    """Return the key that sorts events: by stamp, at equal stamps edge, reference, samples.
+
+    A block counts with the stamp of its first sample, so the edges that fell while it was being
+    sampled follow it. No two different events of one machine have the same key, so a sorted
+    stream does not depend on the order in which its events were received.
+    """
+    if isinstance(event, EyeEdge):
+        return event.stamp, 0, event.eye, event.blocked
+    if isinstance(event, Reference):
+        return event.stamp, 1, event.mass
+    return event.stamp, 2, event.first_index
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What a line sent from a begin to an end: blocks, edges and references by their stamps.
+
+    Iterating yields every event in canonical order.
+    """
+
+    load_cell: LoadCell
+    blocks: Sequence[SampleBlock]
+    edges: tuple[EyeEdge, ...]
+    references: tuple[Reference, ...] = ()  # empty if the masses are not known
+    # What its user must know of it in one line: that it broke off and where, or has no check sums.
+    warning: str = ''
+
+    @classmethod
+    def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
+        """Collect events that come in any order."""
+        ordered = sorted(events, key=canonical_order)
+        return cls(
+            load_cell,
+            tuple(event for event in ordered if isinstance(event, SampleBlock)),
+            tuple(event for event in ordered if isinstance(event, EyeEdge)),
+            tuple(event for event in ordered if isinstance(event, Reference)),
+        )
+
+    def __iter__(self) -> Iterator[Event]:
+        """Yield the events in canonical order."""
+        streams: tuple[Iterable[Event], ...] = (self.edges, self.references, self.blocks)
+        return heapq.merge(*streams, key=canonical_order)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockColumns(Sequence[SampleBlock]):
+    """A sequence of sample blocks that are kept as columns.
+
+    A bag has more than a hundred thousand blocks an hour, and each costs more than its samples; so
+    they are made when they are asked for.
+    """
+
+    stamps: NDArray[np.int64]  # (n,), ns
+    first_indices: NDArray[np.uint64]  # (n,), of the first sample of each block
+    lengths: NDArray[np.int64]  # (n,), samples in each block
+    counts: NDArray[np.int32]  # (sum of lengths,), the samples of all blocks
+
+    @property
+    def begins(self) -> NDArray[np.int64]:
+        """Position in `counts` of the first sample of each block."""
+        return np.cumsum(self.lengths) - self.lengths
+
+    @classmethod
+    def of(cls, blocks: Sequence[SampleBlock]) -> 'BlockColumns':
+        """Return blocks, in their order, as columns."""
+        if isinstance(blocks, cls):
+            return blocks
+        counts = [block.counts for block in blocks]
+        return cls(
+            np.array([block.stamp for block in blocks], np.int64),
+            np.array([block.first_index for block in blocks], np.uint64),
+            np.array([len(block.counts) for block in blocks], np.int64),
+            np.concatenate(counts) if counts else np.zeros(0, np.int32),
+        )
+
+    @classmethod
+    def concatenate(cls, parts: Sequence['BlockColumns']) -> 'BlockColumns':
+        """Return the blocks of all parts, at least one, one part after the other."""
+        return cls(
+            np.concatenate([part.stamps for part in parts]),
+            np.concatenate([part.first_indices for part in parts]),
+            np.concatenate([part.lengths for part in parts]),
+            np.concatenate([part.counts for part in parts]),
+        )
+
+    def take(self, order: NDArray[np.intp]) -> 'BlockColumns':
+        """Return the blocks of these numbers in this order."""
+        if np.array_equal(order, np.arange(len(self))):
+            return self
+        lengths = self.lengths[order]
+        ends = np.cumsum(lengths)
+        moved = self.begins[order] - (ends - lengths)
+        counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
+        for first in range(0, len(order), _AT_A_TIME):  # the places take more than the samples
+            some = slice(first, first + _AT_A_TIME)
+            begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
+            places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
+            counts[begin:end] = self.counts[places]
+        return BlockColumns(self.stamps[order], self.first_indices[order], lengths, counts)
+
+    def split(self, place: int) -> tuple['BlockColumns', 'BlockColumns']:
+        """Return the blocks before a place, and the others; both are copies."""
+        begin = int(np.sum(self.lengths[:place]))
+        parts = ((slice(0, place), slice(0, begin)), (slice(place, None), slice(begin, None)))
+        head, tail = (
+            BlockColumns(
+                self.stamps[blocks].copy(), self.first_indices[blocks].copy(),
+                self.lengths[blocks].copy(), self.counts[samples].copy(),
+            )
+            for blocks, samples in parts
+        )  # fmt: skip
+        return head, tail
+
+    def in_canonical_order(self) -> 'BlockColumns':
+        """Return the blocks by stamp and first index; those of equal ones stay in their order."""
+        return self.take(np.lexsort((self.first_indices, self.stamps)))
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self.stamps)
+
+    def __iter__(self) -> Iterator[SampleBlock]:
+        """Yield the blocks."""
+        begins = self.begins
+        columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
+        for number in range(0, len(self), _AT_A_TIME):  # as Python's, the numbers take four times
+            some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
+            for stamp, first, begin, end in zip(*some, strict=True):
+                yield SampleBlock(stamp, first, self.counts[begin:end])
+
+    @overload
+    def __getitem__(self, number: int) -> SampleBlock: ...
+    @overload
+    def __getitem__(self, number: slice) -> tuple[SampleBlock, ...]: ...
+    def __getitem__(self, number: int | slice) -> SampleBlock | tuple[SampleBlock, ...]:
+        """Return a block, or several as a tuple."""
+        if isinstance(number, slice):
+            return tuple(self.take(np.arange(len(self))[number]))
+        return next(iter(self.take(np.arange(len(self))[[number]])))

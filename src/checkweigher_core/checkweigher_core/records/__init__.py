@@ -1,0 +1,86 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Records that pass between the stages: frozen dataclasses, a module for each owner.
+
+Times are integers in nanoseconds on the clock of the samples, so that no stage rounds them. A time
+that is not known is None, a number that is not known is NaN. `checkweigher_core.ros.conversion`
+converts a record to its message by the names and types of the fields.
+"""
+
+from checkweigher_core.records.machine import (
+    ExternalReject,
+    Eye,
+    EyeEdge,
+    LoadCell,
+    MachineConditions,
+    Reference,
+    SampleBlock,
+    StreamState,
+    StreamStatus,
+)
+from checkweigher_core.records.production import (
+    BatchResult,
+    FillerFeedback,
+    PerformanceState,
+    PerformanceTest,
+    ProductOnLine,
+    Statistics,
+)
+from checkweigher_core.records.quantities import (
+    GRAMS,
+    MAX_MASS,
+    MAX_SAMPLE_RATE,
+    MAX_WINDOW,
+    NANOSECONDS,
+    NUMBERS_AT_ONCE,
+    Stamp,
+    seconds,
+)
+from checkweigher_core.records.rejection import Decision, Permission, StopRequest, Verdict
+from checkweigher_core.records.verification import (
+    ProgressState,
+    StepAnswer,
+    StepState,
+    VerificationProgress,
+    VerificationStep,
+)
+from checkweigher_core.records.weighing import Item, MassEstimate, WeighWindow, ZeroChange
+
+__all__ = [
+    'GRAMS',
+    'MAX_MASS',
+    'MAX_SAMPLE_RATE',
+    'MAX_WINDOW',
+    'NANOSECONDS',
+    'NUMBERS_AT_ONCE',
+    'BatchResult',
+    'Decision',
+    'ExternalReject',
+    'Eye',
+    'EyeEdge',
+    'FillerFeedback',
+    'Item',
+    'LoadCell',
+    'MachineConditions',
+    'MassEstimate',
+    'PerformanceState',
+    'PerformanceTest',
+    'Permission',
+    'ProductOnLine',
+    'ProgressState',
+    'Reference',
+    'SampleBlock',
+    'Stamp',
+    'Statistics',
+    'StepAnswer',
+    'StepState',
+    'StopRequest',
+    'StreamState',
+    'StreamStatus',
+    'Verdict',
+    'VerificationProgress',
+    'VerificationStep',
+    'WeighWindow',
+    'ZeroChange',
+    'seconds',
+]

@@ -1,0 +1,26 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Units, bounds and times that all records share."""
+
+import math
+from typing import Annotated
+
+GRAMS = 1000.0  # in a kilogram
+
+NANOSECONDS = 1_000_000_000
+
+MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
+
+# A segmenter that was started again goes on at the next multiple of this number of items.
+NUMBERS_AT_ONCE = 1_000
+
+MAX_MASS = 1e6  # kg
+
+MAX_WINDOW = 2**16  # samples of a window, or of a message
+
+Stamp = Annotated[int, 'ns']  # on the clock of the samples
+
+
+def seconds(stamp: int | None) -> float:
+    """Return a stamp in seconds, NaN if it is not known."""
+    return math.nan if stamp is None else stamp / NANOSECONDS

@@ -1,0 +1,63 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of a node, written into the audit log of its lane before they are made."""
+
+import json
+import time
+
+from checkweigher_msgs.srv import RecordChange
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+
+from checkweigher_core.changes import plain
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.line_parameters import in_time
+
+_PATIENCE = 2.0  # s, for the answer
+_DISCOVERY = 3.0  # s from the start of the node on, in which the service may yet be found
+_LOOK_PERIOD = 0.1  # s
+
+# s after an entry in which its change is made, or not any more.
+TIME_TO_CHANGE = _PATIENCE + 1.0
+
+
+class ChangeRecord:
+    """Client of the node that has the audit log of the lane, if one has.
+
+    That node offers the service only with a log. Once it has been seen, nothing is changed without
+    an entry any more, until the node with the client ends.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = ReentrantCallbackGroup()
+        self._client = node.create_client(
+            RecordChange, ports.RECORD_CHANGE, callback_group=self._group
+        )
+        self._began = time.monotonic()
+        self._needed = False
+
+    def look(self) -> None:
+        """Notice that there is a log; to be called now and then."""
+        self._needed = self._needed or self._client.service_is_ready()
+
+    async def write(self, kind: str, subject: str, value: object) -> str:
+        """Write what something is about to become; return why it must not, empty if it may."""
+        self.look()
+        while not self._needed and time.monotonic() - self._began < _DISCOVERY:
+            await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
+            self.look()
+        if not self._needed:
+            return ''
+        text = json.dumps(plain(value), allow_nan=False)
+        request = RecordChange.Request(kind=kind, subject=subject, new_value=text)
+        asked, answer = time.monotonic(), None
+        if self._client.service_is_ready():
+            future = self._client.call_async(request)
+            answer = await in_time(self._node, self._group, future, _PATIENCE)
+            self._client.remove_pending_request(future)
+        # An answer that a process which stood still has late: the log has moved on by then.
+        if answer is None or time.monotonic() - asked > _PATIENCE:
+            return f'not in the audit log: no answer of the node product for {_PATIENCE:g} s'
+        return '' if answer.success else f'not in the audit log: {answer.message}'

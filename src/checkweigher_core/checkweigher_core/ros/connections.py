@@ -1,0 +1,106 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Connections of a node: who publishes and takes its topics, and whose QoS does not fit."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from rclpy.node import Node
+
+from checkweigher_core.health.findings import Concern, Finding, Level, RecentValues, conclude
+from checkweigher_core.ros.outputs import Input, Output
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import Port, fits, misfit
+
+_PATIENCE = 5.0  # s, in which the nodes of a line find each other
+
+
+class Connections:
+    """Watch of the inputs and outputs of a node that was started at `began`, s of its clock."""
+
+    def __init__(self, node: PortNode, began: float) -> None:
+        self._node = node
+        self._began = began
+        self._refused = RecentValues()
+        self._refusal = ''
+        self._told: set[str] = set()  # of the endpoints whose QoS does not fit
+
+    def refused(self, now: float, name: str, why: str) -> None:
+        """Note that a message could not be used."""
+        self._refused.add(now, 1.0)
+        self._refusal = f'{name}: {why}'
+
+    def lacks_input(self, port: Port) -> bool:
+        """Return whether a port that this node takes has no publisher."""
+        return any(entry.port is port and not entry.count() for entry in self._node.inputs)
+
+    def finding(self, now: float) -> Finding:
+        """Return the aspect Connections; `now` in s on the clock of the beginning."""
+        self._refused.forget(now)
+        values: dict[str, float | str] = {}
+        found: list[Concern] = []
+        started = now - self._began > _PATIENCE
+        ends: list[Input | Output] = [*self._node.inputs, *self._node.outputs]
+        for end in ends:
+            count, partner = end.count(), _partner(end)
+            other = 'publisher' if isinstance(end, Input) else 'subscriber'
+            if partner:
+                values[f'{end.port.name} {other}s'] = count
+            found += self._clashes(end, needed=bool(partner) and count == 0)
+            if started and partner and count == 0:
+                level = Level.ERROR if isinstance(end, Input) else Level.WARN
+                hint = f'check that {partner} runs, in this namespace and ROS_DOMAIN_ID'
+                found.append(Concern(level, f'no {other} of {end.topic_name}', hint))
+        values['messages refused in the last minute'] = len(self._refused)
+        if len(self._refused):
+            text = f'{len(self._refused)} messages refused in the last minute, {self._refusal}'
+            hint = 'check which node publishes there and with which version of the messages'
+            found.append(Concern(Level.WARN, text, hint))
+        return conclude('Connections', 'all there', found, values)
+
+    def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
+        """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""
+        is_input = isinstance(end, Input)
+        for other in self._others(end):
+            pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
+            if not (why := misfit(*pair)):
+                continue
+            who = f'{other.node_namespace.rstrip("/")}/{other.node_name}'
+            does = 'publishes' if is_input else 'subscribes to'
+            text = f'{who} {does} {end.topic_name} with a QoS that does not fit ({why})'
+            if text not in self._told:
+                self._told.add(text)
+                self._node.get_logger().warning(text)
+            level = Level.ERROR if needed else Level.WARN
+            yield Concern(level, text, f'change the QoS of {who} to that of docs/interfaces.md')
+
+    def _others(self, end: Input | Output) -> list[Any]:
+        """Return the endpoints at the other end, if DDS has not connected all of them."""
+        node, name = self._node, end.topic_name
+        if isinstance(end, Output):
+            if node.count_subscribers(name) <= end.publisher.get_subscription_count():
+                return []
+            return list(node.get_subscriptions_info_by_topic(name))
+        if end.subscription is None or node.count_publishers(name) <= end.count():
+            return []
+        return list(node.get_publishers_info_by_topic(name))
+
+
+def has_matched_all(node: Node, *outputs: Output) -> bool:
+    """Return whether outputs have matched every subscriber in the graph that they can match."""
+    return all(
+        output.publisher.get_subscription_count()
+        >= sum(
+            other.topic_type == output.port.message_type and fits(output.qos, other.qos_profile)
+            for other in node.get_subscriptions_info_by_topic(output.topic_name)
+        )
+        for output in outputs
+    )
+
+
+def _partner(end: Input | Output) -> str:
+    """Return the nodes that have to be at the other end, empty if none has to."""
+    port = end.port
+    if isinstance(end, Input):
+        return port.maker if end.needed and port.maker in port.expected else ''
+    return ' and '.join(taker for taker in port.takers if taker in port.expected)

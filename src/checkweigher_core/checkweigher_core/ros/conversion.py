@@ -1,0 +1,292 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Records to messages and back: field by field, under the same names, but for what `_FORMS` says.
+
+Reading takes any object with the fields of the message, so that the same functions serve rclpy and
+readers of bags. Writing converts every field to the exact Python type: rclpy does not check, and
+a numpy scalar in a field aborts the process when the message is serialised.
+"""
+
+import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import Enum
+from functools import cache, partial
+from operator import attrgetter
+from typing import Any, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from checkweigher_core import records
+from checkweigher_core.records.reasons import StopReason
+from checkweigher_core.ros.ports import ALL, Port
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How a record stands in its message: field by field under the same names, but for these."""
+
+    # Field of the record that is the stamp of the header, and in the header alone unless `names`
+    # has it; '' where the caller gives the stamp.
+    stamp: str = 'stamp'
+    frame: str | Callable[[Any], str] = ''  # of the header, or how it follows from the record
+    names: Mapping[str, str] = field(default_factory=dict)  # in the message, by those of the record
+    lacks: tuple[str, ...] = ()  # last fields that the message lacks; read as their defaults
+    newer: tuple[str, ...] = ()  # that messages of older bags lack; read as their defaults
+    derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
+    # What is read for a value that an enumeration does not have; otherwise the message is refused.
+    unknown: Mapping[str, object] = field(default_factory=dict)
+    absent: Mapping[str, object] = field(default_factory=dict)  # fields that say: no such record
+    # Takes a message and the record that was read of it, and returns the record that is meant.
+    amend: Callable[[Any, Any], Any] | None = None
+
+
+def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
+    """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
+    weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
+    return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
+
+
+def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
+    """Return a stop request with what its hint says beyond that of the reason."""
+    text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
+    return replace(request, text=text)
+
+
+_WEIGHED = 1  # of MassEstimate.status
+_RUN = 1  # of StopRequest.state; 0 is STOP
+_MAX_TEXT, _MAX_ENTRIES = 10_000, 10_000  # characters; entries of a list
+_item = partial(_Form, stamp='t3', frame='weigh_belt')
+_FORMS: dict[type, _Form] = {
+    records.LoadCell: _Form(stamp='', frame='load_cell'),
+    records.SampleBlock: _Form(frame='load_cell'),
+    records.EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
+    records.Item: _Form(frame='weigh_belt'),
+    records.StreamStatus: _Form(
+        unknown={'state': records.StreamState.FAILED}, newer=('last_edge',)
+    ),
+    records.WeighWindow: _item(names={'t3': 't3', 'stamp': 'first_stamp'}),
+    records.MassEstimate: _item(
+        names={'t3': 't3'}, derived={'status': lambda each: int(each.weighed)}, amend=_with_reason
+    ),
+    records.Verdict: _item(
+        unknown={'decision': records.Decision.FAULT}, newer=('station', 'station_at')
+    ),
+    records.Statistics: _Form(newer=('tu1_quota', 'mean_value')),
+    records.ZeroChange: _Form(frame='load_cell'),
+    records.ExternalReject: _Form(frame=attrgetter('device')),
+    records.MachineConditions: _Form(frame='machine'),
+    records.PerformanceTest: _Form(unknown={'state': records.PerformanceState.OVERDUE}),
+    records.StopRequest: _Form(
+        frame='rejector',
+        unknown={'reason': StopReason.UNKNOWN},
+        lacks=('text',),
+        derived={'hint': attrgetter('hint')},
+        absent={'state': _RUN},
+        amend=_with_text,
+    ),
+}
+# A port of each class of records.
+_PORTS = {port.record: port for port in ALL if port.record is not None}
+
+
+def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
+    """Return the message of a record for rclpy.
+
+    `record` is of the port's class; None gives the message that there is no such record, where
+    the port has one. `stamp` (ns) is for the header, where the record has none of its own.
+    """
+    message = port.type()
+    if record is None and port.record is not None:
+        return _filled(message, _plan(cast(Any, port.record)).form.absent)
+    return _filled(message, to_fields(record, stamp))
+
+
+def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
+    """Return the fields of a record's message by name.
+
+    Header and times are mappings, arrays of the type of the message and contiguous; all else is of
+    plain Python types, but for the records of a record, which are messages of rclpy.
+    """
+    plan = _plan(cast(Any, type(record)))
+    time = _time(plan.stamp(record) if plan.stamp else stamp)
+    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': plan.frame(record)}}
+    for place, get, convert in plan.write:
+        fields[place] = convert(get(record))
+    return fields
+
+
+def to_record(port: Port, message: Any) -> Any:
+    """Return the record of a message of rclpy or of a bag, None if it says that there is none.
+
+    Its arrays are those of the message, not to be written to: others may have the same message.
+
+    Raises
+    ------
+    ValueError
+        If a field holds what the record cannot have, such as an eye that does not exist.
+    """
+    assert port.record is not None, f'{port.name} has no record'
+    plan = _plan(cast(Any, port.record))
+    form = plan.form
+    if form.absent and all(getattr(message, k) == value for k, value in form.absent.items()):
+        return None
+    record = port.record(*[convert(get(message)) for get, convert in plan.read])
+    return record if form.amend is None else form.amend(message, record)
+
+
+def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
+    """Fill in an empty message: one that is made of parts makes them all twice."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            _filled(getattr(message, name), value)
+        elif isinstance(value, np.ndarray):  # itself it would take twenty times as long
+            setattr(message, name, array.array(value.dtype.char, value.tobytes()))
+        else:
+            setattr(message, name, value)
+    return message
+
+
+_Get = Callable[[Any], Any]
+
+
+@dataclass(slots=True)
+class _Plan:
+    """Conversion of a class of records, field by field."""
+
+    form: _Form
+    stamp: _Get | None  # of the header, from the record; None where the caller gives it
+    frame: _Get
+    # Name in the message, how to get the value from the record, and what converts it.
+    write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
+    # How to get each field of the record from the message, and what converts it.
+    read: list[tuple[_Get, _Get]] = field(default_factory=list)
+
+
+@cache
+def _plan(kind: Any) -> _Plan:
+    form = _FORMS.get(kind, _Form())
+    frame = form.frame
+    plan = _Plan(
+        form,
+        attrgetter(form.stamp) if form.stamp else None,
+        (lambda _: frame) if isinstance(frame, str) else frame,
+    )
+    names = {form.stamp: 'header.stamp', **form.names}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        if name in form.lacks:
+            continue
+        place = names.get(name, name)
+        get: _Get = attrgetter(place)
+        convert = _reader(hint, form.unknown.get(name))
+        if name in form.newer:
+            get, convert = _newer(place, convert, _default(kind, name))
+        plan.read.append((get, convert))
+        if place != 'header.stamp':
+            plan.write.append((place, attrgetter(name), _writer(hint)))
+    plan.write += [(place, derive, lambda value: value) for place, derive in form.derived.items()]
+    return plan
+
+
+def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
+    """Return how to get and to convert a field that messages of older bags lack."""
+    return (
+        lambda message: getattr(message, name, None),
+        lambda value: default if value is None else convert(value),
+    )
+
+
+def _default(kind: Any, name: str) -> object:
+    return next(each.default for each in fields(kind) if each.name == name)
+
+
+def newer_fields(record: type) -> frozenset[str]:
+    """Return the fields of the message of a record that messages of older bags lack."""
+    return frozenset(_FORMS.get(record, _Form()).newer)
+
+
+def _writer(hint: Any) -> Callable[[Any], Any]:
+    """Return what converts a value of this type for a message."""
+    if hint in (records.Stamp, records.Stamp | None):
+        return _time
+    if get_origin(hint) is np.ndarray:
+        return partial(np.ascontiguousarray, dtype=_dtype(hint))
+    if get_origin(hint) is tuple:
+        kind = get_args(hint)[0]
+        if kind in _PORTS:
+            return lambda parts: [to_message(_PORTS[kind], each) for each in parts]
+        convert = _writer(kind)
+        return lambda values: list(map(convert, values))
+    if issubclass(hint, str):
+        return _text
+    for plain in (bool, int, float):
+        if issubclass(hint, plain):
+            return plain
+    raise TypeError(f'{hint}: no message has such a field')
+
+
+def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
+    """Return what makes a value of this type of the field of a message."""
+    if hint == records.Stamp:
+        return stamp_from
+    if hint == records.Stamp | None:
+        return lambda time: stamp_from(time) or None  # 0 means that it is not known
+    if get_origin(hint) is np.ndarray:
+        return partial(_shared, dtype=_dtype(hint))
+    if get_origin(hint) is tuple:
+        kind = get_args(hint)[0]
+        if kind in _PORTS:
+            read: _Get = partial(to_record, _PORTS[kind])
+        else:
+            read = _short if kind is str else kind
+        return lambda values: tuple(map(read, _bounded(values, _MAX_ENTRIES)))
+    if hint is str:
+        return _short
+    if issubclass(hint, Enum) and unknown is not None:
+        members = {member.value: member for member in hint}
+        return lambda value: members.get(value, unknown)
+    reader: Callable[[Any], Any] = hint
+    return reader
+
+
+def _text(value: str) -> str:
+    """Return a plain string that UTF-8 can hold; a file name or YAML may have others."""
+    text = str(value)
+    return text if text.isascii() else text.encode(errors='backslashreplace').decode()
+
+
+def _time(stamp: int | None) -> dict[str, int]:
+    """Return a stamp in ns as s and ns, 0 if it is not known or no time message can hold it."""
+    sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
+    # An edge may come with a stamp past 2038, and even a good one can put reject_at there.
+    held = -(2**31) <= sec < 2**31
+    return {'sec': sec, 'nanosec': nanosec} if held else {'sec': 0, 'nanosec': 0}
+
+
+def stamp_from(time: Any) -> int:
+    """Return a time message in ns."""
+    return int(time.sec) * records.NANOSECONDS + int(time.nanosec)
+
+
+def _dtype(hint: Any) -> np.dtype[Any]:
+    """Return the type of the elements of an ``NDArray`` type."""
+    return np.dtype(get_args(get_args(hint)[1])[0])
+
+
+def _bounded(field: Any, most: int) -> Any:
+    """Return a field of a message; ValueError if it is longer than one of the line ever is."""
+    if len(field) > most:
+        raise ValueError(f'{len(field)} in a field of a message, at most {most}')
+    return field
+
+
+def _short(field: str) -> str:
+    return str(_bounded(field, _MAX_TEXT))
+
+
+def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the values of a field, not to be written to: other nodes may have the same message."""
+    values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
+    values.flags.writeable = False
+    return values

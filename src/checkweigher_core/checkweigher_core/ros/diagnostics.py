@@ -1,0 +1,114 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Diagnostics of a node: once a second, a status for each of its aspects."""
+
+from collections.abc import Callable, Iterable
+import socket
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.printable import one_line
+from checkweigher_core.records import LoadCell
+from checkweigher_core.ros.connections import Connections
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import DIAGNOSTICS
+from checkweigher_core.ros.status_board import HOST
+
+_PERIOD = 1.0  # s
+_LOG_PERIOD = 1.0  # s
+
+
+class Diagnostics:
+    """Publisher of the findings of a node.
+
+    The first status is the node's own: the worst of all, the last warning, the counters, the
+    name of its host. The others are named '<node>: <Aspect>', as those of diagnostic_updater.
+    `diagnose` returns the findings for a time of the monotonic clock in s.
+    """
+
+    def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
+        self._node = node
+        self._diagnose = diagnose
+        self._counters: dict[str, int] = {}
+        self._warning = self._last_warning = ''
+        self._last_logged = ('', 0.0)
+        self._hardware_id = 'checkweigher'
+        self._output = node.output(DIAGNOSTICS)
+        self.connections = Connections(node, time.monotonic())
+
+    def start(self) -> None:
+        """Publish from now on, with the nodes that start at the same time."""
+        self._node.create_timer(_PERIOD, self._publish)
+
+    def set_hardware(self, load_cell: LoadCell) -> None:
+        """Name the load cell that the findings are about."""
+        parts = (load_cell.model, load_cell.serial_number)
+        self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
+
+    def count(self, name: str) -> None:
+        """Count an event, from any thread but each name from one."""
+        self._counters[name] = self._counters.get(name, 0) + 1
+
+    def warn(self, text: str) -> None:
+        """Log a warning, the same one at most once a second, and show it."""
+        text = one_line(text)
+        self._warning = self._last_warning = text
+        now = time.monotonic()
+        if text != self._last_logged[0] or now - self._last_logged[1] > _LOG_PERIOD:
+            self._last_logged = (text, now)
+            self._node.get_logger().warning(text)
+
+    def _publish(self) -> None:
+        now = time.monotonic()
+        findings = [
+            *self._found('Diagnostics', lambda: self._diagnose(now)),
+            *self._found('Connections', lambda: [self.connections.finding(now)]),
+        ]
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        own = self._status(name, self._summary(findings))
+        others = [self._status(f'{name}: {finding.aspect}', finding) for finding in findings]
+        message = DiagnosticArray(status=[own, *others])
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._output.send(message)
+
+    def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
+        try:
+            return list(look())
+        except Exception as error:  # diagnostics must not stop the line
+            text = f'{type(error).__name__}: {error}'
+            concern = Concern(Level.ERROR, text, 'a defect of the diagnostics; report it')
+            return [conclude(aspect, '', [concern])]
+
+    def _summary(self, findings: list[Finding]) -> Finding:
+        """Return the status of the node itself; a warning is shown for one period."""
+        worst = max(findings, key=lambda finding: finding.level)
+        level, text = worst.level, 'running'
+        if level > Level.OK:
+            text = f'{worst.aspect}: {worst.message}'
+        if self._warning and level <= Level.WARN:
+            level, text = Level.WARN, self._warning
+        self._warning = ''
+        # A copy: other threads count, too.
+        values: dict[str, float | str] = {HOST: socket.gethostname(), **self._counters}
+        if self._last_warning:
+            values['last warning'] = self._last_warning
+        return Finding('', level, text, values=values)
+
+    def _status(self, name: str, finding: Finding) -> DiagnosticStatus:
+        return status_of(name, finding, self._hardware_id)
+
+
+def status_of(name: str, finding: Finding, hardware_id: str = '') -> DiagnosticStatus:
+    """Return a finding as the status of this name."""
+    return DiagnosticStatus(
+        level=bytes([finding.level]),
+        name=name,
+        message=one_line(finding.message),
+        hardware_id=hardware_id,
+        values=[
+            KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
+            for key, v in finding.values.items()
+        ],
+    )

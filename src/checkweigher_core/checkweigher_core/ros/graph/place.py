@@ -1,0 +1,92 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The place of a node on this computer: a node of a lane can be there once.
+
+A place is a name in the abstract namespace of Unix sockets. The kernel gives it to one process and
+frees it when that process ends, however it ends. No file stays behind, and none can be removed
+under a running line. Its reach is that of DDS on localhost: the network namespace, all users.
+"""
+
+import errno
+from hashlib import blake2b
+import socket
+from typing import Any
+from uuid import uuid4
+
+from diagnostic_msgs.msg import KeyValue
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+
+from checkweigher_core.parameters import ParameterError
+
+PARTICIPANT = 12  # bytes of a gid that all endpoints of a process share: the RTPS GUID prefix
+
+
+class Place:
+    """The place of a node, held until `free` or the end of the process.
+
+    `name` is the full name of the node in the ROS `domain`. `sign` lets `is_held` tell this process
+    from another one that says it is that node.
+
+    Raises
+    ------
+    ParameterError
+        If another node holds it.
+    """
+
+    def __init__(self, domain: int, name: str) -> None:
+        self._domain, self._name = domain, name
+        self._sockets: list[socket.socket] = []
+        if not self._hold(b''):
+            raise ParameterError(
+                f'{name} runs here already, in ROS_DOMAIN_ID {domain}; stop it, or choose another '
+                'namespace or ROS_DOMAIN_ID'
+            )
+
+    def sign(self, participant: bytes) -> None:
+        """Say by which participant of DDS the node of this place is seen in the graph."""
+        self._hold(participant)
+
+    def free(self) -> None:
+        """Let go of the place."""
+        for each in self._sockets:
+            each.close()
+
+    def _hold(self, participant: bytes) -> bool:
+        holder = _socket()
+        self._sockets.append(holder)
+        try:
+            holder.bind(_address(self._domain, self._name, participant))
+        except OSError as error:
+            # A system without such names has no places; its lines are told apart by the graph.
+            return error.errno != errno.EADDRINUSE
+        return True
+
+
+def participant_of(node: Node) -> bytes:
+    """Return by which participant of DDS the nodes of this process are seen in the graph."""
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    publisher = node.create_publisher(KeyValue, f'~/_{uuid4().hex}', 1, event_callbacks=events)
+    (own,) = node.get_publishers_info_by_topic(publisher.topic_name)
+    node.destroy_publisher(publisher)
+    return bytes(own.endpoint_gid)[:PARTICIPANT]
+
+
+def is_held(domain: int, name: str, participant: bytes = b'') -> bool:
+    """Return whether a node holds its place, or does so and is seen as this participant."""
+    with _socket() as probe:
+        return probe.connect_ex(_address(domain, name, participant)) == 0
+
+
+def _socket() -> socket.socket:
+    return socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+
+
+def _address(domain: int, name: str, participant: bytes) -> str:
+    text = f'{domain} {name} {participant.hex()}'  # of any length, and an address has 107 bytes
+    return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
+
+
+def full_name(endpoint: Any) -> str:
+    """Return the full name of the node of an endpoint."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'

@@ -1,0 +1,147 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes with a life cycle: what touches the machine is safe until it is told to work."""
+
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros.node_parameters import P
+from checkweigher_core.ros.port_node import locked
+from checkweigher_core.ros.stage_node import StageNode
+
+_SUCCESS = TransitionCallbackReturn.SUCCESS
+_FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ERROR
+
+
+class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
+    """A stage node with the states of a ROS managed node.
+
+    A subclass says what to do in `configure`, `activate`, `deactivate` and `clean_up`, and calls
+    `begin` when it is made. An exception in one of them is logged and lets the transition fail:
+    rclpy would swallow it. With the parameter ``autostart`` the node configures and activates
+    itself. `state` is unconfigured, inactive, active or finalized.
+    """
+
+    def __init__(self, parameters: type[P], **options: Any) -> None:
+        StageNode.__init__(self, parameters, **options)
+        already, before = set(self.services), set(vars(self))
+        LifecycleNodeMixin.__init__(self)
+        self._life_cycle = set(vars(self)) - before
+        self.state = 'unconfigured'
+        self._failure = ''
+        self._beginning = False
+        for service in set(self.services) - already:
+            service.callback = locked(service.callback)
+            if service.srv_type is ChangeState:
+                service.callback = self._refusing(service.callback)
+
+    def configure(self) -> None:
+        """Get ready to work; ValueError with one line if that cannot be done."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working and leave the outputs safe."""
+
+    def clean_up(self) -> None:
+        """Let go of what `configure` got hold of."""
+
+    def begin(self) -> None:
+        """Configure now, if the node is to start by itself; `start` activates it.
+
+        `ParameterError` if it cannot be configured; the node is destroyed then.
+        """
+        if not getattr(self.parameters, 'autostart', True):
+            return
+        self._beginning = True  # a failure is then the one line with which the process ends
+        configured = self.trigger_configure()
+        self._beginning = False
+        if configured != _SUCCESS:
+            self.destroy_node()
+            raise ParameterError(self._failure)
+
+    def start(self) -> None:
+        """Activate, if the node is to start by itself."""
+        super().start()
+        if getattr(self.parameters, 'autostart', True) and self.state == 'inactive':
+            self.trigger_activate()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; what fails leaves the node unconfigured."""
+        return self._attempt('configure', self.configure, 'inactive', _FAILURE)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate; what fails leaves the node inactive."""
+        return self._attempt('activate', self.activate, 'active', _FAILURE)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate; what fails goes on to `on_error`, for the node must not stay active."""
+        return self._attempt('deactivate', self.deactivate, 'inactive', _ERROR)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        return self._attempt('clean up', self.clean_up, 'unconfigured', _ERROR)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the outputs safe, in any state."""
+        return self._attempt('shut down', self._release, 'finalized', _ERROR)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the outputs safe; the node is unconfigured then, or finalized if that fails."""
+        recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
+        if recovered != _SUCCESS:
+            self.state = 'finalized'
+        return recovered
+
+    def shut_down(self) -> None:
+        """Leave the outputs safe before the process ends."""
+        if self.state in ('unconfigured', 'inactive', 'active'):
+            self.trigger_shutdown()
+
+    def destroy_node(self) -> None:
+        """Destroy the node with its state machine, which would keep its place in the graph."""
+        super().destroy_node()
+        for name in vars(self).get('_life_cycle', ()):  # empty if a parameter was refused
+            delattr(self, name)
+        self._life_cycle = set()
+
+    def _release(self) -> None:
+        self.deactivate()
+        self.clean_up()
+
+    def _attempt(
+        self, what: str, do: Callable[[], None], state: str, otherwise: TransitionCallbackReturn
+    ) -> TransitionCallbackReturn:
+        try:
+            do()
+        except Exception as error:
+            self._failure = ' '.join(str(error).split())
+            kind = '' if isinstance(error, ValueError) else f'{type(error).__name__}: '
+            if not self._beginning:
+                self.get_logger().error(f'could not {what}: {kind}{self._failure}')
+            return otherwise
+        self.state = state
+        self.get_logger().debug(f'{what}: done')
+        return _SUCCESS
+
+    def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        """Return the service so that a transition which this state lacks is refused.
+
+        rclpy raises out of spin, which would end the process.
+        """
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return change_state(request, response)
+            except RuntimeError:
+                wanted = request.transition.label or request.transition.id
+                self.warn(f'transition {wanted} is not possible: the node is {self.state}')
+                response.success = False
+                return response
+
+        return answer

@@ -1,0 +1,67 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameter sets of the stages as parameters of a node."""
+
+from collections.abc import Mapping
+from dataclasses import Field
+import math
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from checkweigher_core.parameters import ParameterError, Parameters, describe
+
+_LARGEST_INTEGER = 2**63 - 1
+
+P = TypeVar('P', bound=Parameters)
+
+
+def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
+    """Return parameters of ROS of these names and values."""
+    return [
+        Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+        for name, value in values.items()
+    ]
+
+
+def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
+    """Return the ROS descriptor of a field made by `checkweigher_core.parameters.parameter`."""
+    allowed = describe(entry)
+    result = ParameterDescriptor(
+        description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
+        additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
+        read_only=read_only,
+        # rclpy would take an empty list for one of bytes, and refuse numbers.
+        dynamic_typing=entry.default == (),
+    )
+    bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
+    if isinstance(entry.default, float) and bounded:
+        lower, upper = float(allowed.minimum), float(allowed.maximum)
+        result.floating_point_range = [FloatingPointRange(from_value=lower, to_value=upper)]
+    elif isinstance(entry.default, int) and not isinstance(entry.default, bool) and bounded:
+        least = int(max(allowed.minimum, -_LARGEST_INTEGER))
+        most = int(min(allowed.maximum, _LARGEST_INTEGER))
+        result.integer_range = [IntegerRange(from_value=least, to_value=most)]
+    return result
+
+
+def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
+    """Declare a parameter set to ROS and return it with the values that the node was given.
+
+    `ParameterError` if one of them cannot be used.
+    """
+    values = {}
+    for own_name, entry in parameters.entries().items():
+        default = list(entry.default) if isinstance(entry.default, tuple) else entry.default
+        name = prefix + own_name
+        try:
+            declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
+        # rcl takes an empty list of a parameter file for a parameter without a value.
+        empty = declared.value is None and isinstance(entry.default, tuple)
+        values[own_name] = () if empty else declared.value
+    return parameters.from_mapping(values)

@@ -1,0 +1,256 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Outputs and inputs of nodes: plain calls within a process, DDS to all others."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+import copy
+import threading
+import time
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros.conversion import to_message, to_record
+from checkweigher_core.ros.ports import Port, fits
+
+_POLL_PERIOD = 0.02  # s
+_CONSUMER_PATIENCE = 5.0  # s, after which any subscriber is taken for the consumer
+_SETTLE_TIME = 0.2  # s without a further subscriber, where any of them is the consumer
+# More than this is not kept for a consumer that has not appeared yet.
+_MAX_HELD = 10_000
+
+# One lock for a process. Callbacks of stages run in the thread of the executor and, called from
+# the source of the driver, in its thread, but never two at once.
+LOCK = threading.RLock()
+# Outputs of this process with a lease: DDS shows no liveliness to inputs of the same process.
+_alive_here: list['Output'] = []
+Callback = Callable[[Any], None]  # takes a record
+# Endpoints have no event callbacks but those of inputs which watch that their makers live: each is
+# one more entity that every wake of the executor collects. `Connections` finds a QoS that does not
+# fit.
+
+
+class Output:
+    """Where a node sends the records of a port.
+
+    The `takers` of the same process get each record by a plain call, all others from `publisher`.
+    """
+
+    def __init__(self, node: Any, port: Port) -> None:
+        self.port = port
+        self.qos = copy.copy(port.qos)
+        self.takers: list[Input] = []
+        events = PublisherEventCallbacks(use_default_callbacks=False)
+        self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
+        self.topic_name: str = self.publisher.topic_name
+        if port.lease:
+            _alive_here.append(self)
+        self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
+
+    def send(self, record: Any, **header: Any) -> None:
+        """Hand a record to the takers; `header` goes to the message alone."""
+        with LOCK:
+            if self._latched or self.publisher.get_subscription_count() > 0:
+                is_message = self.port.record is None
+                message = record if is_message else to_message(self.port, record, **header)
+                self.publisher.publish(message)
+            for taker in self.takers:
+                taker.take(record)
+
+    def connected(self) -> None:
+        """Note that all takers of the process are known."""
+
+    def count(self) -> int:
+        """Return how many take the records, in this process and over DDS."""
+        return len(self.takers) + int(self.publisher.get_subscription_count())
+
+
+class HeldOutput(Output):
+    """Send records, and keep those that come before their consumer is there.
+
+    At start-up the nodes of a line find each other in any order: without this, what the first one
+    sends before it has found the second would be lost, and an item without its verdict. Once
+    there has been a consumer nothing is held any more: a stale window helps no one. A taker in
+    the same process is a consumer from the start. Elsewhere it is a node that publishes records of
+    the port `answer`, under any name: a recorder that was there first does not pass for it, unless
+    it remains alone. Without `answer` any subscriber is the consumer.
+    """
+
+    def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:
+        super().__init__(node, port)
+        self._node = node
+        self._answer = answer
+        self._held: deque[Any] | None = deque(maxlen=_MAX_HELD)
+        self._first_seen: float | None = None
+        self._matched = (0, 0.0)  # how many, and since when
+
+    def send(self, record: Any, **header: Any) -> None:
+        """Send a record now, or as soon as its consumer is there."""
+        with LOCK:
+            if self._held is None:
+                super().send(record, **header)
+            else:
+                self._held.append(record)
+
+    def connected(self) -> None:
+        """Send from now on to the takers of the process, or look for a consumer elsewhere."""
+        if self.takers:
+            self._release()
+        else:
+            self._timer = self._node.create_timer(_POLL_PERIOD, self._look_for_consumer)
+
+    def _release(self) -> None:
+        held, self._held = self._held or (), None
+        for record in held:
+            super().send(record)
+
+    def _look_for_consumer(self) -> None:
+        matched = self.publisher.get_subscription_count()
+        if matched == 0:
+            return
+        now = time.monotonic()
+        self._first_seen = self._first_seen or now
+        if matched != self._matched[0]:
+            self._matched = (matched, now)
+        if self._has_consumer(matched) or now - self._first_seen > _CONSUMER_PATIENCE:
+            self._node.destroy_timer(self._timer)
+            self._release()
+
+    def _has_consumer(self, matched: int) -> bool:
+        readers = self._node.get_subscriptions_info_by_topic(self.topic_name)
+        # The graph may know of a reader that the publisher has yet to match.
+        if matched < len(readers):
+            return False
+        if self._answer is None:
+            # A node that was started again finds one reader after the other.
+            return time.monotonic() - self._matched[1] > _SETTLE_TIME
+        return any(
+            self._answer.message_type
+            in self._types_published_by(reader.node_name, reader.node_namespace)
+            for reader in readers
+        )
+
+    def _types_published_by(self, name: str, namespace: str) -> set[str]:
+        try:
+            published = self._node.get_publisher_names_and_types_by_node(name, namespace)
+        except RuntimeError:  # the graph knows its endpoints, but not yet the node
+            return set()
+        return {kind for _, kinds in published for kind in kinds}
+
+
+class Input:
+    """Where a node takes the records of a port, from its `makers` or over DDS.
+
+    The callback gets each record; what it raises is passed to ``node.refuse``. There is a
+    `subscription`, with `qos`, only if there are no makers in the same process. A `needed` input
+    without any maker is an error of the line.
+    """
+
+    def __init__(
+        self, node: Any, port: Port, callback: Callback, qos: QoSProfile, *, needed: bool
+    ) -> None:
+        self.port = port
+        self.needed = needed
+        self.qos = copy.copy(qos)
+        self.topic_name = str(node.resolve_topic_name(port.name))
+        self.makers: list[Output] = []
+        self.subscription: Subscription | None = None
+        self._node = node
+        self._callback = callback
+        self._lives = False  # whether a publisher shows that it does, where the port has a lease
+
+    @property
+    def alive(self) -> bool:
+        """Whether a maker lives, by the lease of the port."""
+        return self._lives or any(each.topic_name == self.topic_name for each in _alive_here)
+
+    def take(self, record: Any) -> None:
+        """Hand a record to the node."""
+        self._node.received(self.port)
+        try:
+            self._callback(record)
+        except Exception as error:
+            self._node.refuse(self.port, error)
+
+    def subscribe(self) -> None:
+        """Take records over DDS."""
+        events = SubscriptionEventCallbacks(
+            liveliness=self._on_liveliness if self.port.lease else None,
+            use_default_callbacks=False,
+        )
+        create, call = self._node.create_subscription, self._take_message
+        self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
+
+    def count(self) -> int:
+        """Return how many make the records."""
+        if self.subscription is None:
+            return len(self.makers)
+        return int(self.subscription.get_publisher_count())
+
+    def _on_liveliness(self, status: Any) -> None:
+        self._lives = status.alive_count > 0
+
+    def _take_message(self, message: Any) -> None:
+        with LOCK:
+            try:
+                record = message if self.port.record is None else to_record(self.port, message)
+            except Exception as error:
+                self._node.refuse(self.port, error)
+            else:
+                self.take(record)
+
+
+def connect(nodes: Sequence[Any]) -> None:
+    """Connect the inputs of the nodes of a process, before any of them begins to work.
+
+    An input whose topic an output of these nodes makes, with a QoS that fits, is called by that
+    output, and takes nothing over DDS. All other inputs subscribe. A node that is no `PortNode`
+    has none.
+    """
+    members = [node for node in nodes if hasattr(node, 'inputs')]
+    outputs = [output for node in members for output in node.outputs]
+    for entry in (entry for node in members for entry in node.inputs):
+        entry.makers = [
+            output
+            for output in outputs
+            if output.topic_name == entry.topic_name
+            and output.port.type is entry.port.type
+            and fits(output.qos, entry.qos)
+        ]
+        for output in entry.makers:
+            output.takers.append(entry)
+        if not entry.makers:
+            entry.subscribe()
+    for output in outputs:
+        output.connected()
+
+
+def disconnect(node: Any) -> None:
+    """Let go of the inputs and outputs of a node that is about to be destroyed."""
+    with LOCK:
+        for entry in node.inputs:
+            for output in entry.makers:
+                output.takers.remove(entry)
+            entry.makers = []
+        for output in node.outputs:
+            for entry in output.takers:
+                entry.makers.remove(output)
+            output.takers = []
+            if output in _alive_here:
+                _alive_here.remove(output)
+
+
+def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:
+    """Return an endpoint whose depth, history and reliability may be set by parameters."""
+    overriding = QoSOverridingOptions.with_default_policies()
+    try:
+        return create(port.type, port.name, *arguments, qos_overriding_options=overriding, **events)
+    except (InvalidParameterTypeException, RuntimeError) as error:
+        raise ParameterError(f'qos_overrides: {error}') from None

@@ -1,0 +1,193 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""A node with inputs and outputs, whose callbacks take turns with those of its process."""
+
+from collections.abc import Callable, Generator
+import inspect
+import types
+from typing import TYPE_CHECKING, Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from checkweigher_core.printable import one_line
+from checkweigher_core.ros.outputs import (
+    LOCK,
+    Callback,
+    HeldOutput,
+    Input,
+    Output,
+    disconnect,
+)
+from checkweigher_core.ros.ports import Port
+
+if TYPE_CHECKING:
+    from checkweigher_core.ros.spinner import Spinner
+
+
+class PortNode(Node):
+    """A node whose callbacks all have the lock of the process.
+
+    The node takes records once `checkweigher_core.ros.outputs.connect` has connected it. `spinner`
+    serves it; it may serve others beside it.
+    """
+
+    spinner: 'Spinner | None' = None
+
+    def __init__(self, name: str, **options: Any) -> None:
+        self.inputs: list[Input] = []
+        self.outputs: list[Output] = []
+        super().__init__(name, **options)
+
+    def start(self) -> None:
+        """Begin to work: the node is connected and served."""
+
+    def output(self, port: Port) -> Output:
+        """Return an output of a port."""
+        self.outputs.append(Output(self, port))
+        return self.outputs[-1]
+
+    def held_output(self, port: Port, answer: Port | None = None) -> Output:
+        """Return an output that waits for its consumer; see `HeldOutput`."""
+        self.outputs.append(HeldOutput(self, port, answer))
+        return self.outputs[-1]
+
+    def subscribe(
+        self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
+    ) -> Input:
+        """Have a callback called with each record of a port; see `Input`."""
+        entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
+        self.inputs.append(entry)
+        return entry
+
+    def received(self, port: Port) -> None:
+        """Note that a record has come."""
+
+    def refuse(self, port: Port, error: Exception) -> None:
+        """Log a record that the callback cannot use, which is not fatal."""
+        self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
+    ) -> Timer:
+        """Create a timer; an exception of its callback is told of, not fatal."""
+        return super().create_timer(
+            timer_period_sec, self._guarded(locked(callback), 'a timer failed'), *args, **options
+        )
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any,
+        raw: bool = False, **options: Any,
+    ) -> Subscription:  # fmt: skip
+        """Subscribe; bytes that are no message and what the callback raises are not fatal.
+
+        rclpy would raise the former out of its executor, and keep the callback group taken. With
+        `raw` the callback gets the bytes.
+        """
+
+        def convert(data: bytes) -> Any:
+            return callback(data if raw else deserialize_message(data, msg_type))
+
+        guarded = self._guarded(convert, f'refused a message on {topic}')
+
+        def take(data: bytes) -> None:  # rclpy looks at its arguments
+            guarded(data)
+
+        return super().create_subscription(msg_type, topic, take, *args, raw=True, **options)
+
+    def _guarded(
+        self, callback: Callable[..., Any], what: str,
+        otherwise: Callable[[], Any] = lambda: None,
+    ) -> Callable[..., Any]:  # fmt: skip
+        """Return a callback whose exceptions are told of by `fail`; it returns `otherwise` then."""
+
+        def call(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                self.fail(error, what)
+                return otherwise()
+
+        async def call_in_steps(*args: Any) -> Any:
+            try:
+                return await callback(*args)
+            except Exception as error:
+                self.fail(error, what)
+                return otherwise()
+
+        return call_in_steps if inspect.iscoroutinefunction(callback) else call
+
+    def create_service(  # type: ignore[no-untyped-def]
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
+    ):
+        """Offer a service; a call that cannot be answered is answered with an empty response.
+
+        The services of the parameters are created here too: in rclpy 7.1 an unknown type of a
+        value raises.
+        """
+        own = locked(callback)
+
+        def checked(response: Any) -> Any:
+            serialize_message(response)  # raises for a text that no message can hold
+            return response
+
+        def answer(request: Any, response: Any) -> Any:
+            return checked(own(request, response))
+
+        async def answer_later(request: Any, response: Any) -> Any:
+            return checked(await own(request, response))
+
+        waits = inspect.iscoroutinefunction(callback)
+        guarded = self._guarded(
+            answer_later if waits else answer, f'refused a call of {srv_name}', srv_type.Response
+        )
+
+        # A request whose bytes are none keeps the group of its service taken: a group of its own.
+        options['callback_group'] = (
+            options.get('callback_group') or MutuallyExclusiveCallbackGroup()
+        )
+        return super().create_service(srv_type, srv_name, guarded, **options)
+
+    def fail(self, error: Exception, what: str = 'a callback failed') -> None:
+        """Tell of an exception that ends a callback, and not the node."""
+        self.warn(f'{what}: {type(error).__name__}: {error}')
+
+    def warn(self, text: str) -> None:
+        """Log a warning."""
+        self.get_logger().warning(one_line(text))
+
+    def destroy_node(self) -> None:
+        """Destroy the node; the others of its process hand it nothing more."""
+        disconnect(self)
+        super().destroy_node()
+
+
+def locked(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a callback that has the lock of the process; a coroutine has it for each step."""
+    if inspect.iscoroutinefunction(callback):
+
+        async def in_steps(*args: Any) -> Any:
+            return await _locked_steps(callback(*args))
+
+        return in_steps
+
+    def call(*args: Any) -> Any:
+        with LOCK:
+            return callback(*args)
+
+    return call
+
+
+@types.coroutine
+def _locked_steps(coroutine: Any) -> Generator[Any, None, Any]:
+    while True:
+        with LOCK:
+            try:
+                waiting = coroutine.send(None)
+            except StopIteration as end:
+                return end.value
+        yield waiting

@@ -1,0 +1,317 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The ports of a lane: a row for each topic, with what passes there, from where and to where.
+
+Nodes, QoS checks, recordings and docs read this table. All names are relative, so that a namespace
+makes a lane. The module needs no ROS: message classes and QoS profiles are made when they are
+asked for.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from checkweigher_core import records
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+
+
+# The nodes of the line with their modules, in the order in which they end: what feeds the line
+# first, what judges last. The executable has the name of the node.
+NODES = {
+    'driver': 'checkweigher_driver.driver_node',
+    'product': 'checkweigher_production.nodes.product',
+    'segmenter': 'checkweigher_dsp.nodes.segmenter',
+    'denoise': 'checkweigher_dsp.nodes.denoise',
+    'identifier': 'checkweigher_dsp.nodes.identifier',
+    'reject': 'checkweigher_dsp.nodes.reject',
+}
+# Those that weigh.
+STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
+
+
+class History(NamedTuple):
+    """Messages that a publisher keeps, up to `depth`.
+
+    With `latched` (transient local) a late subscriber that asks for them gets them, with
+    `stage_latched` the stages ask.
+    """
+
+    depth: int
+    latched: bool = False
+    stage_latched: bool = False
+
+
+# Ten seconds of 10 ms blocks: a lost block is noticed by its index, but should not happen.
+STREAM = History(1000)
+# The last value counts, also for nodes that come later.
+STATE = History(1, latched=True, stage_latched=True)
+# Also a stage that was started again knows what is on the line.
+ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
+# Kept for users who look later; the stages want nothing from before they were there.
+RESULTS = History(1000, latched=True)
+# Of the last moment alone.
+MOMENT = History(1)
+# Silence in s after which what has to be fresh is gone, and the share that its maker promises.
+FRESH_TIME = 0.35
+_PROMISED = 0.75
+
+
+@dataclass(frozen=True)
+class Port:
+    """A topic with what passes there, who makes it and who takes it."""
+
+    name: str  # relative to the lane's namespace, unless it begins with a slash
+    message_type: str  # as ROS names it, with /msg/ or /srv/
+    record: type | None  # class of the records, None where there are only messages
+    history: History
+    maker: str  # node, or who else
+    takers: tuple[str, ...]  # nodes, and who else
+    expected: tuple[str, ...]  # nodes that have to be there: the other end reports their absence
+    text: str  # what it is for
+    lease: float = 0.0  # s without a sign of life after which the maker is gone; 0 for no limit
+    holds: float = 0.0  # s for which a message holds unless another follows; 0 for ever
+    recorded: bool = True  # whether a bag of the lane has it
+
+    @cached_property
+    def type(self) -> Any:
+        """Class of the message in rclpy."""
+        return interface(self.message_type)
+
+    @cached_property
+    def qos(self) -> 'QoSProfile':
+        """Profile that the publisher offers."""
+        profile = _reliable(self.history.depth, latched=self.history.latched)
+        return self._with_limits(profile, _PROMISED)
+
+    @cached_property
+    def stage_qos(self) -> 'QoSProfile':
+        """Profile that the stages ask for."""
+        from rclpy.qos import ReliabilityPolicy
+
+        profile = _reliable(self.history.depth, latched=self.history.stage_latched)
+        if self.holds:  # one that is lost must not hold up the next one
+            profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        return self._with_limits(profile, 1.0)
+
+    def _with_limits(self, profile: 'QoSProfile', share: float) -> 'QoSProfile':
+        """Add deadline, lifespan and liveliness; the maker promises a share of what is asked."""
+        from rclpy.duration import Duration
+        from rclpy.qos import LivelinessPolicy
+
+        if self.lease:
+            profile.liveliness = LivelinessPolicy.AUTOMATIC
+            profile.liveliness_lease_duration = Duration(seconds=share * self.lease)
+        if self.holds:
+            profile.deadline = Duration(seconds=share * self.holds)
+            profile.lifespan = Duration(seconds=self.holds)
+        return profile
+
+
+def interface(name: str) -> Any:
+    """Return the class in rclpy of a message or a service, as ROS names it."""
+    package, folder, kind = name.split('/')
+    return getattr(import_module(f'{package}.{folder}'), kind)
+
+
+def _reliable(depth: int, *, latched: bool) -> 'QoSProfile':
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def misfit(offered: 'QoSProfile', asked: 'QoSProfile') -> str:
+    """Return why a publisher and a subscription of these profiles do not connect, empty if they do.
+
+    The profiles may be those of endpoints that the graph lists.
+    """
+    from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+    profiles = _with_finite_times(offered), _with_finite_times(asked)
+    compatibility, why = qos_check_compatible(*profiles)
+    if compatibility != QoSCompatibility.ERROR:
+        return ''
+    return ', '.join(
+        text.removeprefix('ERROR: ').lower()
+        for text in why.strip('; ').split(';')
+        if text.startswith('ERROR: ')
+    )
+
+
+def _with_finite_times(profile: 'QoSProfile') -> 'QoSProfile':
+    """Return a profile without the infinite times that DDS lists of an endpoint that states none.
+
+    `qos_check_compatible` takes any time that is stated for a demand.
+    """
+    from rclpy.duration import Duration, Infinite
+
+    stated = copy(profile)
+    for name in ('deadline', 'lifespan', 'liveliness_lease_duration'):
+        if getattr(profile, name) == Infinite:
+            setattr(stated, name, Duration())
+    return stated
+
+
+def fits(offered: 'QoSProfile', asked: 'QoSProfile') -> bool:
+    """Return whether a publisher and a subscription of these profiles connect."""
+    return not misfit(offered, asked)
+
+
+# fmt: off
+LOAD_CELL_INFO = Port(
+    'load_cell/info', 'checkweigher_msgs/msg/LoadCellInfo', records.LoadCell, STATE,
+    'driver', ('segmenter', 'reject', 'product', 'users'), ('driver',),
+    'What the load cell is; a bag describes itself by it')
+LOAD_CELL_SAMPLES = Port(
+    'load_cell/samples', 'checkweigher_msgs/msg/LoadCellSamples', records.SampleBlock, STREAM,
+    'driver', ('segmenter',), ('driver', 'segmenter'),
+    'Blocks of raw readings; a jump of `first_index` means lost samples')
+PHOTO_EYES = Port(
+    'photo_eyes', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
+    'driver', ('segmenter', 'reject'), ('driver', 'segmenter', 'reject'), 'Edges of the two eyes')
+REFERENCE_MASS = Port(
+    'reference_mass', 'checkweigher_msgs/msg/ReferenceMass', records.Reference, STREAM,
+    'driver', ('users',), (), 'True masses, where a bag or the simulator knows them')
+DRIVER_STATUS = Port(
+    'load_cell/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
+    'driver', ('segmenter', 'reject'), (),
+    'How much has been sent, how the stream ended, and what is wrong with the machine while it '
+    'runs')
+ITEMS = Port(
+    'items', 'checkweigher_msgs/msg/Item', records.Item, ITEM_HISTORY,
+    'segmenter', ('reject', 'driver', 'users'), ('segmenter', 'reject'),
+    'Each item with its number, once when it has entered and once when it is complete')
+WEIGH_WINDOW = Port(
+    'weigh_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
+    'segmenter', ('denoise',), ('segmenter', 'denoise'),
+    'One for each item, without signal if it cannot be weighed')
+ZERO_SETTING = Port(
+    'zero_setting', 'checkweigher_msgs/msg/ZeroSetting', records.ZeroChange, STATE,
+    'segmenter', ('product', 'users'), (), 'The last change of the zero by the service `zero`')
+SEGMENTER_STATUS = Port(
+    'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
+    'segmenter', ('driver', 'reject'), (),
+    'How much has been taken; paces a replay. Comes with the samples, and whenever the driver asks '
+    'by sending its own again')
+DENOISED_WINDOW = Port(
+    'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
+    'denoise', ('identifier',), ('denoise', 'identifier'),
+    'The same with the denoised signal beside the raw one')
+MASS_ESTIMATE = Port(
+    'mass_estimate', 'checkweigher_msgs/msg/MassEstimate', records.MassEstimate, RESULTS,
+    'identifier', ('reject', 'product', 'users'), ('identifier', 'reject'),
+    'Mass, standard deviation, or the reasons why there is none')
+VERDICT = Port(
+    'verdict', 'checkweigher_msgs/msg/Verdict', records.Verdict, RESULTS,
+    'reject', ('line', 'driver', 'product'), ('reject',), 'Exactly one for each item')
+REJECT_EYE = Port(
+    'reject_eye', 'checkweigher_msgs/msg/PhotoEyeEvent', records.EyeEdge, STREAM,
+    'machine', ('reject',), (),
+    'Edges of an eye that only rejected items pass; `eye` does not matter')
+STOP_REQUEST = Port(
+    'stop_request', 'checkweigher_msgs/msg/StopRequest', records.StopRequest, STATE,
+    'reject', ('line', 'driver', 'product'), (),
+    'Whether the line should stop, and why; stays until `reset_stop_request`')
+PERMISSION = Port(
+    'permission', 'checkweigher_msgs/msg/Permission', records.Permission, MOMENT,
+    'reject', ('line', 'driver'), (),
+    'Leave to run, ten times a second; the line stops when it is false or does not come',
+    lease=FRESH_TIME, holds=FRESH_TIME, recorded=False)
+ALIVE = {
+    stage: Port(
+        f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
+        'No messages: the liveliness of the publisher shows that the stage lives',
+        lease=FRESH_TIME, recorded=False)
+    for stage in STAGES if stage != 'reject'
+}
+EXTERNAL_REJECT = Port(
+    'external_reject', 'checkweigher_msgs/msg/ExternalReject', records.ExternalReject, STREAM,
+    'machine', ('reject',), (),
+    'An item that metal detector, X-ray or vision rejects; the driver publishes what its inputs '
+    'show')
+MACHINE_CONDITIONS = Port(
+    'machine_conditions', 'checkweigher_msgs/msg/MachineConditions', records.MachineConditions,
+    STATE, 'driver', ('reject',), (),
+    'Guards, air, bins and inspection devices by their inputs, where the driver reads such inputs')
+PRODUCT_ON_LINE = Port(
+    'product_on_line', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
+    'product', ('reject', 'users'), (),
+    'Product, batch, limits and counts for the reject node, where there are recipes; again with '
+    'each verdict')
+PRODUCT_IN_USE = Port(
+    'product_in_use', 'checkweigher_msgs/msg/ProductOnLine', records.ProductOnLine, STATE,
+    'reject', ('product', 'users'), (),
+    'Limits by which items are judged, without counts: those of `product_on_line`, or of the '
+    'parameters until that has come')
+PERFORMANCE_TEST = Port(
+    'performance_test', 'checkweigher_msgs/msg/PerformanceTest', records.PerformanceTest, STATE,
+    'product', ('reject', 'users'), (),
+    'When the performance test of the recipe is due, and what came of the last one')
+STATISTICS = Port(
+    'statistics', 'checkweigher_msgs/msg/Statistics', records.Statistics, STATE,
+    'product', ('users',), (),
+    'Counts, mean, giveaway of this product in this batch, with each verdict')
+VERIFICATION = Port(
+    'verification', 'checkweigher_msgs/msg/VerificationStep', records.VerificationStep, STATE,
+    'verify', ('users',), (), 'Plan and steps of a verification, while one is made')
+FILLER_FEEDBACK = Port(
+    'filler_feedback', 'checkweigher_msgs/msg/FillerFeedback', records.FillerFeedback, STATE,
+    'product', ('filler', 'users'), (),
+    'Correction of the set point of the filler, in kg, after each subgroup of items; where the '
+    'recipe asks for it')
+BATCH_RESULT = Port(
+    'batch_result', 'checkweigher_msgs/msg/BatchResult', records.BatchResult, STATE,
+    'product', ('users',), (), 'The batch that has ended, and the file of its record')
+DIAGNOSTICS = Port(
+    '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
+    'every node', ('users',), (), 'Once a second: see [Diagnostics](#diagnostics)')
+# Of the node dynamic_setting, which is no part of the line.
+DYNAMIC_SETTING = Port(
+    'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
+    'dynamic_setting', ('users',), (),
+    'Passes, what was recorded, the file, and why something failed')
+# Of the node verifier, which is no part of the line.
+VERIFICATION_PROGRESS = Port(
+    'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
+    records.VerificationProgress, STATE, 'verifier', ('users',), (),
+    'How far a verification is that is guided at the page, and what it asks')
+# All topics of a lane: the first four of a bag are played again, all others follow.
+ALL = (
+    LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
+    WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
+    REJECT_EYE, EXTERNAL_REJECT, MACHINE_CONDITIONS, STOP_REQUEST, PERMISSION, *ALIVE.values(),
+    PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
+    VERIFICATION, DIAGNOSTICS,
+)
+# fmt: on
+RECORDED = tuple(port for port in ALL if port.recorded)
+PLAYED = RECORDED[:4]
+
+# Services of type std_srvs/srv/Trigger.
+ZERO = 'zero'
+RESET_STOP_REQUEST = 'reset_stop_request'
+RESET_OUTPUTS = 'reset_outputs'
+FORGET_LEARNED = 'forget_learned'
+CALIBRATE_ZERO = 'calibrate_zero'
+CANCEL_CALIBRATION = 'cancel_calibration'
+RESTART_LINE = 'restart_line'
+TUNE_PASSES, CANCEL_PASSES = 'tune_passes', 'cancel_passes'
+SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
+CANCEL_VERIFICATION = 'cancel_verification'
+# Services of types of their own names.
+CALIBRATE_SPAN = 'calibrate_span'
+FINISH_CALIBRATION = 'finish_calibration'
+RECORD_PASSES = 'record_passes'
+BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'
+RECORD_CHANGE = 'record_change'
+SELECT_PRODUCT, NEW_BATCH = 'select_product', 'new_batch'
+RESET_STATISTICS = 'reset_statistics'
+BEGIN_TEST = 'begin_test'

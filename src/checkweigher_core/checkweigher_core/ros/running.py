@@ -1,0 +1,117 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Processes of nodes: from the command line to the signal that ends them."""
+
+from collections.abc import Callable, Sequence
+import contextlib
+import ctypes
+import inspect
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import cast
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.parent_process import end_with_parent
+from checkweigher_core.printable import one_line
+from checkweigher_core.ros.spinner import Spinner
+from checkweigher_core.ros.stage_node import StageNode
+
+# Of glibc: from this size on memory goes back to the system at once. By itself the limit rises with
+# what is freed, and a process keeps what one large message took.
+_MMAP_THRESHOLD, _LARGE = -3, 2**17  # name in malloc.h; bytes
+_FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
+
+
+def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
+    """Run one node until it is interrupted; exit with 2 and one line if it cannot start."""
+    run_all(lambda: [make_node()], arguments)
+
+
+def run_all(
+    make_nodes: Callable[[], Sequence[Node]], arguments: Sequence[str] | None = None
+) -> None:
+    """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP; see `run`.
+
+    The nodes start in the order in which they were made, and shut down in the opposite one. Signals
+    stay with Python and only end the wait of the main thread. Those of rclpy take the context away
+    from what is under way, and KeyboardInterrupt comes up in the middle of a message.
+    """
+    stopping = threading.Event()
+    starting = True
+
+    def stop(*_: object) -> None:
+        stopping.set()
+        if starting:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as nohup has it
+        signal.signal(signal.SIGHUP, stop)
+    nodes: Sequence[Node] = ()
+    spinner: Spinner | None = None
+    try:
+        end_with_parent()
+        with contextlib.suppress(AttributeError):  # of another C library
+            ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
+        _initialise(arguments)
+        nodes = make_nodes()
+        # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.
+        inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
+        starting = False
+        spinner = Spinner(stopping.set)
+        spinner.add(*nodes)
+        stopping.wait()
+    except ParameterError as error:
+        print(f'checkweigher: {one_line(error)}', file=sys.stderr)
+        raise SystemExit(2) from None
+    except (Exception, KeyboardInterrupt):
+        # C++ on the way up may have made another exception of the KeyboardInterrupt.
+        if not stopping.is_set():
+            raise
+    finally:
+        # Ctrl-C comes twice to a node of ros2 launch, from the terminal and from launch: the
+        # second one must find nothing that it could break.
+        starting = False
+        if spinner is not None:
+            _shut_down(nodes, spinner)
+            spinner.stop()
+        else:
+            for node in reversed(nodes):
+                node.destroy_node()
+        rclpy.try_shutdown()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if spinner is not None and spinner.error is not None:
+        raise SystemExit(1)  # its traceback has been printed
+
+
+def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
+    """Have each node leave in order, the last one first, while the others still work."""
+    for node in reversed(nodes):
+        if not isinstance(node, StageNode):
+            continue
+        try:
+            if spinner.alive:
+                spinner.call(node.shut_down)
+            else:
+                node.shut_down()
+            for output in node.final_outputs():
+                output.publisher.wait_for_all_acked(_FAREWELL)
+        except Exception as error:  # the others have to be shut down all the same
+            print(f'checkweigher: {type(error).__name__}: {one_line(error)}', file=sys.stderr)
+
+
+def _initialise(arguments: Sequence[str] | None) -> None:
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        # A parameter file that is not there or no YAML, a namespace that is none; rcl appends
+        # places in its own source.
+        raise ParameterError(str(error).split(', at /')[0]) from None

@@ -1,0 +1,108 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""An executor in a thread of its own."""
+
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+import threading
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from checkweigher_core.printable import one_line
+from checkweigher_core.ros.outputs import LOCK, connect
+from checkweigher_core.ros.port_node import PortNode
+
+_PATIENCE = 10.0  # s
+
+
+class Spinner:
+    """Serves nodes in a thread, by an executor of rclpy.
+
+    Each wake of that executor collects all entities of all nodes, 1 ms and more for a line: what
+    happens often must not wake it. What a callback raises is told by its node, which lives on. The
+    thread calls `on_end` when it ends; `error` is then what rclpy itself has raised.
+    """
+
+    def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
+        self.error: Exception | None = None
+        self._on_end = on_end
+        self._executor = SingleThreadedExecutor()
+        self._nodes: list[Node] = []
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._spin, name='executor', daemon=True)
+        self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the nodes are still served: they are not if the context was shut down."""
+        return self._thread.is_alive()
+
+    def add(self, *nodes: Node) -> None:
+        """Connect nodes with each other, serve them and have them start in this order."""
+        connect(nodes)
+        for node in nodes:
+            self._nodes.append(node)
+            self._executor.add_node(node)
+        with LOCK:
+            for node in nodes:
+                if isinstance(node, PortNode):
+                    node.spinner = self
+                    node.start()
+
+    def remove(self, node: Node) -> None:
+        """Destroy a node before the others."""
+        self._nodes.remove(node)
+
+        def destroy() -> None:
+            self._executor.remove_node(node)
+            node.destroy_node()
+
+        self.call(destroy)
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Call something in the thread that spins, and wait until it is done.
+
+        Only there entities may be destroyed and timers cancelled: the executor may use them.
+        """
+        answer: Future[object] = Future()
+
+        def locked() -> None:
+            try:
+                with LOCK:
+                    answer.set_result(function())
+            except Exception as error:
+                answer.set_exception(error)
+
+        self._executor.create_task(locked)
+        if not wait([answer], _PATIENCE).done:
+            raise RuntimeError('the executor does not answer')
+        answer.result()
+
+    def stop(self) -> None:
+        """Stop, and destroy the nodes in the order opposite to that in which they came."""
+        # Shut down only when the thread has ended: rclpy takes away what a wait is using.
+        self._executor.create_task(self._stopping.set)
+        self._thread.join(timeout=_PATIENCE)
+        if not self._thread.is_alive():
+            self._executor.shutdown()
+        with LOCK:
+            for node in reversed(self._nodes):
+                node.destroy_node()
+
+    def _spin(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                try:
+                    self._executor.spin_once()
+                except ExternalShutdownException:
+                    break
+                except Exception as error:
+                    # Of a request or an answer whose bytes are none, or of a task.
+                    if not rclpy.ok() or not self._nodes:
+                        self.error = error
+                        raise
+                    self._nodes[0].get_logger().error(one_line(f'{type(error).__name__}: {error}'))
+        finally:
+            self._on_end()

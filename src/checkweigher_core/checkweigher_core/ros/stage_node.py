@@ -1,0 +1,164 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
+
+from collections.abc import Callable, Iterable, Sequence
+import time
+from typing import Any, Generic
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.exceptions import InvalidParameterTypeException, ParameterNotDeclaredException
+from rclpy.parameter import Parameter
+
+from checkweigher_core.changes import PARAMETER
+from checkweigher_core.health.findings import Finding
+from checkweigher_core.parameters import ParameterError
+from checkweigher_core.ros.change_record import ChangeRecord
+from checkweigher_core.ros.diagnostics import Diagnostics
+from checkweigher_core.ros.graph.place import Place, participant_of
+from checkweigher_core.ros.node_parameters import P, declare, ros_parameters
+from checkweigher_core.ros.outputs import Output
+from checkweigher_core.ros.port_node import PortNode
+from checkweigher_core.ros.ports import ALIVE, Port
+
+Overrides = dict[str, object]
+
+
+class StageNode(PortNode, Generic[P]):
+    """A node around one stage of the line, named ``parameters.node``.
+
+    Its parameters are fixed once it runs if they are `read_only`; `overrides` win over values from
+    the command line. What is changed on the running node is first written to the audit log of the
+    lane, if there is one, by its `change_record`.
+    """
+
+    def __init__(
+        self, parameters: type[P], *, read_only: bool = False, overrides: Overrides | None = None
+    ) -> None:
+        try:
+            super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
+        except InvalidParameterTypeException as error:  # of use_sim_time
+            raise ParameterError(f'{parameters.node}: {error}') from None
+        self._place: Place | None = None
+        try:
+            self._place = Place(self.context.get_domain_id(), self.get_fully_qualified_name())
+            self._place.sign(participant_of(self))
+            self.change_record = ChangeRecord(self)
+            self.diagnostics = Diagnostics(self, self._diagnose)
+            self.parameters = declare(self, parameters, read_only=read_only)
+        except ParameterError:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_parameters)
+        if parameters.node in ALIVE:
+            self.output(ALIVE[parameters.node])
+
+    def destroy_node(self) -> None:
+        """Destroy the node, and let another one take its place."""
+        super().destroy_node()
+        if self._place is not None:
+            self._place.free()
+
+    def start(self) -> None:
+        """Begin to tell how the node is."""
+        self.diagnostics.start()
+
+    def shut_down(self) -> None:
+        """Leave in order before the process ends."""
+
+    def final_outputs(self) -> Sequence[Output]:
+        """Return the outputs whose messages have to arrive before the process ends."""
+        return ()
+
+    def on_parameters(self) -> None:
+        """Use `self.parameters`, which have changed."""
+
+    def diagnose(self, now: float) -> Iterable[Finding]:
+        """Return how the aspects of this stage are at `now`, s of the monotonic clock."""
+        return ()
+
+    def _diagnose(self, now: float) -> Iterable[Finding]:
+        self.change_record.look()
+        return self.diagnose(now)
+
+    def received(self, port: Port) -> None:
+        """Count a record that has come."""
+        self.count(f'{port.name} received')
+
+    def refuse(self, port: Port, error: Exception) -> None:
+        """Log and count a record that the stage cannot use."""
+        super().refuse(port, error)
+        self.count(f'{port.name} refused')
+        self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
+
+    def fail(self, error: Exception, what: str = 'a callback failed') -> None:
+        """Log and count an exception that ends a callback, and not the node."""
+        self.count('exceptions')
+        super().fail(error, what)
+
+    def count(self, name: str) -> None:
+        """Count something for the diagnostics."""
+        self.diagnostics.count(name)
+
+    def warn(self, text: str) -> None:
+        """Log a warning, the same one at most once a second, and show it in the diagnostics."""
+        self.diagnostics.warn(text)
+
+    def create_service(  # type: ignore[no-untyped-def]
+        self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
+    ):
+        """Offer a service; those of rclpy that set parameters wait for the audit log."""
+        if srv_type in (SetParameters, SetParametersAtomically):
+            callback = self._on_set_parameters
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    async def _on_set_parameters(self, request: Any, response: Any) -> Any:
+        changes = [Parameter.from_parameter_msg(each) for each in request.parameters]
+        if isinstance(response, SetParametersAtomically.Response):
+            response.result = await self._set_recorded(changes)
+        else:
+            response.results = [await self._set_recorded([change]) for change in changes]
+        return response
+
+    async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
+        """Set parameters, all or none, once the change is in the audit log."""
+        if changes and self._may_set(changes):
+            values = {change.name: change.value for change in changes}
+            subject = self.get_fully_qualified_name()
+            if reason := await self.change_record.write(PARAMETER, subject, values):
+                self.warn(f'{", ".join(values)}: not changed: {reason}')
+                return SetParametersResult(successful=False, reason=reason)
+        try:
+            return self.set_parameters_atomically(changes)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
+
+    def _may_set(self, changes: Sequence[Parameter]) -> bool:
+        """Tell whether rclpy and this node may take changes: what they refuse is no entry."""
+        for change in changes:
+            if not self.has_parameter(change.name):
+                return False
+            if self.describe_parameter(change.name).read_only:
+                return False
+        try:
+            self._changed(changes)
+        except ParameterError:
+            return False
+        return True
+
+    def _changed(self, changes: Sequence[Parameter]) -> P:
+        """Return the parameters with some changed; `ParameterError` if they cannot be used."""
+        values = self.parameters.as_mapping()
+        changed = {change.name: change.value for change in changes if change.name in values}
+        return type(self.parameters).from_mapping({**values, **changed})
+
+    def _check_parameters(self, changes: Sequence[Parameter]) -> SetParametersResult:
+        try:
+            changed = self._changed(changes)
+        except ParameterError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        if changed != self.parameters:
+            self.parameters = changed
+            self.on_parameters()
+        return SetParametersResult(successful=True)

@@ -1,0 +1,145 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The last diagnostics of running lines: the worst first, silent nodes among them."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+import threading
+from typing import Any
+
+from checkweigher_core.health.findings import Level
+from checkweigher_core.printable import counted, one_line
+from checkweigher_core.records import Decision
+from checkweigher_core.ros.ports import NODES, STAGES
+
+HOST = 'host'  # value of a node's own status: the name of the computer it runs on
+_SILENCE = 3.0  # s, three of its periods
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One aspect of one node, as last reported."""
+
+    node: str
+    aspect: str
+    level: Level
+    message: str
+    values: tuple[tuple[str, str], ...] = ()
+    silence: float = 0.0  # s, since the node was heard, where that is too long
+
+
+class StatusBoard:
+    """The last report of each node of the lane `namespace`, or of all lanes if that is empty."""
+
+    def __init__(self, namespace: str = '') -> None:
+        self._namespace = namespace
+        self._nodes: dict[str, tuple[float, list[Row]]] = {}
+        self._lock = threading.Lock()
+
+    def add(self, now: float, statuses: Iterable[Any]) -> None:
+        """Add the statuses of one DiagnosticArray that came at `now`, s."""
+        reported: dict[str, list[Row]] = {}
+        for status in statuses:
+            node, _, aspect = one_line(status.name).partition(': ')
+            lane, _, name = node.strip('/').rpartition('/')
+            if name in NODES and self._namespace in ('', lane):
+                values = tuple((one_line(v.key), one_line(v.value)) for v in status.values)
+                level = Level(min(status.level[0], Level.STALE))
+                row = Row(node, aspect, level, one_line(status.message), values)
+                reported.setdefault(node, []).append(row)
+        with self._lock:
+            for node, rows in reported.items():
+                self._nodes[node] = now, rows
+
+    def hosts(self) -> dict[str, set[str]]:
+        """Return the names of the hosts on which the nodes of each lane ran when last heard."""
+        found: dict[str, set[str]] = {}
+        with self._lock:
+            for node, (_, rows) in self._nodes.items():
+                names = {value for row in rows for key, value in row.values if key == HOST}
+                found.setdefault(node.rpartition('/')[0], set()).update(names)
+        return found
+
+    @property
+    def heard(self) -> bool:
+        """Whether any node has reported."""
+        return bool(self._nodes)
+
+    def rows(self, now: float) -> list[Row]:
+        """Return all rows at `now`, s, the worst first; silent and missing nodes are STALE."""
+        with self._lock:
+            nodes = dict(self._nodes)
+        found = []
+        for node, (heard, rows) in nodes.items():
+            if now - heard > _SILENCE:
+                text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
+                found.append(Row(node, '', Level.STALE, text, silence=now - heard))
+                continue
+            # The node's own row repeats the worst of the others, but for a warning of this second.
+            found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
+        lanes = {node.rpartition('/')[0] for node in nodes} or {self._namespace}
+        for lane in lanes:
+            for name in STAGES:
+                node = f'{lane}/{name}'.lstrip('/')
+                if node not in nodes:
+                    text = 'never heard; start it, in this namespace and ROS_DOMAIN_ID'
+                    found.append(Row(node, '', Level.STALE, text))
+        return sorted(found, key=lambda row: (-_URGENCY.index(row.level), row.node, row.aspect))
+
+
+def worst(rows: Iterable[Row]) -> Level:
+    """Return the highest level of the rows."""
+    return max((row.level for row in rows), default=Level.OK)
+
+
+@dataclass(frozen=True, slots=True)
+class LaneRow:
+    """How one lane is: the worst of its rows, and its verdicts."""
+
+    lane: str  # namespace, '/' for none
+    level: Level
+    verdicts: tuple[tuple[str, str], ...]  # how many of each decision
+    worst: str  # node, aspect and message; empty where all is well
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Items accepted, rejected for their mass, and faults."""
+        counts = {name: int(float(count)) for name, count in self.verdicts}
+        accepted, faults = (counts.pop(each.name, 0) for each in (Decision.ACCEPT, Decision.FAULT))
+        return accepted, sum(counts.values()), faults
+
+
+def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
+    """Return a row for each lane, the worst first; `rows` are those of a board, in its order."""
+    lanes: dict[str, list[Row]] = {}
+    for row in rows:
+        lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)
+    return [_lane_row(lane, each) for lane, each in lanes.items()]
+
+
+def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
+    first = rows[0]  # the worst
+    text = ''
+    if first.level > Level.OK:
+        text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
+    names = {decision.name for decision in Decision}
+    counted = tuple(
+        (key, value) for row in rows if row.aspect == 'Verdicts' for key, value in row.values
+        if key in names
+    )  # fmt: skip
+    return LaneRow(lane, first.level, counted, text)
+
+
+def headline(rows: Iterable[Row]) -> str:
+    """Return how many rows there are of each level."""
+    counts = dict.fromkeys(reversed(Level), 0)
+    for row in rows:
+        counts[row.level] += 1
+    texts = {
+        Level.STALE: f'{counts[Level.STALE]} silent',
+        Level.ERROR: counted(counts[Level.ERROR], 'error'),
+        Level.WARN: counted(counts[Level.WARN], 'warning'),
+        Level.OK: f'{counts[Level.OK]} well',
+    }
+    return ', '.join(texts[level] for level in counts)

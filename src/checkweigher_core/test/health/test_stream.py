@@ -1,0 +1,196 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Samples, clocks and photo-eyes that are not as they should be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from checkweigher_core.health.findings import Level
+from checkweigher_core.health.stream import EyeWatch, SampleWatch
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
+
+CELL = LoadCell(
+    sample_rate=960.0, counts_per_kg=1e6, zero_counts=5000.0, min_counts=-(2**23),
+    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
+)  # fmt: skip
+START = 1_700_000_000 * NANOSECONDS
+SIZE = 10
+BLOCKS = 1920  # 20 s
+
+
+def block(number, *, rate=CELL.sample_rate, value=0, stamp=None):
+    first = number * SIZE
+    if stamp is None:
+        stamp = START + round(first * NANOSECONDS / rate)
+    return SampleBlock(stamp, first, np.full(SIZE, value, np.int32))
+
+
+def arrival(number, rate=CELL.sample_rate):
+    """When the last sample of a block has been taken, s."""
+    return 100.0 + (number + 1) * SIZE / rate
+
+
+def watched(numbers=range(BLOCKS), *, watch=None, delay=lambda number: 0.0, **options):
+    """Return a watch that was shown these blocks, and when it was looked at."""
+    watch = watch or SampleWatch(CELL)
+    for number in numbers:
+        watch.add(arrival(number) + delay(number), block(number, **options))
+    now = arrival(max(numbers)) + 0.01
+    watch.look(now)
+    return watch, now
+
+
+def test_a_steady_stream_is_well():
+    watch, now = watched()
+    samples, clock = watch.finding(now, 20.0), watch.clock.finding(0.0)
+    assert (samples.level, clock.level) == (Level.OK, Level.OK)
+    assert samples.values['received_samples_per_s'] == pytest.approx(960.0, rel=1e-9)
+    assert samples.values['received_blocks_per_s'] == pytest.approx(96.0, rel=1e-9)
+    assert samples.values['sample_rate_by_stamps_hz'] == pytest.approx(960.0, rel=1e-6)
+    assert samples.values['age_of_last_block_s'] == pytest.approx(0.01, abs=1e-9)
+    assert clock.values['drift_ppm'] != clock.values['drift_ppm']  # after 20 s it is not known
+    assert clock.values['stamps_behind_this_machine_s'] == pytest.approx(100.0 - 1.7e9, rel=1e-12)
+
+
+def test_samples_that_stop_are_an_error_until_they_go_on():
+    watch, now = watched()
+    stopped = watch.finding(now + 3.0, 20.0)
+    assert stopped.level == Level.ERROR
+    assert stopped.text == 'no samples for 3.0 s'
+    assert 'cable' in stopped.hint
+    watch.add(now + 3.1, block(BLOCKS))
+    watch.look(now + 3.2)
+    assert watch.finding(now + 3.2, 23.0).level == Level.OK
+
+
+def test_nothing_is_missed_before_the_line_had_time_to_start():
+    watch = SampleWatch(CELL)
+    assert watch.finding(4.0, 4.0).level == Level.OK
+    assert watch.finding(6.0, 6.0).text == 'no samples have come'
+
+
+def test_a_gap_is_warned_of_for_a_minute_and_counted_for_ever():
+    watch, now = watched([n for n in range(BLOCKS) if n not in (500, 501, 1000)])
+    finding = watch.finding(now, 20.0)
+    assert (finding.level, finding.values['gaps']) == (Level.WARN, 2)
+    assert finding.values['samples_lost'] == 3 * SIZE
+    assert finding.text == '30 samples lost in 2 gaps in the last minute'
+    watch, now = watched(range(BLOCKS, 5 * BLOCKS), watch=watch)
+    finding = watch.finding(now, 100.0)
+    assert (finding.level, finding.values['samples_lost']) == (Level.OK, 3 * SIZE)
+
+
+def test_blocks_that_come_twice_or_late_are_no_gap():
+    watch, now = watched([0, 1, 2, 2, 4, 3, 5])
+    values = watch.finding(now, 20.0).values
+    assert (values['blocks_doubled_or_late'], values['gaps']) == (2, 1)
+
+
+def test_a_source_that_starts_again_is_told_apart_from_a_late_block():
+    watch, _ = watched(range(100))
+    for number in range(10):
+        stamp = START + 5 * NANOSECONDS + round(number * SIZE * NANOSECONDS / 960)
+        watch.add(arrival(480 + number), block(number, stamp=stamp))
+    watch.look(arrival(490))
+    finding = watch.finding(arrival(490), 20.0)
+    assert (finding.level, finding.values['source_restarts']) == (Level.WARN, 1)
+    assert finding.values['blocks_doubled_or_late'] == 0
+
+
+def test_saturated_samples_are_counted():
+    watch, now = watched(range(100), value=CELL.max_counts)
+    finding = watch.finding(now, 20.0)
+    assert (finding.level, finding.values['samples_saturated']) == (Level.WARN, 1000)
+    assert 'wiring' in finding.hint
+
+
+def test_a_rate_other_than_that_of_the_load_cell_info_is_warned_of():
+    watch = SampleWatch(CELL)
+    for number in range(1000):
+        watch.add(arrival(number, 912.0), block(number, rate=912.0))
+    now = arrival(999, 912.0)
+    watch.look(now)
+    finding = watch.finding(now, 20.0)
+    assert finding.level == Level.WARN
+    assert finding.text.startswith('912.0 samples/s by their stamps')
+
+
+@pytest.mark.parametrize(('ppm', 'level'), [(200, Level.OK), (-2000, Level.WARN)])
+def test_drift_is_seen_through_jitter(ppm, level):
+    rng = np.random.default_rng(1)
+    late = rng.exponential(0.005, 5 * BLOCKS)
+    late[::97] += 0.3
+    watch, _ = watched(range(5 * BLOCKS), delay=lambda n: ppm * 1e-6 * n * SIZE / 960.0 + late[n])
+    finding = watch.clock.finding(0.0)
+    assert finding.values['drift_ppm'] == pytest.approx(ppm, abs=5.0)
+    assert finding.level == level
+
+
+def test_jitter_is_the_delay_that_95_percent_of_the_blocks_keep():
+    late = np.random.default_rng(1).exponential(0.005, BLOCKS)
+    watch, _ = watched(delay=lambda number: late[number])
+    # 95 % of an exponential distribution lie below 3 of its means.
+    jitter = watch.clock.finding(0.0).values['jitter_of_arrival_ms']
+    assert jitter == pytest.approx(15.0, rel=0.2)
+
+
+def test_a_replay_at_another_rate_is_not_judged():
+    watch = SampleWatch(CELL)
+    for number in range(BLOCKS):
+        watch.add(100.0 + number * SIZE / 960.0 / 4, block(number))
+    watch.look(106.0)
+    finding = watch.clock.finding(0.0)
+    assert finding.level == Level.OK
+    assert finding.values['pace_of_stamps'] == pytest.approx(4.0, rel=1e-6)
+    assert '4.00 times real time' in finding.text
+
+
+def test_a_driver_that_catches_up_after_a_halt_is_no_replay():
+    halt = 3000
+
+    def delay(number):  # 5 s at first, 0.4 s less with each second
+        return 5.0 - 0.4 * (number - halt) * SIZE / CELL.sample_rate if number >= halt else 0.0
+
+    watch, _ = watched(range(2 * BLOCKS), delay=delay)
+    finding = watch.clock.finding(0.0)
+    assert finding.values['pace_of_stamps'] == pytest.approx(1.0, abs=0.01)
+    assert finding.level == Level.WARN
+    assert finding.text.startswith('blocks come up to')
+
+
+@pytest.mark.parametrize(
+    ('offset', 'level'), [(0.01, Level.OK), (0.25, Level.WARN), (-0.25, Level.WARN)]
+)
+def test_eyes_on_another_clock_than_the_samples_are_found(offset, level):
+    watch = SampleWatch(CELL)
+    for number in range(BLOCKS):
+        watch.add(arrival(number), block(number))
+    for second in range(5, 20):
+        stamp = START + second * NANOSECONDS
+        watch.clock.add_edge(100.0 + second + offset, EyeEdge(stamp, Eye.INFEED, True))
+        watch.add(120.0, replace(block(BLOCKS), counts=np.zeros(0, np.int32)))
+    watch.look(120.1)
+    finding = watch.clock.finding(0.0)
+    assert finding.values['edges_behind_samples_ms'] == pytest.approx(1e3 * offset, abs=0.1)
+    assert finding.level == level
+
+
+def test_an_eye_that_is_blind_or_stays_blocked_is_found():
+    eyes = EyeWatch()
+    for second in range(6):
+        for blocked in (True, False):
+            eyes.add(second + 0.1 * (not blocked), EyeEdge(0, Eye.INFEED, blocked))
+    eyes.look(6.0)
+    finding = eyes.finding(6.0)
+    assert finding.level == Level.ERROR
+    assert 'outfeed eye' in finding.hint
+    for blocked in (False, True):
+        eyes.add(7.0, EyeEdge(0, Eye.OUTFEED, blocked))
+    eyes.look(16.0)
+    assert eyes.finding(16.0).level == Level.OK
+    assert eyes.finding(20.0).text == 'the outfeed eye has been blocked for 13 s'
+    eyes.add(21.0, EyeEdge(0, Eye.OUTFEED, False))
+    eyes.look(21.0)
+    assert eyes.finding(21.0).level == Level.OK

@@ -1,0 +1,104 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+import os
+from pathlib import Path
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+from running import PATIENCE
+
+from checkweigher_core.ros.graph import discovery
+from checkweigher_core.ros.graph.discovery import PARTICIPANTS, peers, profiles, set_profiles
+
+LOCAL = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '3'}
+# A node that says when it sees so many, and stays until it is told to end.
+NODE = """
+import sys, time
+import checkweigher_core.ros
+import rclpy
+rclpy.init()
+node = rclpy.create_node(f'number_{sys.argv[1]}')
+while len(node.get_node_names()) < int(sys.argv[2]):
+    time.sleep(0.05)
+print('all', flush=True)
+sys.stdin.read()
+"""
+
+
+def test_the_ports_are_those_of_rtps():
+    # RTPS 2.5, 9.6.2.3: PB 7400, DG 250, d1 10, PG 2.
+    called = peers(LOCAL)
+    assert called[0] == ('127.0.0.1', 7400 + 250 * 3 + 10)
+    assert called[5] == ('127.0.0.1', 7400 + 250 * 3 + 10 + 2 * 5)
+    assert len(called) == PARTICIPANTS
+
+
+def test_named_hosts_are_called_on_as_well():
+    called = peers({**LOCAL, 'ROS_STATIC_PEERS': '10.0.0.7;;press.local;127.0.0.1'})
+    assert {address for address, _ in called} == {'127.0.0.1', '10.0.0.7'}
+
+
+def test_where_there_is_multicast_nobody_is_called_on():
+    assert not peers({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})
+    assert 'initialPeersList' not in profiles({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})
+
+
+def test_the_profiles_are_xml():
+    root = ElementTree.fromstring(profiles(LOCAL))
+    called = next(each for each in root.iter() if each.tag.endswith('}initialPeersList'))
+    assert len(called) == PARTICIPANTS
+    assert sum(each.tag.endswith('}subscriber') for each in root) == 1
+
+
+@pytest.mark.parametrize('discovery_range', ['LOCALHOST', 'SUBNET'])
+def test_a_process_hears_nothing_by_memory_that_others_can_lose(discovery_range: str):
+    words = [sys.executable, '-c', NODE, '0', '1']
+    environment = {**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery_range}
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as node:
+        assert node.stdin is not None
+        assert node.stdout is not None
+        assert node.stdout.readline() == 'all\n'
+        opened = [str(each.readlink()) for each in Path(f'/proc/{node.pid}/fd').iterdir()]
+        node.stdin.close()
+    assert any('socket' in each for each in opened)
+    assert not [each for each in opened if 'fastrtps_port' in each]
+
+
+def test_who_has_profiles_keeps_them(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', '/etc/own.xml')
+    set_profiles()
+    assert discovery.os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == '/etc/own.xml'
+
+
+def test_a_folder_of_somebody_else_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    (tmp_path / 'link').symlink_to(tmp_path)
+    monkeypatch.setattr(discovery, '_FOLDER', tmp_path / 'link')
+    monkeypatch.delenv('FASTRTPS_DEFAULT_PROFILES_FILE')
+    set_profiles()
+    used = Path(discovery.os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'])
+    assert used.name == 'fastdds_profiles.xml'
+
+
+def test_ten_processes_of_a_computer_find_each_other():
+    count = 10  # by itself Fast DDS calls on four
+    words = [sys.executable, '-c', NODE]
+    nodes = [
+        subprocess.Popen(
+            [*words, str(number), str(count)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            text=True,
+        )
+        for number in range(count)
+    ]  # fmt: skip
+    try:
+        for node in nodes:
+            assert node.stdout is not None
+            assert node.stdout.readline() == 'all\n'
+    finally:
+        for node in nodes:
+            node.terminate()
+        for node in nodes:
+            node.communicate(timeout=PATIENCE)

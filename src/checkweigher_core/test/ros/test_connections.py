@@ -1,0 +1,121 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Endpoints of another participant of DDS: which of them a node can match, and has matched."""
+
+from collections.abc import Iterator
+from functools import partial
+import itertools
+from types import SimpleNamespace
+
+import pytest
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.connections import Connections, has_matched_all
+from checkweigher_core.ros.outputs import Output
+from checkweigher_core.ros.port_node import PortNode
+
+PORT = ports.VERDICT
+# No two tests have the same topics: DDS may list endpoints of the test before for a while.
+_NUMBERS = itertools.count(1)
+
+
+@pytest.fixture
+def here(process) -> PortNode:
+    """A node of a lane of its own."""
+    return process.node(partial(PortNode, namespace=f'lane_{next(_NUMBERS)}'))
+
+
+@pytest.fixture
+def elsewhere(here) -> Iterator[Node]:
+    """A node of that lane with a participant of its own, as one in another process."""
+    context = Context()
+    context.init(domain_id=here.context.get_domain_id())
+    node = Node('elsewhere', context=context, namespace=here.get_namespace())
+    yield node
+    node.destroy_node()
+    context.shutdown()
+
+
+def subscribe(node: Node, kind: type = PORT.type, qos: QoSProfile = PORT.stage_qos) -> None:
+    node.create_subscription(kind, PORT.name, lambda message: None, qos)
+
+
+def listed_output(process, node: PortNode) -> Output:
+    """Return an output, when the graph lists the one subscriber of it."""
+    output = node.output(PORT)
+    process.wait_for(lambda: node.count_subscribers(PORT.name) == 1)
+    return output
+
+
+def unmatched(output: Output) -> None:
+    """Have a publisher say that it has matched no one, as before DDS has told it."""
+    output.publisher = SimpleNamespace(get_subscription_count=lambda: 0)
+
+
+def test_a_subscriber_elsewhere_that_asks_for_what_stages_ask_for_fits(process, here, elsewhere):
+    subscribe(elsewhere)
+    output = listed_output(process, here)
+
+    (listed,) = here.get_subscriptions_info_by_topic(PORT.name)
+
+    assert ports.fits(output.qos, listed.qos_profile)
+    process.wait_for(lambda: output.publisher.get_subscription_count() == 1)
+
+
+def test_a_publisher_elsewhere_fits_as_well(process, here, elsewhere):
+    elsewhere.create_publisher(PORT.type, PORT.name, PORT.qos)
+    process.wait_for(lambda: here.count_publishers(PORT.name) == 1)
+
+    (listed,) = here.get_publishers_info_by_topic(PORT.name)
+
+    assert ports.fits(listed.qos_profile, PORT.stage_qos)
+
+
+def test_not_all_are_matched_while_one_that_fits_is_not_counted(process, here, elsewhere):
+    subscribe(elsewhere)
+    output = listed_output(process, here)
+    process.wait_for(lambda: has_matched_all(here, output))
+
+    unmatched(output)
+
+    assert not has_matched_all(here, output)
+
+
+def test_one_that_is_about_to_be_matched_is_no_clash(process, here, elsewhere):
+    subscribe(elsewhere)
+    output = listed_output(process, here)
+
+    unmatched(output)
+
+    assert 'QoS' not in Connections(here, 0.0).finding(0.0).text
+
+
+def test_one_that_asks_for_more_is_not_waited_for_and_is_named(process, here, elsewhere):
+    subscribe(elsewhere, qos=QoSProfile(depth=1, deadline=Duration(seconds=1)))
+    output = listed_output(process, here)
+
+    assert has_matched_all(here, output)
+    assert output.publisher.get_subscription_count() == 0
+    assert 'deadline' in Connections(here, 0.0).finding(0.0).text
+
+
+def test_one_of_another_type_is_not_waited_for(process, here, elsewhere):
+    subscribe(elsewhere, ports.PHOTO_EYES.type)
+    output = listed_output(process, here)
+
+    assert has_matched_all(here, output)
+    assert output.publisher.get_subscription_count() == 0
+
+
+def test_a_best_effort_publisher_elsewhere_does_not_fit(process, here, elsewhere):
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    elsewhere.create_publisher(PORT.type, PORT.name, best_effort)
+    process.wait_for(lambda: here.count_publishers(PORT.name) == 1)
+
+    (listed,) = here.get_publishers_info_by_topic(PORT.name)
+
+    assert 'reliab' in ports.misfit(listed.qos_profile, PORT.stage_qos)

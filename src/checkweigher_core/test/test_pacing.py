@@ -1,0 +1,241 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Due times and the lead of the driver, against numbers by hand."""
+
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from checkweigher_core.pacing import FlowControl, Pacer
+from checkweigher_core.records import Eye, EyeEdge, Reference, SampleBlock
+
+SECOND = 1_000_000_000  # ns
+RATE = 100.0  # Hz
+
+
+def _block(stamp, size):
+    return SampleBlock(stamp, 0, np.zeros(size, np.int32))
+
+
+def _may_send(flow):
+    """Tell whether a block of 10 samples may follow."""
+    return flow.may_send(_block(0, 10), RATE)
+
+
+# --- Pacer -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(('rate', 'seconds'), [(0.5, 6.0), (1.0, 3.0), (2.0, 1.5)])
+def test_signal_passes_at_the_chosen_rate(rate, seconds):
+    pacer = Pacer(rate, RATE, start=20.0)
+
+    assert pacer.due(EyeEdge(7 * SECOND, Eye.INFEED, True)) == 20.0
+    assert pacer.due(EyeEdge(10 * SECOND, Eye.INFEED, False)) == 20.0 + seconds
+    assert pacer.due(Reference(10 * SECOND, 0.1)) == 20.0 + seconds
+
+
+def test_a_block_is_due_when_its_last_sample_has_been_taken():
+    pacer = Pacer(2.0, RATE, start=20.0)
+
+    # 50 samples are 0.5 s of signal.
+    assert pacer.due(_block(7 * SECOND, 50)) == 20.25
+    assert pacer.due(_block(7 * SECOND + SECOND // 2, 50)) == 20.5
+    # An edge that fell while the second block was being sampled comes before it.
+    assert pacer.due(EyeEdge(7 * SECOND + 3 * SECOND // 4, Eye.INFEED, True)) == 20.375
+
+
+def test_at_rate_0_everything_is_due_at_once():
+    pacer = Pacer(0.0, RATE, start=20.0)
+
+    assert pacer.due(_block(7 * SECOND, 50)) == 20.0
+    assert pacer.due(EyeEdge(3600 * SECOND, Eye.INFEED, True)) == 20.0
+
+
+# --- FlowControl -------------------------------------------------------------------------------
+
+
+def _flow(samples=0, **limits):
+    """Return what follows when so many samples have been sent."""
+    flow = FlowControl(**limits)
+    _send(flow, samples)
+    return flow
+
+
+def _send(flow, samples):
+    flow.sent(_block(0, samples))
+
+
+def _edge(seconds):
+    return EyeEdge(round(seconds * SECOND), Eye.INFEED, True)
+
+
+def test_the_lead_is_limited_in_time():
+    # 1 s is 100 samples, 500 blocks of 10 are more.
+    flow = _flow(100)
+    assert _may_send(flow)
+
+    _send(flow, 10)
+    assert not _may_send(flow)
+
+    flow.taken(10, 0, 0)
+    assert _may_send(flow)
+
+
+def test_the_lead_is_limited_in_blocks():
+    # 3 blocks of 10 are less than 100 samples.
+    flow = _flow(30, max_blocks=3)
+    assert _may_send(flow)
+
+    _send(flow, 10)
+    assert not _may_send(flow)
+    # Larger blocks take no more room in the queue: 3 of 20 are 60 samples.
+    assert flow.may_send(_block(0, 20), RATE)
+
+
+def test_the_lead_is_limited_in_items_without_a_verdict():
+    flow = _flow(50, max_items=2)
+    flow.taken(50, 0, 2)
+    assert _may_send(flow)
+
+    flow.taken(50, 0, 3)
+    assert not _may_send(flow)
+
+    flow.judged()
+    assert _may_send(flow)
+
+
+def test_samples_wait_for_an_edge_that_they_would_leave_behind():
+    flow = _flow()
+    flow.sent(_edge(7.0))
+    flow.sent(_edge(7.5))
+    block = _block(8 * SECOND, 10)  # ends at 8.1 s, 1.1 s after the first edge
+    assert flow.awaits_edges(block, RATE)
+    assert not flow.may_send(block, RATE)
+    assert flow.may_send(_block(7 * SECOND, 90), RATE)
+    assert flow.may_send(_edge(9.0), RATE)
+
+    flow.taken(0, 1, 0)
+    assert flow.may_send(block, RATE)
+    later = _block(8 * SECOND, 55)
+    assert not flow.may_send(later, RATE)
+    # Others may send edges, too.
+    flow.taken(0, 5, 0)
+    assert flow.may_send(later, RATE)
+
+
+def test_edges_wait_for_room_in_the_queue():
+    flow = _flow(max_edges=3)
+    for _ in range(3):
+        assert flow.may_send(_edge(7.0), RATE)
+        flow.sent(_edge(7.0))
+    assert flow.awaits_edges(_edge(7.0), RATE)
+    assert not flow.may_send(_edge(7.0), RATE)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
+
+    flow.taken(0, 1, 0)
+    assert flow.may_send(_edge(7.0), RATE)
+
+
+def test_edges_are_given_up_only_when_they_alone_are_missing():
+    flow = _flow(50)
+    flow.sent(_edge(1.0))
+    flow.sent(_edge(1.5))
+    assert flow.give_up_edges() == 0
+
+    flow.taken(50, 0, 0)
+    block = _block(7 * SECOND, 10)
+    assert not flow.may_send(block, RATE)
+    assert flow.give_up_edges() == 2
+    assert flow.may_send(block, RATE)
+
+    # Those that follow are counted as before.
+    flow.sent(_edge(4.0))
+    assert not flow.may_send(block, RATE)
+    flow.taken(50, 1, 0)
+    assert flow.may_send(block, RATE)
+
+
+def test_a_new_segmenter_begins_with_what_comes_then():
+    flow = _flow(500, max_items=2)
+    flow.sent(_edge(3.0))
+    flow.sent(_edge(3.5))
+    flow.taken(450, 1, 7)
+    flow.judged()
+    assert not _may_send(flow)
+
+    # The 500 samples and 2 edges went to the old one, and its items 5 to 7 will not be judged.
+    flow.taken(0, 0, 0)
+    assert flow.items_judged == 0
+    assert _may_send(flow)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
+
+    _send(flow, 100)
+    assert _may_send(flow)
+    _send(flow, 10)
+    assert not _may_send(flow)
+    flow.taken(10, 0, 1)
+    assert _may_send(flow)
+
+    flow.sent(_edge(5.0))
+    assert not flow.may_send(_block(7 * SECOND, 10), RATE)
+    flow.taken(10, 1, 1)
+    assert flow.may_send(_block(7 * SECOND, 10), RATE)
+
+
+def test_a_new_segmenter_may_be_heard_late():
+    # Its first message to arrive says 40 samples: of 500 it can have missed all others.
+    flow = _flow(500)
+    flow.taken(450, 0, 7)
+    flow.taken(40, 0, 2)
+
+    assert flow.items_judged == 2
+    _send(flow, 100)
+    assert _may_send(flow)
+    _send(flow, 10)
+    assert not _may_send(flow)
+
+
+def test_the_segmenter_may_be_replaced_again():
+    flow = _flow(500)
+    flow.taken(450, 0, 7)
+    flow.taken(0, 0, 0)
+    _send(flow, 100)
+    flow.taken(100, 0, 1)
+
+    flow.taken(0, 0, 0)
+    _send(flow, 100)
+    assert _may_send(flow)
+    _send(flow, 10)
+    assert not _may_send(flow)
+
+
+def test_one_thread_may_send_while_another_takes():
+    # Each turn the sender asks for as often as it can, so that an answer falls in between.
+    flow = FlowControl()
+    count, failures = 3000, []
+
+    def send():
+        try:
+            for number in range(count):
+                while not flow.may_send(_block(number * SECOND, 100), RATE):
+                    pass
+                flow.sent(_edge(number))
+                flow.sent(_block(number * SECOND, 100))
+        except Exception as error:
+            failures.append(error)
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        sender = threading.Thread(target=send)
+        sender.start()
+        while sender.is_alive():
+            samples = flow.samples_sent
+            flow.taken(samples, samples // 100, 0)
+        sender.join()
+    finally:
+        sys.setswitchinterval(interval)
+    assert failures == []
+    assert flow.samples_sent == 100 * count

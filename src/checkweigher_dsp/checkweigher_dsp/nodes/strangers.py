@@ -1,0 +1,62 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that publish a topic of the line beside the node of the line that makes it."""
+
+from collections.abc import Iterable
+
+from rclpy.node import Node
+
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.records.reasons import Reason
+from checkweigher_core.ros import ports
+from checkweigher_core.ros.graph.place import full_name
+
+_WATCHED = tuple(port for port in ports.ALL if port.maker in ports.NODES)
+_UNNAMED = '_NODE_NAME_UNKNOWN_'  # of an endpoint that DDS has found before its node
+
+
+def strangers(publishers: Iterable[str], maker: str) -> list[str]:
+    """Return the names among the publishers of a topic that are not its maker's.
+
+    A single name is the maker, whatever it is. Endpoints are not counted: DDS lists a maker that
+    was killed beside the one in its place until its lease ends.
+    """
+    names = set(publishers)
+    return sorted(names - {maker}) if len(names) > 1 else []
+
+
+class StrangerWatch:
+    """Watch of who publishes the topics of the line of a node.
+
+    Attributes
+    ----------
+    found : str
+        Strangers at the last look, each with its topics; empty if there is none.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        space = node.get_namespace().rstrip('/')
+        self._makers = {
+            node.resolve_topic_name(port.name): f'{space}/{port.maker}' for port in _WATCHED
+        }
+        self.found = ''
+
+    def look(self) -> None:
+        """Read from the graph who publishes now."""
+        topics: dict[str, list[str]] = {}
+        for topic, maker in self._makers.items():
+            if self._node.count_publishers(topic) < 2:  # faster than their names
+                continue
+            listed = self._node.get_publishers_info_by_topic(topic)
+            names = [full_name(each) for each in listed if each.node_name != _UNNAMED]
+            for name in strangers(names, maker):
+                topics.setdefault(name, []).append(topic)
+        self.found = '; '.join(f'{name} publishes {", ".join(t)}' for name, t in topics.items())
+
+    def finding(self) -> Finding:
+        """Return the aspect Publishers."""
+        concerns = [Concern(Level.ERROR, self.found, Reason.FOREIGN_PUBLISHER.hint)]
+        return conclude(
+            'Publishers', 'each topic of the line has one maker', concerns if self.found else ()
+        )

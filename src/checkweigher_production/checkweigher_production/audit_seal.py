@@ -1,0 +1,195 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Seals of an audit log: signed digests, by a key that the machine's users do not have.
+
+The chain of an audit log shows a change only to a reader who noted a hash. A seal is that note,
+signed with Ed25519 (RFC 8032): number and hash of the last entry, and the time of sealing. Each
+seal holds the hash of the one before it. Seals stand in a file of their own, one a line, in JSON.
+That file should lie, as the key does, where those who may write the log may not write.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+import hashlib
+import json
+from pathlib import Path
+
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
+
+from checkweigher_core.input_files import read_input
+from checkweigher_core.state_files import replace_file
+from checkweigher_production.audit_log import FIRST_PREVIOUS, AuditError, Entry, Verification
+
+_MAKE_KEY = 'openssl genpkey -algorithm ed25519 -out KEY'
+_MAKE_PUBLIC = 'openssl pkey -in KEY -pubout -out PUBLIC'
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """One seal."""
+
+    number: int  # from 1, without gaps
+    time: str  # of sealing, ISO 8601, UTC
+    entries: int  # number of the last entry that it covers
+    hash: str  # of that entry, hexadecimal
+    previous: str  # SHA-256 of the line of the seal before, hexadecimal
+    signature: str = ''  # Ed25519 over all the other fields, hexadecimal
+
+    def line(self) -> bytes:
+        """Return the line of the seal in the file."""
+        return json.dumps(asdict(self), separators=(',', ':')).encode('ascii') + b'\n'
+
+    def signed(self) -> bytes:
+        """Return the bytes that are signed."""
+        return replace(self, signature='').line()
+
+
+def seals_path(log: Path) -> Path:
+    """Return the file that the seals of a log are in, unless another one is named."""
+    return log.with_name(log.name + '.seals')
+
+
+def private_key(path: Path) -> Ed25519PrivateKey:
+    """Read the key that signs, in PEM.
+
+    Raises
+    ------
+    AuditError
+        If it cannot be read, is none, or others than its owner may read it.
+    """
+    data = _read(path)
+    if path.stat().st_mode & 0o077:
+        raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
+    try:
+        key = load_pem_private_key(data, password=None)
+    except (ValueError, TypeError, UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise AuditError(
+            f'{path}: is not an Ed25519 private key without password; make one: {_MAKE_KEY}'
+        )
+    return key
+
+
+def public_key(path: Path) -> Ed25519PublicKey:
+    """Read the key that verifies, in PEM; `AuditError` if it cannot be read or is none."""
+    data = _read(path)
+    try:
+        key = load_pem_public_key(data)
+    except (ValueError, UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PublicKey):
+        raise AuditError(
+            f'{path}: is not an Ed25519 public key; make it of the private one: {_MAKE_PUBLIC}'
+        )
+    return key
+
+
+def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
+    """Read the seals of a file, all of them made with the key.
+
+    Raises
+    ------
+    AuditError
+        If the file cannot be read or is empty, or a seal is not signed with the key or does not
+        follow the one before it.
+    """
+    seals: list[Seal] = []
+    previous = FIRST_PREVIOUS
+    for number, line in enumerate(_read(path).splitlines(keepends=True), 1):
+        try:
+            seal = Seal(**json.loads(line))
+            key.verify(bytes.fromhex(seal.signature), seal.signed())
+        except (ValueError, TypeError, RecursionError, InvalidSignature):
+            raise AuditError(f'{path}: line {number}: is no seal made with this key') from None
+        if (seal.number, seal.previous) != (number, previous) or seal.line() != line:
+            raise AuditError(f'{path}: line {number}: does not follow the seal before it')
+        previous = hashlib.sha256(line).hexdigest()
+        seals.append(seal)
+    if not seals:  # sealing writes a seal with the file: an empty one lost those that it had
+        raise AuditError(
+            f'{path}: there is no seal in it; put it back as it was, or name another file by '
+            '--seals'
+        )
+    return tuple(seals)
+
+
+def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
+    """Return what shows that a log is not the one that was sealed; empty if nothing does."""
+    for seal in seals:
+        begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
+        if seal.entries > len(entries):
+            return f'{begin}, but the log ends with entry {len(entries)}: its end was removed'
+        if _hash_at(entries, seal.entries) != seal.hash:
+            return f'{begin}, which is another one now: the log was written again or replaced'
+    return ''
+
+
+def hold_to_seals(
+    found: Verification, path: Path, key: Ed25519PublicKey
+) -> tuple[tuple[Seal, ...], Verification]:
+    """Return the seals of a log, and the log as broken where they say so.
+
+    Raises
+    ------
+    AuditError
+        If the file of the seals is not there.
+    """
+    if not path.exists():
+        raise AuditError(f'{path}: there are no seals; name their file by --seals')
+    try:
+        seals = read_seals(path, key)
+    except AuditError as error:
+        return (), replace(found, problem='seal', reason=str(error))
+    broken = broken_seal(seals, found.entries)
+    return seals, replace(found, problem='seal' if broken else '', reason=broken)
+
+
+def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
+    """Return how far a log that is held to its seals is sealed, in words."""
+    last = seals[-1]
+    return (
+        f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
+        f'entry {last.entries}; entries since then: {len(entries) - last.entries}'
+    )
+
+
+def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
+    """Seal the entries of a log that was verified; the seal is on the disk when this returns.
+
+    Raises
+    ------
+    AuditError
+        If the seals cannot be read or written, were made with another key, or are of another log.
+    """
+    seals = read_seals(path, key.public_key()) if path.exists() else ()
+    if broken := broken_seal(seals, entries):
+        raise AuditError(f'{log}: {broken}; nothing was sealed')
+    seal = Seal(
+        number=len(seals) + 1,
+        time=datetime.now(UTC).isoformat(timespec='seconds'),
+        entries=len(entries),
+        hash=_hash_at(entries, len(entries)),
+        previous=hashlib.sha256(seals[-1].line()).hexdigest() if seals else FIRST_PREVIOUS,
+    )
+    seal = replace(seal, signature=key.sign(seal.signed()).hex())
+    try:
+        # A seal that was cut off would look like a forged one.
+        replace_file(path, (each.line() for each in (*seals, seal)))
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be written: {error.strerror or error}') from None
+    return seal
+
+
+def _hash_at(entries: Sequence[Entry], number: int) -> str:
+    return entries[number - 1].hash if number > 0 else FIRST_PREVIOUS
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_input(path)
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be read: {error.strerror or error}') from None

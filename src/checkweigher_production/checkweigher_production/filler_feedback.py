@@ -1,0 +1,109 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Feedback to the filler: an integral controller of its set point, with a dead band.
+
+The median of a subgroup of items is compared with the target. Beyond the dead band the set point
+moves by a share of the difference. Items that were filled before the filler had the step are still
+on their way to the scale, so the next `delay` items are not used: a controller that used them would
+correct the same difference again.
+"""
+
+from dataclasses import dataclass
+import math
+from statistics import median
+from typing import ClassVar
+
+from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.records import Decision, FillerFeedback, Verdict
+from checkweigher_core.records.reasons import Reason
+
+
+@dataclass(frozen=True)
+class FillerParameters(Parameters):
+    """The controller of the filler, a part of a recipe; masses are of the contents."""
+
+    node: ClassVar[str] = 'filler'
+
+    target: float = parameter(
+        0.0, 'mean that the contents should have; 0 for nominal', unit='kg', minimum=0
+    )
+    subgroup: int = parameter(10, 'items whose median is taken', minimum=1, maximum=1_000)
+    delay: int = parameter(
+        0, 'items between filler and scale, not used after a step', minimum=0, maximum=10_000
+    )
+    gain: float = parameter(0.5, 'share of the difference that a step takes', minimum=0, maximum=1)
+    dead_band: float = parameter(
+        0.0, 'largest difference that is left as it is', unit='kg', minimum=0
+    )
+    max_step: float = parameter(math.inf, 'largest step', unit='kg', minimum=0)
+    max_correction: float = parameter(
+        0.0, 'largest sum of all steps, to either side; must be given', unit='kg', minimum=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.max_correction < math.inf:
+            raise ParameterError(
+                f'filler.max_correction: {self.max_correction}, must be above 0 kg and finite'
+            )
+
+
+class FillerController:
+    """The correction of one filler for one product; it takes every verdict, in order.
+
+    Parameters
+    ----------
+    parameters : FillerParameters
+        Gain, dead band and limits.
+    product : str
+        Name of the product.
+    nominal, tare : float
+        kg, of the product.
+    correction : float, optional
+        kg, sum of the steps that the filler has already made.
+    """
+
+    def __init__(
+        self, parameters: FillerParameters, product: str, nominal: float, tare: float,
+        correction: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._parameters = parameters
+        self.product = product
+        self.target = parameters.target or nominal
+        self._tare = tare
+        self._limit = parameters.max_correction
+        self.correction = min(max(correction, -self._limit), self._limit)
+        self._masses: list[float] = []
+        self._on_the_way = 0
+
+    def add(self, verdict: Verdict) -> FillerFeedback | None:
+        """Take an item; return what the filler should change if it completes a subgroup."""
+        if Reason.PERFORMANCE_TEST in verdict.reasons:
+            return None  # a test product did not come from the filler
+        if self._on_the_way:
+            self._on_the_way -= 1
+            return None
+        # A fault may keep its mass, that of a product with metal in it for instance.
+        if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
+            self._masses.append(verdict.mass - self._tare)
+        if len(self._masses) < self._parameters.subgroup:
+            return None
+        found, items = median(self._masses), len(self._masses)
+        self._masses.clear()
+        step, limited = self._step(self.target - found)
+        self.correction += step
+        self._on_the_way = self._parameters.delay if step else 0
+        return FillerFeedback(
+            verdict.t3, self.product, verdict.item_id, items, self.target, found, step,
+            self.correction, limited,
+        )  # fmt: skip
+
+    def _step(self, difference: float) -> tuple[float, bool]:
+        """Return the step in kg, and whether a limit has made it smaller."""
+        known = self._parameters
+        if abs(difference) <= known.dead_band:
+            return 0.0, False
+        wanted = known.gain * difference
+        step = min(max(wanted, -known.max_step), known.max_step)
+        step = min(max(self.correction + step, -self._limit), self._limit) - self.correction
+        return step, step != wanted

@@ -1,0 +1,178 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The product on the line: its limits for the reject node, its parameters in the other nodes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from rclpy.task import Future
+
+from checkweigher_core.changes import plain
+from checkweigher_core.records import ProductOnLine
+from checkweigher_core.ros.line_parameters import (
+    HalfSetError,
+    LineParametersClient,
+    RefusedError,
+    Values,
+)
+from checkweigher_dsp.rejection.batch_rules import BatchTally
+from checkweigher_production.recipes import NODES, Product
+
+
+class LineRecipe:
+    """Limits and parameters of the selected product, in all nodes of the line or in none.
+
+    While nodes have yet to take their parameters, no product is on the line: the reject node
+    accepts nothing. Each step waits until the reject node has taken the one before.
+
+    The coroutines raise RefusedError if a node does not take its part or does not answer.
+    `announce` takes parameters that are about to be set, by node; it raises if they must not be.
+    `publish` takes what is on the line from now on, `clock` returns the time in ns, and `tally` the
+    counts of a product in a batch.
+
+    Attributes
+    ----------
+    on_line : ProductOnLine
+        As it was published last, without a product while none is on the line.
+    in_use : ProductOnLine or None
+        By what the reject node judges, None until it has said that.
+    """
+
+    def __init__(
+        self, line: LineParametersClient, announce: Callable[[dict[str, Values]], object],
+        publish: Callable[[ProductOnLine], object], clock: Callable[[], int],
+        tally: Callable[[str, str], BatchTally],
+    ) -> None:  # fmt: skip
+        self._line = line
+        self._announce = announce
+        self._publish = publish
+        self._clock = clock
+        self._tally = tally
+        self.on_line = ProductOnLine(0)
+        self.in_use: ProductOnLine | None = None
+        self._taken = Future()  # of what was published last, by the reject node
+        self._selected: ProductOnLine | None = None
+        # Values before the first recipe that set them: products that leave them out get them back.
+        self._base: dict[str, Values] = {}
+        self._set: dict[str, Values] = {}  # by the selected product
+        self._restarted: set[str] = set()
+
+    @property
+    def ready(self) -> bool:
+        """Whether all nodes of a recipe are there."""
+        return self.in_use is not None and all(self._line.ready(node) for node in NODES)
+
+    @property
+    def lost(self) -> set[str]:
+        """Nodes that were started again without the parameters of the product."""
+        return self._restarted & self._set.keys()
+
+    def add_started(self, nodes: set[str]) -> None:
+        """Add nodes that have been started."""
+        self._restarted |= nodes
+
+    def taken(self, product: ProductOnLine) -> None:
+        """Process what the reject node judges by from now on."""
+        # It may have the product since before a restart of this node, and limits that were set.
+        if product.product and (self.in_use is None or product.stamp == self.on_line.stamp):
+            self.on_line = self._selected = product
+        self.in_use = product
+        if product.stamp == self.on_line.stamp and not self._taken.done():
+            self._taken.set_result(product)
+
+    def update(self) -> None:
+        """Publish the counts by now, from which a reject node goes on that is started later."""
+        if self.on_line.product:
+            self._publish(self._counted(self.on_line))
+
+    async def set(self, product: Product, batch: str) -> None:
+        """Put a product on the line; if a node refuses, all keep what they had."""
+        restarted = set(self._restarted)
+        await self._check_speed(product)
+        self._base = await self._base_of(product.parameters)
+        own = product.parameters
+        whole = {node: {**base, **own.get(node, {})} for node, base in self._base.items()}
+        changes = {
+            node: new for node, new in whole.items()
+            if plain(new) != plain(await self._line.get(node, list(new)))
+        }  # fmt: skip
+        self._announce(changes)  # all at once: a log that is full in between leaves no half recipe
+        selected = product.on_line(batch)
+        try:
+            await self._change(changes, selected, self._selected)
+        except RefusedError:
+            if not self.on_line.product:
+                self._selected, self._set = None, {}
+            raise
+        self._set = whole
+        self._restarted -= restarted
+
+    async def _check_speed(self, product: Product) -> None:
+        """Refuse a product that is slower than all that is weighed."""
+        slowest: Any = await self._line.get('segmenter', ['min_belt_speed'])
+        if product.speed[1] < slowest['min_belt_speed']:
+            raise RefusedError(
+                f'{product.name}.speed: {product.speed[1]:g} m/s is below min_belt_speed of '
+                f'segmenter, {slowest["min_belt_speed"]:g}: slower than what is weighed at all'
+            )
+
+    async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
+        """Return the line's own values of all parameters that a product has set or will set."""
+        base = {node: dict(values) for node, values in self._base.items()}
+        for node, values in changes.items():
+            if not self._line.ready(node):
+                raise RefusedError(f'{node}: is not there')
+            own = base.setdefault(node, {})
+            own.update(await self._line.get(node, [name for name in values if name not in own]))
+        return {node: base[node] for node in NODES if node in base}
+
+    async def change(self, **values: Any) -> None:
+        """Change batch or test of the selected product, if there is one."""
+        if self._selected is None:
+            return
+        changed = replace(self._selected, **values)
+        if self.on_line.product:
+            await self._change({}, changed, self._selected)
+        else:  # it will be, once all nodes have their parameters
+            self._selected = changed
+
+    async def restore(self) -> str:
+        """Set the parameters of the product in the nodes that lost them; return the product."""
+        lost = self.lost
+        assert self._selected is not None
+        await self._change({n: self._set[n] for n in NODES if n in lost}, self._selected, None)
+        self._restarted -= lost
+        return self._selected.product
+
+    async def _change(
+        self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None
+    ) -> None:
+        """Set parameters while no product is on the line, then put one there.
+
+        If a node refuses, `otherwise` is on the line, or nothing if the parameters do not fit that.
+        """
+        try:
+            if values:
+                await self._tell(None)
+                await self._line.set(values)
+                otherwise = None
+            await self._tell(product)
+        except RefusedError as error:
+            self.put(None if isinstance(error, HalfSetError) else otherwise)
+            raise
+
+    async def _tell(self, product: ProductOnLine | None) -> None:
+        """Publish what is on the line, and wait until the reject node has taken it."""
+        self._taken = Future()
+        self.put(product)
+        await self._line.answer('reject', self._taken)
+
+    def put(self, product: ProductOnLine | None) -> None:
+        """Publish what is on the line from now on, None for no product."""
+        none = ProductOnLine(0, needed=True)
+        self.on_line = self._counted(replace(product or none, stamp=self._clock()))
+        self._publish(self.on_line)
+
+    def _counted(self, product: ProductOnLine) -> ProductOnLine:
+        return replace(product, **self._tally(product.product, product.batch).counts)

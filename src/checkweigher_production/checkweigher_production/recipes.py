@@ -1,0 +1,237 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Recipes: masses, limits and parameters of each product, in one YAML file.
+
+    products:
+      crisps_150g:
+        nominal: 0.150            # kg, contents
+        tare: 0.004               # kg, of the packaging
+        lower_limit: TU1          # kg of contents, or TU1 or TU2 of directive 76/211/EEC
+        upper_limit: 0.165        # kg of contents
+        length: [0.09, 0.12]      # m, shortest and longest
+        speed: [0.5, 1.5]         # m/s, slowest and fastest
+        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
+        mean_value: true          # the mean of the batch is never below nominal
+        filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
+        test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
+        reason: true              # a person at the page has to say why something is changed
+        parameters:               # of the nodes, as in a parameter file
+          identifier:
+            estimator: gauss_markov
+
+All masses of a product are those of its contents. The scale weighs contents and packaging, so the
+limits that the reject node gets are tare + limit.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Any
+
+from checkweigher_core.parameters import (
+    ParameterError,
+    Parameters,
+    SettingsError,
+    check,
+    flatten,
+    parameter,
+)
+from checkweigher_core.records import ProductOnLine
+from checkweigher_core.settings_files import Settings, read_settings, settings_of
+from checkweigher_dsp.denoising.denoiser import DenoiseParameters
+from checkweigher_dsp.estimation.identifier import IdentifierParameters
+from checkweigher_dsp.rejection.parameters import LIMITS, RejectParameters
+from checkweigher_production.filler_feedback import FillerParameters
+from checkweigher_production.performance import PerformancePlan
+from checkweigher_production.prepackages import LARGEST, MAX_SHARE_BELOW_TU1, SMALLEST, limits
+
+# Nodes whose parameters may change while the line runs.
+NODES: dict[str, type[Parameters]] = {
+    'denoise': DenoiseParameters,
+    'identifier': IdentifierParameters,
+    'reject': RejectParameters,
+}
+_OWN = (*LIMITS, 'needs_product')  # of reject, not for `parameters`
+_LARGEST_MASS = 1e4  # kg
+_LARGEST_ERROR = 0.1  # share of the mass of a test product
+
+Changes = dict[str, dict[str, object]]
+
+
+@dataclass(frozen=True)
+class Product(Settings):
+    """Recipe of one product; masses are of the contents, in kg."""
+
+    name: str = parameter(text='by which the operator selects it')
+    nominal: float = parameter(
+        text='NominalWeight of OPC 40200', unit='kg', minimum=0, maximum=_LARGEST_MASS
+    )
+    tare: float = parameter(0.0, 'of the packaging', unit='kg', minimum=0, maximum=_LARGEST_MASS)
+    lower_limit: float = parameter(
+        -math.inf, 'LowerToleranceLimit, or a limit of 76/211/EEC', unit='kg', minimum=0,
+        choices=('TU1', 'TU2'),
+    )  # fmt: skip
+    upper_limit: float = parameter(
+        math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
+    )
+    tu1: float = math.nan  # of 76/211/EEC; NaN where it has none for this nominal weight
+    tu2: float = math.nan
+    length: tuple[float, float] = parameter(
+        (0.0, math.inf), 'smallest and largest', unit='m', minimum=0, maximum=1e3
+    )
+    speed: tuple[float, float] = parameter(
+        (0.0, math.inf), 'smallest and largest', unit='m/s', minimum=0, maximum=1e3
+    )
+    reason: bool = parameter(False, 'whether a person at the page must give a reason')
+    parameters: Mapping[str, Any] = parameter(None, 'further ones, by node and name')
+    tu1_quota: float = parameter(
+        math.nan, 'share of a batch that may be below TU1; NaN for no such rule', minimum=0,
+        maximum=MAX_SHARE_BELOW_TU1,
+    )  # fmt: skip
+    mean_value: bool = parameter(False, 'whether the mean of a batch must never be below nominal')
+    filler: FillerParameters | None = parameter(None, 'feedback to the filler')
+    test: PerformancePlan | None = parameter(None, 'performance test')
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'parameters', _parameters(self.parameters or {}))
+        if self.nominal == 0:
+            raise SettingsError('must be above 0', 'nominal')
+        if math.isnan(self.tu1) and SMALLEST <= self.nominal <= LARGEST:
+            its = limits(self.nominal)
+            object.__setattr__(self, 'tu1', its.tu1)
+            object.__setattr__(self, 'tu2', its.tu2)
+        object.__setattr__(self, 'lower_limit', self._lower_limit())
+        if self.lower_limit > self.nominal:
+            raise SettingsError(
+                f'{self.lower_limit} is above nominal, {self.nominal:g} kg', 'lower_limit'
+            )
+        if self.upper_limit < self.nominal:
+            raise SettingsError(
+                f'{self.upper_limit} is below nominal, {self.nominal:g} kg', 'upper_limit'
+            )
+        for name in ('length', 'speed'):
+            smallest, largest = getattr(self, name)
+            if not smallest < largest:
+                text = f'from {smallest:g} to {largest:g} nothing would be weighed'
+                raise SettingsError(f'{text}; give the smallest, then the largest', name)
+        if self.filler is not None:
+            _check_filler(self.filler, self.nominal)
+        if self.test is not None:
+            _check_test(self.test, self.nominal + self.tare)
+
+    def _lower_limit(self) -> float:
+        """Return the limit, which may have been given as TU1 or TU2."""
+        given: float | str = self.lower_limit
+        if math.isfinite(self.tu1_quota):
+            if math.isnan(self.tu1):
+                raise SettingsError('76/211/EEC has no TU1 for this nominal weight', 'tu1_quota')
+            # A record has the mass for it.
+            mass = self.tu2 if given == 'TU2' else given
+            if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
+                why = 'items from TU2 to TU1 are what it is about, so lower_limit must be TU2'
+                raise SettingsError(f'{why}, not {given}', 'tu1_quota')
+            return self.tu2
+        if not isinstance(given, str):
+            return given
+        if math.isnan(self.tu1):
+            why = f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg'
+            raise SettingsError(f'{why}, only for {SMALLEST:g}..{LARGEST:g} kg', 'lower_limit')
+        return self.tu1 if given == 'TU1' else self.tu2
+
+    def limits(self) -> dict[str, object]:
+        """Return the limits of the product with its packaging, by the names that reject has."""
+        quota = math.isfinite(self.tu1_quota)
+        return {
+            'lower_limit': self.tare + self.lower_limit,
+            'upper_limit': self.tare + self.upper_limit,
+            'min_length': self.length[0],
+            'max_length': self.length[1],
+            'min_speed': self.speed[0],
+            'max_speed': self.speed[1],
+            'nominal': self.tare + self.nominal,
+            'tu1': self.tare + self.tu1 if quota else 0.0,
+            'tu1_quota': self.tu1_quota if quota else MAX_SHARE_BELOW_TU1,
+            'mean_value': self.mean_value,
+        }
+
+    def stage_values(self) -> dict[str, object]:
+        """Return the parameters that the recipe sets, by `node.name`, its limits among them."""
+        return flatten(self.parameters) | flatten({'reject': self.limits()})
+
+    def on_line(self, batch: str) -> ProductOnLine:
+        """Return what the reject node needs of the product, in a batch."""
+        limits: dict[str, Any] = self.limits()
+        return ProductOnLine(0, self.name, batch, needed=True, **limits)
+
+
+@dataclass(frozen=True)
+class RecipeFile(Settings):
+    """The products of a file by their names."""
+
+    products: Mapping[str, Product] = parameter(text='recipes by the names of the products')
+
+
+def read_recipes(path: Path) -> dict[str, Product]:
+    """Read all products of a recipe file; `SettingsError` if a part of it cannot be used."""
+    return dict(read_settings(path, RecipeFile).products)
+
+
+def product_of(values: Mapping[str, Any]) -> Product:
+    """Return the product of a record; `SettingsError` if it is none."""
+    return settings_of(Product, values, values['name'], newer=True)
+
+
+def make_product(name: str, values: Mapping[str, Any]) -> Product:
+    """Return the product of a recipe; `SettingsError` names the first bad key."""
+    return settings_of(Product, values, name)
+
+
+# A mass in grams, where kg belong, is a thousand times too large: these bounds find it, and are far
+# beyond what a product could need.
+def _check_filler(filler: FillerParameters, nominal: float) -> None:
+    if filler.target and not _is_near(filler.target, nominal):
+        text = f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg'
+        raise SettingsError(text, 'filler', 'target')
+    for name in ('dead_band', 'max_step', 'max_correction'):
+        if nominal < (value := getattr(filler, name)) < math.inf:
+            text = f'{value:g} kg is above nominal, {nominal:g} kg'
+            raise SettingsError(text, 'filler', name)
+
+
+def _check_test(test: PerformancePlan, gross: float) -> None:
+    if not _is_near(test.mass, gross):
+        text = f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg'
+        raise SettingsError(text, 'test', 'mass')
+    if test.limit >= test.mass * _LARGEST_ERROR:
+        text = f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg'
+        raise SettingsError(text, 'test', 'limit')
+
+
+def _is_near(mass: float, nominal: float) -> bool:
+    return abs(mass - nominal) <= nominal / 2
+
+
+def _parameters(given: Mapping[str, Any]) -> Changes:
+    """Return the parameters by node; only the nodes can check them together."""
+    made: Changes = {}
+    for node, section in given.items():
+        if node not in NODES:
+            raise SettingsError(
+                f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node
+            )
+        if not isinstance(section, dict):
+            raise SettingsError(f'{section!r} is not "name: value"', 'parameters', node)
+        known, made[node] = NODES[node].entries(), {}
+        for name, each in flatten(section).items():
+            place = 'parameters', node, *name.split('.')
+            if node == 'reject' and name in _OWN:
+                why = 'no recipe sets it here; limits, length and speed stand beside nominal'
+                raise SettingsError(why, *place)
+            if name not in known:
+                raise SettingsError(f'{node} has no such parameter', *place)
+            try:
+                made[node][name] = check(name, known[name], each)
+            except ParameterError as error:
+                raise SettingsError(str(error).partition(': ')[2], *place) from None
+    return made

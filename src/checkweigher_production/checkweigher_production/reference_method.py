@@ -1,0 +1,164 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The reference test of an inspector on a batch, non-destructive, by one of two sampling plans.
+
+Double sampling is that of EU Directive 76/211/EEC, Annex II, section 2: the contents by one sample
+or two (2.2.1), and the mean by Student's t at 0.995 (2.3.3), x >= Qn - k s. Sources: the text of
+the directive as legislation.gov.uk publishes it; it shows the criteria of 2.3.3 as pictures, so k
+is from the same tables in schedule 2 of UK SI 2006/659, and is t(0.995, n - 1) / sqrt(n) of 2.3.1.
+
+Single sampling is that of OIML R 87, which was not at hand: one sample, from which the mean is
+taken too, and none of it may be below TU2. Sources: Australian National Trade Measurement
+Regulations 2009, 4.34, which has the numbers of R 87, and for TU2 the examples in the Guide to the
+Average Quantity System in Australia.
+
+A batch below 100 is tested whole (2.1.3), for which the directive has no numbers: the mean has to
+reach the nominal quantity (UK SI 2006/659, 4.7), and the shares below TU1 and TU2 are held to the
+packers' rules, which is this program's choice. A batch that is checked at the end of the packing
+line is not limited to 10,000 (2.1.2).
+
+Nothing here is type-approved for legal metrology.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+import math
+
+import numpy as np
+
+from checkweigher_dsp.rejection.batch_rules import ROUNDING
+from checkweigher_production.prepackages import MAX_SHARE_BELOW_TU1, limits
+
+WHOLE_BELOW = 100  # prepackages, tested one by one
+
+
+class SamplingPlan(Enum):
+    """Plan by which samples of a batch are drawn."""
+
+    DOUBLE = 'double'  # 76/211/EEC, Annex II
+    SINGLE = 'single'  # OIML R 87
+
+
+# Size of the batch up to which a row holds; then for the first sample, and the second one if there
+# is one, the number of both together, and of the defective ones in them the most to accept and the
+# fewest to reject.
+_CONTENTS = {
+    SamplingPlan.DOUBLE: (
+        (500, ((30, 1, 3), (60, 4, 5))),
+        (3_200, ((50, 2, 5), (100, 6, 7))),
+        (math.inf, ((80, 3, 7), (160, 8, 9))),
+    ),
+    SamplingPlan.SINGLE: (
+        (500, ((50, 3, 4),)),
+        (3_200, ((80, 5, 6),)),
+        (math.inf, ((125, 7, 8),)),
+    ),
+}
+# Size of the batch up to which a row holds, number in the sample, and k.
+_MEANS = {
+    SamplingPlan.DOUBLE: ((500, 30, 0.503), (math.inf, 50, 0.379)),
+    SamplingPlan.SINGLE: ((500, 50, 0.379), (3_200, 80, 0.295), (math.inf, 125, 0.234)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SampleResult:
+    """Defective prepackages in the samples up to this one, and the numbers that decide."""
+
+    count: int  # of the samples up to this one
+    defective: int  # below TU1
+    accept: int
+    reject: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceTest:
+    """Result of the reference test; masses in kg, `drawn` are positions in the batch."""
+
+    plan: SamplingPlan
+    batch_size: int
+    seed: int
+    drawn: tuple[int, ...]
+    samples: tuple[SampleResult, ...]
+    below_tu2: int  # among those drawn
+    tu2_decides: bool  # whether a single one of these fails the contents
+    contents_passed: bool
+    mean_count: int
+    mean: float
+    std_dev: float  # of the sample of the mean; NaN of one prepackage
+    k: float  # 0 where the batch is tested whole
+    mean_limit: float  # nominal - k std_dev
+    mean_passed: bool
+
+    @property
+    def passed(self) -> bool:
+        """Whether the batch is acceptable by both checks."""
+        return self.contents_passed and self.mean_passed
+
+
+def reference_test(
+    masses: Sequence[float],
+    nominal: float,
+    seed: int = 1,
+    plan: SamplingPlan = SamplingPlan.DOUBLE,
+) -> ReferenceTest:
+    """Draw the samples of a batch at random and judge it by them.
+
+    Parameters
+    ----------
+    masses : sequence of float
+        kg, of the contents of every prepackage of the batch.
+    nominal : float
+        kg.
+    seed : int
+        Of the draw: the same seed draws the same prepackages.
+    plan : SamplingPlan
+        Samples that are drawn of a batch of at least 100.
+
+    Raises
+    ------
+    ValueError
+        If the batch is empty, a mass is not finite or the directive has no limits for `nominal`.
+    """
+    batch = np.array(masses, dtype=np.float64)
+    if not len(batch):
+        raise ValueError('a batch of no prepackages cannot be tested')
+    if not np.isfinite(batch).all():
+        raise ValueError('a mass is not finite; leave out the prepackages that were not weighed')
+    its, size, slack = limits(nominal), len(batch), ROUNDING * nominal
+    # The prepackages in the order in which they are drawn.
+    order = np.arange(size)
+    if size >= WHOLE_BELOW:
+        order = np.random.Generator(np.random.PCG64(seed)).permutation(size)
+    defective = batch[order] < its.tu1 - slack
+    samples = _samples(defective, plan)
+    number = samples[-1].count
+    below_tu2 = int(np.sum(batch[order[:number]] < its.tu2 - slack))
+    count, k = next((n, k) for most, n, k in _MEANS[plan] if size <= most)
+    if size < WHOLE_BELOW:
+        count, k = size, 0.0
+    drawn = batch[order[:count]]
+    mean = float(drawn.mean())
+    std_dev = float(drawn.std(ddof=1)) if count > 1 else math.nan
+    limit = nominal - k * std_dev if k else nominal
+    contents = samples[-1].defective <= samples[-1].accept
+    tu2_decides = size < WHOLE_BELOW or plan is SamplingPlan.SINGLE
+    return ReferenceTest(
+        plan, size, seed, tuple(order[:number].tolist()), samples, below_tu2,
+        tu2_decides, contents_passed=contents and not (tu2_decides and below_tu2),
+        mean_count=count, mean=mean, std_dev=std_dev, k=k, mean_limit=limit,
+        mean_passed=mean >= limit - slack,
+    )  # fmt: skip
+
+
+def _samples(defective: np.ndarray, plan: SamplingPlan) -> tuple[SampleResult, ...]:
+    """Return one sample, or both; the last of them decides."""
+    size = len(defective)
+    if size < WHOLE_BELOW:
+        accept = math.floor(MAX_SHARE_BELOW_TU1 * size * (1 + ROUNDING))
+        return (SampleResult(size, int(defective.sum()), accept, accept + 1),)
+    rows = next(rows for most, rows in _CONTENTS[plan] if size <= most)
+    first, *second = (SampleResult(n, int(defective[:n].sum()), a, r) for n, a, r in rows)
+    undecided = first.accept < first.defective < first.reject
+    return (first, *second) if undecided else (first,)

@@ -1,0 +1,393 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The audit log: each tampering is found, and a power loss is told apart from it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+import hashlib
+import json
+import math
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import threading
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from checkweigher_production.audit_log import (
+    FIRST_PREVIOUS,
+    AuditError,
+    AuditLog,
+    Entry,
+    head_path,
+    read_log,
+    verify,
+)
+
+TIME = '2026-01-01T00:00:00.000000Z'
+
+
+def write(path: Path, count: int) -> None:
+    with AuditLog(path) as log:
+        for number in range(count):
+            log.append(TIME, '/product', 'parameter', f'/reject.limit{number}', number, -math.inf)
+
+
+@pytest.fixture(scope='module', name='log')
+def _log(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, bytes]:
+    """Return a log of five entries and its head."""
+    path = tmp_path_factory.mktemp('audit') / 'audit.log'
+    write(path, 5)
+    return path.read_bytes(), head_path(path).read_bytes()
+
+
+def test_what_was_written_is_read_back(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        log.append(TIME, '/product', 'parameter', '/reject.upper_limit', math.inf, 0.16)
+        log.append(TIME, '/product', 'recipe', 'crisps', None, {'length': (0.1, 0.2)})
+    found = read_log(path)
+    assert found.whole
+    assert [(e.sequence, e.kind, e.old, e.new) for e in found.entries] == [
+        (1, 'parameter', 'inf', 0.16),
+        (2, 'recipe', None, {'length': [0.1, 0.2]}),
+    ]
+
+
+def test_the_hash_is_the_sha256_of_the_previous_hash_and_the_entry(log: tuple[bytes, bytes]):
+    first, second = log[0].splitlines()[:2]
+    text, _, rest = second.rpartition(b',"hash":"')
+    assert rest == hashlib.sha256(text + b'}').hexdigest().encode() + b'"}'
+    assert json.loads(second)['previous'] == json.loads(first)['hash']
+
+
+def test_every_entry_has_who_and_why(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        log.append(TIME, '/product', 'selection', 'product', None, 'nuts', 'ann', 'order 7')
+        log.append(TIME, '/product', 'parameter', '/reject.upper_limit', 0.1, 0.2)
+    found = read_log(path)
+    assert [(e.who, e.why) for e in found.entries] == [('ann', 'order 7'), ('graph:/product', '')]
+
+
+def test_a_log_of_a_version_that_knew_no_author_is_whole_and_goes_on(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    older = Entry(1, TIME, '/product', 'parameter', '/reject.limit0', 0, 'inf', FIRST_PREVIOUS)
+    older = replace(older, hash=older.digest())
+    assert b'who' not in older.line()
+    path.write_bytes(older.line())
+    head_path(path).write_text(f'{{"sequence":1,"hash":"{older.hash}"}}\n')
+
+    write(path, 1)
+
+    found = read_log(path)
+    assert found.whole
+    assert [entry.who for entry in found.entries] == [None, 'graph:/product']
+
+
+def test_a_log_is_continued_where_it_ended(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 2)
+    write(path, 1)
+    found = read_log(path)
+    assert found.whole
+    assert [entry.sequence for entry in found.entries] == [1, 2, 3]
+
+
+@settings(max_examples=500)
+@given(st.data())
+def test_any_change_of_a_single_byte_is_found_in_its_line(log: tuple[bytes, bytes], data):
+    text, head = log
+    position = data.draw(st.integers(0, len(text) - 1))
+    value = data.draw(st.integers(0, 255).filter(lambda v: v != text[position]))
+    changed = text[:position] + bytes([value]) + text[position + 1 :]
+    found = verify(changed, head)
+    assert not found.whole
+    line = text[:position].count(b'\n') + 1
+    # The end of the last line is missed by the head: the line is then no longer there.
+    assert found.bad_line == line
+
+
+@given(st.data())
+def test_any_change_of_the_head_is_found(log: tuple[bytes, bytes], data):
+    text, head = log
+    position = data.draw(st.integers(0, len(head) - 1))
+    value = data.draw(st.integers(0, 255).filter(lambda v: v != head[position]))
+    assert not verify(text, head[:position] + bytes([value]) + head[position + 1 :]).whole
+
+
+@pytest.mark.parametrize('number', range(5))
+def test_a_line_that_was_removed_is_missed(log: tuple[bytes, bytes], number: int):
+    lines = log[0].splitlines(keepends=True)
+    del lines[number]
+    found = verify(b''.join(lines), log[1])
+    assert found.problem == ('cut' if number == 4 else 'removed')
+    assert found.bad_line == number + 1
+
+
+@pytest.mark.parametrize('copied', range(5))
+@pytest.mark.parametrize('place', range(6))
+def test_a_line_that_was_inserted_is_found(log: tuple[bytes, bytes], copied: int, place: int):
+    lines = log[0].splitlines(keepends=True)
+    lines.insert(place, lines[copied])
+    found = verify(b''.join(lines), log[1])
+    # A line put before its like: it is the second of the two that is one too many.
+    expected = place + 1 if place != copied else place + 2
+    assert found.bad_line == expected
+    assert found.problem == ('removed' if place < copied else 'inserted')
+
+
+@pytest.mark.parametrize('number', range(4))
+def test_lines_that_were_swapped_are_found(log: tuple[bytes, bytes], number: int):
+    lines = log[0].splitlines(keepends=True)
+    lines[number], lines[number + 1] = lines[number + 1], lines[number]
+    assert verify(b''.join(lines), log[1]).bad_line == number + 1
+
+
+def test_entries_written_behind_the_back_of_the_head_are_found(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 3)
+    head = head_path(path).read_bytes()
+    write(path, 2)
+    assert verify(path.read_bytes(), head).problem == 'inserted'
+
+
+def test_a_log_rewritten_from_the_start_is_found_by_a_hash_noted_elsewhere(tmp_path: Path):
+    path, forged = tmp_path / 'audit.log', tmp_path / 'forged.log'
+    write(path, 3)
+    noted = read_log(path).entries[1].hash
+    write(forged, 1)
+    assert read_log(forged).whole
+    assert read_log(path, noted).whole
+    assert read_log(forged, noted).problem == 'cut'
+
+
+@settings(max_examples=15, deadline=None)
+@given(kept=st.integers(1, 289))
+def test_an_entry_torn_by_power_loss_is_no_tampering(
+    tmp_path_factory: pytest.TempPathFactory, kept: int
+):
+    path = tmp_path_factory.mktemp('torn') / 'audit.log'
+    write(path, 2)
+    before, head = path.read_bytes(), head_path(path).read_bytes()
+    write(path, 1)
+    path.write_bytes(path.read_bytes()[: len(before) + kept])
+    head_path(path).write_bytes(head)
+    found = read_log(path)
+    assert found.whole
+    assert len(found.torn) == kept
+    # Going on, the log says what had been torn, and that is part of the chain.
+    write(path, 1)
+    found = read_log(path)
+    assert found.whole
+    assert [entry.kind for entry in found.entries] == [
+        'parameter',
+        'parameter',
+        'torn',
+        'parameter',
+    ]
+    data, head = path.read_bytes(), head_path(path).read_bytes()
+    changed = data[: len(before)] + b'X' + data[len(before) + 1 :]
+    assert verify(changed, head).bad_line == 3
+    removed = data[: len(before)] + data[len(before) + kept + 1 :]
+    assert verify(removed, head).problem == 'removed'
+
+
+def test_an_entry_that_lacks_its_end_of_line_alone_is_kept_and_marked(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 1)
+    head = head_path(path).read_bytes()
+    write(path, 1)
+    path.write_bytes(path.read_bytes()[:-1])
+    head_path(path).write_bytes(head)
+    found = read_log(path)
+    assert (found.whole, found.unended, len(found.entries)) == (True, True, 2)
+    for _ in range(2):  # it goes on, and is read again
+        write(path, 1)
+        found = read_log(path)
+        assert (found.whole, found.unended) == (True, False)
+    kinds = [entry.kind for entry in found.entries]
+    assert kinds == ['parameter', 'parameter', 'torn', 'parameter', 'parameter']
+    assert found.entries[2].new['bytes'] == 0
+
+
+def test_an_end_of_line_that_the_head_knows_was_cut_off(log: tuple[bytes, bytes]):
+    found = verify(log[0][:-1], log[1])
+    assert (found.problem, found.bad_line) == ('cut', 5)
+
+
+def test_an_entry_that_the_head_knows_was_not_torn_by_power_loss(log: tuple[bytes, bytes]):
+    found = verify(log[0][:-20], log[1])
+    assert (found.problem, found.bad_line) == ('cut', 5)
+
+
+def test_power_lost_between_an_entry_and_its_head_does_no_harm(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 1)
+    head = head_path(path).read_bytes()
+    write(path, 1)
+    head_path(path).write_bytes(head)
+    assert read_log(path).whole
+    write(path, 1)
+    assert len(read_log(path).entries) == 3
+
+
+def test_a_broken_log_is_not_continued(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 3)
+    path.write_bytes(path.read_bytes().replace(b'limit1', b'limit7'))
+    with pytest.raises(AuditError, match=r'audit\.log: line 2: changed'):
+        AuditLog(path)
+
+
+def test_two_cannot_write_to_one_log(tmp_path: Path):
+    with (
+        AuditLog(tmp_path / 'audit.log'),
+        pytest.raises(AuditError, match='another process writes'),
+    ):
+        AuditLog(tmp_path / 'audit.log')
+
+
+@pytest.mark.parametrize('kept', [0, 1])
+def test_a_log_whose_head_is_gone_is_not_whole(tmp_path: Path, kept: int):
+    path = tmp_path / 'audit.log'
+    write(path, 3)
+    path.write_bytes(b''.join(path.read_bytes().splitlines(keepends=True)[:kept]))
+    head_path(path).unlink()
+    found = read_log(path)
+    assert (found.problem, found.bad_line) == ('cut', kept + 1)
+    with pytest.raises(AuditError, match=r'LOG\.head is missing'):
+        AuditLog(path)
+
+
+def test_a_log_that_was_deleted_is_not_begun_again(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    write(path, 2)
+    path.unlink()
+    with pytest.raises(AuditError, match='went on to entry 2'):
+        AuditLog(path)
+
+
+def test_a_log_without_an_entry_is_whole(tmp_path: Path):
+    write(tmp_path / 'audit.log', 0)
+    assert read_log(tmp_path / 'audit.log').whole
+    write(tmp_path / 'audit.log', 0)
+
+
+@pytest.mark.parametrize(
+    'head', [b'[' * 100_000, b'{"sequence":' + b'9' * 6000 + b',"hash":""}\n', b'\xff' * 10**6]
+)
+def test_a_hostile_head_is_a_changed_one(tmp_path: Path, head: bytes):
+    path = tmp_path / 'audit.log'
+    write(path, 1)
+    head_path(path).write_bytes(head)
+    assert read_log(path).problem == 'changed'
+    with pytest.raises(AuditError, match=r'the file LOG\.head is not as it was written'):
+        AuditLog(path)
+
+
+def test_what_is_no_file_is_no_log(tmp_path: Path):
+    (tmp_path / 'link').symlink_to('/dev/zero')
+    with pytest.raises(AuditError, match='not a regular file'):
+        read_log(tmp_path / 'link')
+
+
+def _replace(path: Path) -> None:
+    subprocess.run(['sed', '-i', 's/limit0/limit7/', str(path)], check=True)
+
+
+def _copy_over(path: Path) -> None:
+    shutil.copy(path, path.with_name('copy'))
+    os.replace(path.with_name('copy'), path)
+
+
+def _alter(path: Path) -> None:
+    data = path.read_bytes()
+    with path.open('r+b') as file:
+        file.write(data.replace(b'limit0', b'limit7'))
+
+
+@pytest.mark.parametrize(
+    'tamper',
+    [
+        _replace,
+        _copy_over,
+        _alter,
+        lambda path: path.write_bytes(b''),
+        lambda path: os.truncate(path, 10),
+        lambda path: path.unlink(),
+        lambda path: path.rename(path.with_name('elsewhere')),
+        lambda path: head_path(path).unlink(),
+        lambda path: head_path(path).write_bytes(b'{}'),
+        lambda path: path.write_bytes(path.read_bytes() * 2),
+    ],
+)
+def test_a_log_that_was_tampered_with_while_it_is_open_is_not_written_to(
+    tmp_path: Path, tamper: Callable[[Path], object]
+):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        append = partial(log.append, TIME, '/product', 'parameter', '/reject.limit0', 1)
+        append(2)
+        tamper(path)
+        left = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+        assert str(path) in log.trouble()
+        for _ in range(2):
+            with pytest.raises(AuditError, match='start the node product again'):
+                append(3)
+        assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == left
+
+
+def test_a_log_that_was_moved_and_put_back_is_written_to(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        path.rename(tmp_path / 'elsewhere')
+        assert log.trouble()
+        (tmp_path / 'elsewhere').rename(path)
+        path.chmod(0o600)
+        assert not log.trouble()
+        log.append(TIME, '/product', 'batch', 'batch', 'a', 'b')
+    assert len(read_log(path).entries) == 1
+
+
+def test_a_log_is_read_while_another_process_writes_to_it(tmp_path: Path):
+    path = tmp_path / 'audit.log'
+    with AuditLog(path) as log:
+        ended = threading.Event()
+
+        def write_on() -> None:
+            while not ended.is_set():
+                log.append(TIME, '/product', 'batch', 'batch', 'a', 'b')
+
+        writer = threading.Thread(target=write_on)
+        writer.start()
+        try:
+            assert all(read_log(path).whole for _ in range(100))
+        finally:
+            ended.set()
+            writer.join()
+
+
+def test_an_entry_that_is_too_long_is_refused(tmp_path: Path):
+    with AuditLog(tmp_path / 'audit.log') as log:
+        with pytest.raises(AuditError, match='no room for an entry'):
+            log.append(TIME, '/product', 'recipe', 'crisps', None, 'x' * 2**25)
+        log.append(TIME, '/product', 'recipe', 'crisps', None, 'x')
+
+
+def test_zeros_that_power_loss_left_are_no_tampering(log: tuple[bytes, bytes]):
+    assert verify(log[0] + bytes(100), log[1]).whole
+
+
+@pytest.mark.parametrize('data', [b'some text', b'some text\n', b'\n', b'{}'])
+def test_another_file_is_no_log(data: bytes):
+    assert verify(data, b'').bad_line == 1
+
+
+def test_a_log_that_cannot_be_made_is_refused(tmp_path: Path):
+    with pytest.raises(AuditError, match='No such file'):
+        AuditLog(tmp_path / 'nowhere/audit.log')

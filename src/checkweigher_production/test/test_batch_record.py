@@ -1,0 +1,100 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Records of batches: what is written is what is read, over restarts, torn lines and full disks."""
+
+import hashlib
+import math
+from pathlib import Path
+import queue
+
+from full_disk import file_size_limit
+import pytest
+
+from checkweigher_core.records import Decision, Verdict
+from checkweigher_production.batch_record import (
+    RecordError,
+    RecordWriter,
+    ended_record,
+    last_record,
+    read_lines,
+    record_path,
+    verdict_of,
+)
+
+FAULT = Verdict(7, None, Decision.FAULT, ('NoLoad', 'Saturation'), late=True)
+ACCEPT = Verdict(
+    8, 3 * 10**18 + 1, Decision.ACCEPT, mass=0.1 + 0.2, std_dev=1e-4, batch='L 1', batch_items=8
+)  # fmt: skip
+
+
+def test_a_batch_that_is_gone_on_with_has_the_hash_of_its_whole_file(tmp_path: Path):
+    writer = RecordWriter(tmp_path)
+    writer.begin('L 1/a', 'noon', audit_hash='abc')
+    writer.write('verdict', FAULT)
+    writer.close()
+    path = record_path(tmp_path, 'L 1/a')
+    assert last_record(tmp_path) == path
+    assert ended_record(path) is None
+    with path.open('ab') as file:
+        file.write(b'{"kind":"verdict","item_i')  # the power went
+
+    writer = RecordWriter(tmp_path)
+    writer.begin('L 1/a', 'one', audit_hash='other')
+    writer.write('verdict', ACCEPT)
+    writer.end('two')
+    ended = writer.ended.get(timeout=60)
+    writer.close()
+
+    begin, *verdicts, end = read_lines(path)
+    assert begin == {'kind': 'begin', 'time': 'noon', 'batch': 'L 1/a', 'audit_hash': 'abc'}
+    assert end == {'kind': 'end', 'time': 'two'}
+    found = [verdict_of(each) for each in verdicts]
+    assert found[1] == ACCEPT
+    assert math.isnan(found[0].mass)
+    assert (found[0].reasons, found[0].decision, found[0].late) == (
+        FAULT.reasons,
+        FAULT.decision,
+        1,
+    )
+    assert ended == ended_record(path)
+    assert ended.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert ended.batch == 'L 1/a'
+
+
+def test_lines_wait_for_a_disk_that_is_full(tmp_path: Path):
+    path = record_path(tmp_path, 'L1')
+    writer = RecordWriter(tmp_path)
+    writer.begin('L1', 'noon')
+    writer.close()
+    writer = RecordWriter(tmp_path)
+    with file_size_limit(path.stat().st_size + 10):
+        writer.begin('L1', 'one')
+        writer.write('verdict', ACCEPT)
+        writer.end('two')
+        with pytest.raises(queue.Empty):
+            writer.ended.get(timeout=0.5)
+    ended = writer.ended.get(timeout=60)
+    writer.close()
+    assert [each['kind'] for each in read_lines(path)] == ['begin', 'verdict', 'end']
+    assert (writer.trouble, ended) == ('', ended_record(path))
+
+
+def test_a_writer_that_is_closed_says_what_the_disk_did_not_take(tmp_path: Path):
+    with file_size_limit(10):
+        writer = RecordWriter(tmp_path)
+        writer.begin('L1', 'noon')
+        writer.close()
+    assert 'No space left' in writer.trouble
+    assert record_path(tmp_path, 'L1').stat().st_size == 0
+
+
+@pytest.mark.parametrize(
+    'text', ['{"kind":"verdict"}\n', '{"kind":"begin"}\n[]\n', 'not a record\n', '{"kind":1}\n']
+)
+def test_what_is_no_record_is_refused_with_its_line(tmp_path: Path, text: str):
+    path = tmp_path / 'L1.jsonl'
+    path.write_text(text, encoding='utf-8')
+    with pytest.raises(RecordError, match=r'L1\.jsonl:[12]: is no line of the record'):
+        list(read_lines(path))
+    with pytest.raises(RecordError, match='lacks or misuses'):
+        verdict_of({'kind': 'verdict', 'decision': 'ACCEPT'})

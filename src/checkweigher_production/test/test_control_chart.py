@@ -1,0 +1,52 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The control chart against constants of the standard and rules worked by hand."""
+
+import numpy as np
+import pytest
+
+from checkweigher_production.control_chart import SUBGROUP, control_chart
+
+A3, B4 = 1.427, 2.089  # of five values: ISO 7870-2, table 2
+
+
+def chart_of(means: list[float]) -> list[str]:
+    """Return the marks of subgroups with these means, each from -1 to 1 around it."""
+    spread = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    found = control_chart(np.concatenate([mean + spread for mean in means]).tolist())
+    assert found is not None
+    return list(found.marks)
+
+
+def test_limits_are_those_of_the_standard():
+    random = np.random.default_rng(1)
+    masses = 0.15 + 1e-3 * random.standard_normal(40 * SUBGROUP)
+    found = control_chart(masses.tolist())
+    groups = masses.reshape(-1, SUBGROUP)
+    spread = np.std(groups, axis=1, ddof=1).mean()
+    assert found is not None
+    assert found.centre == pytest.approx(masses.mean())
+    assert found.upper - found.centre == pytest.approx(A3 * spread, rel=1e-3)
+    assert found.centre - found.lower == pytest.approx(A3 * spread, rel=1e-3)
+    assert found.spread_upper == pytest.approx(B4 * spread, rel=1e-3)
+
+
+def test_a_mean_beyond_the_limits_is_marked():
+    assert chart_of([0.0] * 9 + [3.0])[-1] == 'beyond the limits'
+
+
+def test_seven_on_one_side_are_marked():
+    marks = chart_of([-0.2] * 4 + [0.2, -0.2] + [0.2] * 7)
+    assert marks[-1] == '7 on one side'
+    assert not any(marks[:-1])
+
+
+@pytest.mark.parametrize(('sign', 'word'), [(1, 'rising'), (-1, 'falling')])
+def test_seven_in_one_direction_are_marked(sign: int, word: str):
+    marks = chart_of([sign * 0.1 * step for step in (0, -3, -2, -1, 0, 1, 2, 3)])
+    assert marks[-1] == f'7 {word}'
+    assert not any(marks[:-1])
+
+
+def test_items_that_fill_no_second_subgroup_make_no_chart():
+    assert control_chart([0.1] * (2 * SUBGROUP - 1)) is None

@@ -1,0 +1,264 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Recipes: limits worked by hand, and every bad recipe refused with the key that is wrong."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+
+from checkweigher_core.parameters import SettingsError
+from checkweigher_core.records import ProductOnLine
+from checkweigher_core.settings_files import plain
+from checkweigher_production.recipes import (
+    Product,
+    make_product,
+    product_of,
+    read_recipes,
+)
+
+EXACT = 1e-12  # relative
+GOOD = {
+    'nominal': 0.15,
+    'tare': 0.004,
+    'lower_limit': 'TU1',
+    'upper_limit': 0.165,
+    'length': [0.08, 0.12],
+    'speed': [0.5, 1.5],
+    'parameters': {'identifier': {'estimator': 'hann', 'hann': {'gain': [1.01]}}},
+}
+TEST = {'mass': 0.154, 'limit': 0.0005, 'every_hours': 8}
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / 'recipes.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+@pytest.mark.parametrize(
+    ('given', 'net'),
+    # 150 g: the tolerable negative error is 4.5 %, 6.75 g.
+    [('TU1', 0.14325), ('TU2', 0.1365), (0.14, 0.14)],
+)
+def test_the_reject_node_gets_the_limits_with_the_packaging_on(given: object, net: float):
+    product = make_product('crisps', {**GOOD, 'lower_limit': given})
+    reject = product.limits()
+    assert product.lower_limit == pytest.approx(net, rel=EXACT)
+    assert reject['lower_limit'] == pytest.approx(net + 0.004, rel=EXACT)
+    assert reject['upper_limit'] == pytest.approx(0.169, rel=EXACT)
+
+
+def test_the_reject_node_gets_the_length_and_the_speed():
+    reject = make_product('crisps', GOOD).limits()
+    assert (reject['min_length'], reject['max_length']) == (0.08, 0.12)
+    assert (reject['min_speed'], reject['max_speed']) == (0.5, 1.5)
+
+
+def test_tu1_and_tu2_are_known_even_if_the_limits_are_given_directly():
+    product = make_product('crisps', {'nominal': 0.15, 'lower_limit': 0.149})
+    assert (product.tu1, product.tu2) == pytest.approx((0.14325, 0.1365), rel=EXACT)
+
+
+def test_where_the_directive_has_no_row_there_is_no_tu1():
+    assert math.isnan(make_product('sack', {'nominal': 25.0}).tu1)
+    with pytest.raises(SettingsError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
+        make_product('sack', {'nominal': 25.0, 'lower_limit': 'TU1'})
+
+
+def test_what_is_not_given_is_no_limit():
+    product = make_product('crisps', {'nominal': 0.15})
+    assert product.parameters == {}
+    assert product.on_line('b7') == ProductOnLine(0, 'crisps', 'b7', needed=True, nominal=0.15)
+    assert product.length == product.speed == (0.0, math.inf)
+
+
+def test_the_reject_node_gets_the_rules_of_the_batch_with_the_packaging_on():
+    rules = {'tu1_quota': 0.02, 'mean_value': True, 'filler': {'max_correction': 0.004}}
+    product = make_product('crisps', {**GOOD, **rules, 'lower_limit': None})
+    reject = product.limits()
+    weights = reject['lower_limit'], reject['tu1'], reject['nominal']
+    assert weights == pytest.approx((0.1405, 0.14725, 0.154), rel=EXACT)  # TU2, TU1, nominal
+    assert (reject['tu1_quota'], reject['mean_value']) == (0.02, True)
+    assert product.filler is not None
+    assert product.filler.max_correction == 0.004
+
+
+def test_a_test_product_and_a_target_may_be_up_to_half_off():
+    inner = {
+        'test': {**TEST, 'mass': 0.23, 'limit': 0.0229},  # of 154 g with the packaging
+        'filler': {'max_correction': 0.15, 'target': 0.076},
+    }
+    product = make_product('crisps', {**GOOD, **inner})
+    assert product.test is not None
+    assert product.test.mass == 0.23
+    assert product_of({'name': 'crisps', **plain(product)}) == product
+
+
+def test_the_parameters_of_nodes_are_named_as_ros_names_them():
+    changes = make_product('crisps', GOOD).parameters
+    assert changes['identifier'] == {'estimator': 'hann', 'hann.gain': (1.01,)}
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'complaint'),
+    [
+        ('nominal', '150 g', "crisps.nominal: '150 g' is not a number"),
+        ('nominal', True, 'crisps.nominal: True is not a number'),
+        ('nominal', 0.0, 'crisps.nominal: must be above 0'),
+        ('nominal', math.nan, 'crisps.nominal: nan is not in'),
+        ('nominal', -0.1, 'crisps.nominal: -0.1 is not in'),
+        ('tare', -0.001, 'crisps.tare: -0.001 is not in 0..10000 kg'),
+        ('tare', math.inf, 'crisps.tare: inf is not in'),
+        ('lower_limit', 0.151, 'crisps.lower_limit: 0.151 is above nominal, 0.15 kg'),
+        ('lower_limit', 'TU3', "crisps.lower_limit: 'TU3' is not a number"),
+        ('upper_limit', 0.149, 'crisps.upper_limit: 0.149 is below nominal, 0.15 kg'),
+        ('length', 0.1, 'crisps.length: 0.1 is not a list like [a, b]'),
+        ('length', [0.12, 0.08], 'crisps.length: from 0.12 to 0.08 nothing would be weighed'),
+        ('length', [0.1, 0.1], 'crisps.length: from 0.1 to 0.1 nothing would be weighed'),
+        ('length', [-0.1, 0.1], 'crisps.length: -0.1 is not in 0..1000 m'),
+        ('speed', [0.5, 'fast'], "crisps.speed: 'fast' is not a number"),
+        ('reason', 'yes', "crisps.reason: 'yes' is not true or false"),
+        ('colour', 'red', 'crisps.colour: no such key'),
+        ('tu1_quota', 0.025, 'crisps.tu1_quota: items from TU2 to TU1 are what it is about'),
+        ('mean_value', 1, 'crisps.mean_value: 1 is not true or false'),
+        ('filler', 3, 'crisps.filler: 3 is not'),
+        ('test', 3, 'crisps.test: 3 is not'),
+        ('test', {'mass': 0.2}, 'crisps.test.limit: must be given'),
+        (
+            'test',
+            {**TEST, 'mass': 150.0},
+            'crisps.test.mass: 150 kg is more than half off nominal and tare',
+        ),
+        ('test', {**TEST, 'mass': 0.076}, 'crisps.test.mass: 0.076 kg is more than half off'),
+        (
+            'test',
+            {**TEST, 'limit': 0.5},
+            'crisps.test.limit: 0.5 kg is not below a tenth of the mass',
+        ),
+        (
+            'test',
+            {**TEST, 'limit': 0.016},
+            'crisps.test.limit: 0.016 kg is not below a tenth of the mass',
+        ),
+        (
+            'filler',
+            {'max_correction': 0.004, 'target': 150.0},
+            'crisps.filler.target: 150 kg is more than half off nominal, 0.15 kg',
+        ),
+        ('filler', {'max_correction': 4.0}, 'crisps.filler.max_correction: 4 kg is above nominal'),
+        (
+            'filler',
+            {'max_correction': 0.004, 'max_step': 2.0},
+            'crisps.filler.max_step: 2 kg is above nominal, 0.15 kg',
+        ),
+        (
+            'filler',
+            {'max_correction': 0.004, 'dead_band': 0.2},
+            'crisps.filler.dead_band: 0.2 kg is above nominal, 0.15 kg',
+        ),
+        ('filler', {'gain': 0.1}, 'crisps.filler.max_correction: 0.0, must be above 0 kg'),
+        ('filler', {'gain': 2}, 'crisps.filler.gain: 2'),
+        ('parameters', 3, 'crisps.parameters: 3 is not'),
+        ('parameters', {'segmenter': {'lead_time': 1.0}}, 'crisps.parameters.segmenter: no recipe'),
+        ('parameters', {'rejecter': {}}, 'crisps.parameters.rejecter: no recipe'),
+        ('parameters', {'reject': 3}, 'crisps.parameters.reject: 3 is not'),
+        ('parameters', {'reject': {'lower_limit': 0.1}}, 'crisps.parameters.reject.lower_limit'),
+        (
+            'parameters',
+            {'reject': {'needs_product': False}},
+            'crisps.parameters.reject.needs_product',
+        ),
+        ('parameters', {'reject': {'max_length': 0.1}}, 'crisps.parameters.reject.max_length'),
+        ('parameters', {'denoise': {'strech': 9}}, 'crisps.parameters.denoise.strech: denoise has'),
+        ('parameters', {'denoise': {'stretch': 9}}, 'crisps.parameters.denoise.stretch: 9 is not'),
+        (
+            'parameters',
+            {'identifier': {'hann': {'gain': 1.0}}},
+            'crisps.parameters.identifier.hann.gain: 1.0 is not a list',
+        ),
+    ],
+)
+def test_a_bad_recipe_is_refused_with_the_key_and_the_value(
+    key: str, value: object, complaint: str
+):
+    with pytest.raises(SettingsError) as error:
+        make_product('crisps', {**GOOD, key: value})
+    assert str(error.value).startswith(complaint)
+
+
+def test_a_recipe_without_a_nominal_weight_is_refused():
+    with pytest.raises(SettingsError, match=r'crisps\.nominal: is missing'):
+        make_product('crisps', {'tare': 0.0})
+
+
+def test_a_file_comes_back_as_it_was_written(tmp_path: Path):
+    path = write(tmp_path, yaml.safe_dump({'products': {'crisps': GOOD, 'nuts': {'nominal': 1}}}))
+    assert read_recipes(path) == {
+        'crisps': make_product('crisps', GOOD),
+        'nuts': Product('nuts', 1.0, tu1=0.985, tu2=0.97),
+    }
+
+
+@pytest.mark.parametrize(
+    ('text', 'complaint'),
+    [
+        ('', 'line 1: None is no table with products'),
+        ('products: {}', 'line 1: products: is missing'),
+        ('products: [1]', r'line 1: products: \[1\] is not a table'),
+        ('products: {a: {nominal: 0.1}}\nlines: 3', 'line 2: lines: no such key; .* products$'),
+        (
+            'products:\n  a: {nominal: 0.1}\n  b:\n    nominal: x\n',
+            r"4: products\.b\.nominal: 'x' is",
+        ),
+        ('products: {a: {nominal: 0.1}, a: {nominal: 0.2}}', 'line 1: .* a is there twice'),
+        (
+            'products:\n  a:\n    nominal: 0.1\n    nominal: 0.2',
+            'line 4: .* nominal is there twice',
+        ),
+        ('products: {7: {nominal: 0.1}}', r'products\.7\.name: 7 is not .* put it in quotes'),
+        ('products: {a: {nominal: 1, parameters: {denoise: &x {y: *x}}}}', 'line 1: .* recursive'),
+        (r'products: {"\e[2J": {nominal: 0.1}}', r"'\\x1b\[2J' is not one line of text"),
+        ('products: {a: 3}', r'products\.a: 3 is no table with nominal, tare'),
+        ('products: {a: {nominal: 0.1', 'line 1: bad YAML'),
+        ('products: {? [1, 2] : {nominal: 0.1}}', 'line 1: bad YAML'),
+    ],
+)
+def test_a_bad_file_is_refused_whole(tmp_path: Path, text: str, complaint: str):
+    with pytest.raises(SettingsError, match=complaint) as error:
+        read_recipes(write(tmp_path, text))
+    assert str(error.value).startswith(str(tmp_path))
+    assert '\n' not in str(error.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
+    with pytest.raises(SettingsError, match='No such file'):
+        read_recipes(tmp_path / 'recipes.yaml')
+
+
+def test_a_file_of_a_newer_format_may_have_keys_that_are_not_known(tmp_path: Path):
+    nuts = '{nominal: 0.2, colour: red, filler: {brand: x, max_correction: 0.01}}'
+    text = f'format: 2\nshop: west\nproducts:\n  nuts: {nuts}\n'
+    assert read_recipes(write(tmp_path, text)) == {
+        'nuts': make_product('nuts', {'nominal': 0.2, 'filler': {'max_correction': 0.01}})
+    }
+    with pytest.raises(SettingsError, match=r'line 2: shop: no such key; it may have products$'):
+        read_recipes(write(tmp_path, text.replace('format: 2', 'format: 1')))
+
+
+def test_the_recipe_in_a_record_of_before_is_read():
+    """As it was written with its limits worked out, and before recipes had a test."""
+    line = (
+        '{"name":"crisps","nominal":0.15,"tare":0.004,"lower_limit":0.1365,'
+        '"upper_limit":Infinity,"tu1":0.14325,"tu2":0.1365,"length":[0.0,Infinity],'
+        '"speed":[0.5,1.5],"reason":false,"parameters":{"identifier":{"hann.gain":[1.01]}},'
+        '"tu1_quota":0.02,"mean_value":false,"filler":{"target":0.0,"subgroup":10,"delay":0,'
+        '"gain":0.5,"dead_band":0.0,"max_step":Infinity,"max_correction":0.004}}'
+    )
+    rules = {'nominal': 0.15, 'tare': 0.004, 'speed': [0.5, 1.5], 'tu1_quota': 0.02}
+    inner = {'filler': {'max_correction': 0.004}}
+    own = {'parameters': {'identifier': {'hann': {'gain': [1.01]}}}}
+    product = product_of(json.loads(line))
+    assert product == make_product('crisps', {**rules, **inner, **own})
