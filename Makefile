@@ -35,7 +35,7 @@ soak: ## Run the long tests, which print their counts; SOAK_ARGS='-k lines' are 
 bench: ## Measure kernels and graph; BENCH_ARGS='--quick --part graph' are handed on.
 	@$(IN_ENVIRONMENT) ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST python3 bench/run.py $(BENCH_ARGS)
 
-docs: ## Write the tables of README.md and docs/interfaces.md and config/line.yaml from the code.
+docs: ## Write the tables of docs/ and the file config/line.yaml from the code.
 	@$(IN_ENVIRONMENT) python3 docs/make_docs.py
 
 lint: ## Check style and types.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of README.md and interfaces.md, and the parameter file line.yaml: `make docs`.
+"""Tables of the docs, and the parameter file line.yaml: `make docs`.
 
 A table stands between `<!-- make docs: NAME -->` and `<!-- end -->`. In line.yaml the lines with
 parameters are written; comment lines of their own stay before the parameter that they precede.
@@ -43,7 +43,7 @@ from checkweigher_recording.simulation.simulator import OperationParameters
 
 ROOT = Path(__file__).resolve().parent.parent
 MESSAGES = ROOT / 'src/checkweigher_msgs/msg'
-PAGES = (ROOT / 'README.md', ROOT / 'docs/interfaces.md')
+PAGES = tuple(ROOT / f'docs/{name}.md' for name in ('topics', 'services', 'reasons', 'parameters'))
 PARAMETER_FILE = ROOT / 'src/checkweigher_bringup/config/line.yaml'
 COMMENT_COLUMN = 32  # of line.yaml
 LINE_LENGTH = 100
@@ -113,14 +113,6 @@ def topics() -> str:
             for port in ports.ALL
         ),
     )  # fmt: skip
-
-
-def topics_in_short() -> str:
-    """Return the table of topics for the README."""
-    return table(
-        ('topic', 'from', 'to', 'reliability', 'durability', 'depth'),
-        ((f'`{p.name}`', p.maker, ', '.join(p.takers), *qos(p)) for p in ports.ALL),
-    )
 
 
 def qos(port: ports.Port) -> tuple[str, str, str]:
@@ -206,7 +198,6 @@ def allowed(description: Description) -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     'topics': topics,
-    'topics in short': topics_in_short,
     'services': services,
     'messages': messages,
     'reasons': lambda: reasons(Reason),

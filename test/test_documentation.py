@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/interfaces.md, README.md and config/line.yaml against the code."""
+"""The docs and config/line.yaml against the code."""
 
 import math
 from pathlib import Path
@@ -11,15 +11,14 @@ import pytest
 from running import ROOT
 
 from checkweigher_bringup.cli import COMMANDS
+from checkweigher_core import changes
 from checkweigher_core.parameters import by_node
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
-from checkweigher_production import audit_trail
 from checkweigher_production.audit_log import TORN
 from checkweigher_production.recipes import Product, read_recipes
 
-INTERFACES = ROOT / 'docs/interfaces.md'
-PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md')]
+PAGES = [*ROOT.glob('*.md'), *ROOT.glob('docs/*.md'), *ROOT.glob('src/*/README.md')]
 
 
 @pytest.mark.parametrize('path', make_docs.generated(), ids=lambda path: path.name)
@@ -43,22 +42,22 @@ def test_the_comments_of_the_parameter_file_stay():
 
 
 def test_every_service_is_documented():
-    text = INTERFACES.read_text()
+    text = (ROOT / 'docs/services.md').read_text()
     for path in (ROOT / 'src/checkweigher_msgs/srv').glob('*.srv'):
         assert f'| {path.stem} |' in text, path.stem
 
 
-def names_in_tables(section: str) -> set[str]:
-    """Return what the first cells of the tables of a section of interfaces.md name."""
-    text = INTERFACES.read_text().partition(f'\n## {section}\n')[2].partition('\n## ')[0]
+def names_in_tables(page: str) -> set[str]:
+    """Return what the first cells of the tables of a page name."""
+    text = (ROOT / f'docs/{page}.md').read_text()
     cells = re.findall(r'^\|([^|]*)\|', text, re.MULTILINE)
     return {name for cell in cells for name in re.findall('`(.*?)`', cell)}
 
 
 def test_every_key_of_a_recipe_and_every_kind_of_audit_entry_is_documented():
-    kinds = {value for name, value in vars(audit_trail).items() if name.isupper()}
-    assert names_in_tables('Recipes') == set(plain(Product('any', 1.0)))
-    assert names_in_tables('Audit log') >= {*kinds, TORN}
+    kinds = {value for name, value in vars(changes).items() if name.isupper()}
+    assert names_in_tables('recipes') == set(plain(Product('any', 1.0)))
+    assert names_in_tables('audit_log') >= {*kinds, TORN}
 
 
 def test_the_recipes_to_begin_with_can_be_read():
@@ -78,24 +77,20 @@ def test_the_parameter_file_says_the_defaults():
 
 
 @pytest.mark.parametrize('command', [name for name, *_ in COMMANDS])
-def test_the_readme_or_the_contributing_guide_shows_every_command(command: str):
-    text = (ROOT / 'README.md').read_text() + (ROOT / 'bags/README.md').read_text()
+def test_the_docs_show_every_command(command: str):
+    text = ''.join(page.read_text() for page in (*PAGES, ROOT / 'bags/README.md'))
     assert re.search(rf'checkweigher {command}\b|`{command}`', text), command
 
 
-@pytest.mark.parametrize(
-    'path',
-    [
-        'README.md',
-        'CONTRIBUTING.md',
-        *(f'docs/{n}.md' for n in ('method', 'accuracy', 'hardware', 'hardware_io', 'safety')),
-        *(f'docs/{n}.md' for n in ('security', 'hosts')),
-    ],
-)
-def test_files_that_the_docs_name_are_there(path: str):
-    base = (ROOT / path).parent
-    for target in re.findall(r'\]\(([^)#:]+)\)', (ROOT / path).read_text()):
-        assert (base / target).exists(), f'{path} links to {target}'
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_files_and_sections_that_the_docs_link_to_are_there(page: Path):
+    for target, section in re.findall(r'\]\(([^):#]*)(#[\w-]+)?\)', page.read_text()):
+        linked = page.parent / target if target else page
+        assert linked.exists(), f'{page} links to {target}'
+        if section:
+            heads = re.findall(r'^#+ (.*)$', linked.read_text(), re.MULTILINE)
+            anchors = {re.sub(r'[^\w -]', '', head.lower()).replace(' ', '-') for head in heads}
+            assert section[1:] in anchors, f'{page} links to {target}{section}'
 
 
 _HEADS = ('| promise ', '| campaign ', '| holds ', '| node ', '|---')

@@ -4,7 +4,7 @@
 
 The parameters of a stage are a frozen dataclass whose fields are made by `parameter`. The node
 declares them to ROS from these fields, a command reads them from the same YAML, and `make docs`
-writes the tables of docs/interfaces.md and config/line.yaml from them.
+writes the tables of docs/parameters.md and config/line.yaml from them.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping

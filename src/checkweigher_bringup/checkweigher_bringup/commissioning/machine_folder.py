@@ -14,7 +14,7 @@ from checkweigher_driver.calibration.static_calibration import CalibrationError
 from checkweigher_validation.verification.plan import PLANS
 
 _RECIPES = """\
-# The products of this machine. Masses in kg; docs/interfaces.md says what each key means.
+# The products of this machine. Masses in kg; docs/recipes.md says what each key means.
 products:
   crisps_150g:
     nominal: 0.150      # what the label says

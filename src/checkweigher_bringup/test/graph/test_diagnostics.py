@@ -119,8 +119,8 @@ def test_a_line_that_is_well_is_ok_in_every_aspect_until_its_driver_goes(spinner
 
 def documented_aspects() -> set[str]:
     """Return the aspects of the table in the docs."""
-    text = (ROOT / 'docs/interfaces.md').read_text()
-    section = re.search(r'^## Diagnostics\n(.*?)(?=^## )', text, re.M | re.S)
+    text = (ROOT / 'docs/reasons.md').read_text()
+    section = re.search(r'^## Diagnostics\n(.*)', text, re.M | re.S)
     assert section
     return set(re.findall(r'^\| `([^`]+)` \|', section.group(1), re.M))
 
@@ -164,7 +164,7 @@ def test_a_best_effort_publisher_is_named_as_long_as_it_is_there(spinner: Spinne
     name = 'segmenter: Connections'
     hint = told.wait(name, Level.ERROR, f'/{LANE}/others publishes /{LANE}/load_cell/samples')
     assert 'reliable subscription' in told.aspect(name)[1]
-    assert hint == f'change the QoS of /{LANE}/others to that of docs/interfaces.md'
+    assert hint == f'change the QoS of /{LANE}/others to that of docs/topics.md'
     told.node.destroy_publisher(publisher)
     wait_for(lambda: 'does not fit' not in told.aspect(name)[1])
 

@@ -42,7 +42,7 @@ class Concern:
 class Finding:
     """Finding on one aspect of a node."""
 
-    aspect: str  # as in docs/interfaces.md
+    aspect: str  # as in docs/reasons.md
     level: Level
     text: str  # what is, in one sentence
     hint: str = ''  # what to check; empty where all is well

@@ -72,7 +72,7 @@ class Connections:
                 self._told.add(text)
                 self._node.get_logger().warning(text)
             level = Level.ERROR if needed else Level.WARN
-            yield Concern(level, text, f'change the QoS of {who} to that of docs/interfaces.md')
+            yield Concern(level, text, f'change the QoS of {who} to that of docs/topics.md')
 
     def _others(self, end: Input | Output) -> list[Any]:
         """Return the endpoints at the other end, if DDS has not connected all of them."""

@@ -272,7 +272,7 @@ BATCH_RESULT = Port(
     'product', ('users',), (), 'The batch that has ended, and the file of its record')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
-    'every node', ('users',), (), 'Once a second: see [Diagnostics](#diagnostics)')
+    'every node', ('users',), (), 'Once a second: see [Diagnostics](reasons.md#diagnostics)')
 # Of the node dynamic_setting, which is no part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,

@@ -37,7 +37,7 @@ _NO_MASSES = 3  # items in a row
 
 def reason_hint(reason: str) -> str:
     """Return what to look at for a reason, also for one that is not in `Reason`."""
-    return Reason(reason).hint if reason in list(Reason) else 'see docs/interfaces.md, Reasons'
+    return Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
 
 
 def failures(items: RecentItems, what: str) -> list[Concern]:

@@ -3,7 +3,7 @@
 """The transition table of item tracking: what each edge means and where it moves which item.
 
 For each kind of edge `TRANSITIONS` lists the cases in the order in which they are tried; the first
-one that holds is taken. The reasons are those of docs/interfaces.md that a case may give to its
+one that holds is taken. The reasons are those of docs/reasons.md that a case may give to its
 item or to others on the belt.
 """
 

@@ -41,7 +41,7 @@ def test_an_unknown_reason_has_a_hint_as_well():
     watch = FaultWatch()
     for _ in range(5):
         watch.add(0.0, ('of another make',))
-    assert 'docs/interfaces.md' in watch.finding(0.0).hint
+    assert 'docs/reasons.md' in watch.finding(0.0).hint
 
 
 def test_a_stage_that_is_always_busy_is_warned_of():

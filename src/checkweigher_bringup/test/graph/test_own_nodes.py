@@ -1,0 +1,72 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes that docs/own_driver.md and docs/own_stage.md print weigh as they are printed."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+from checkweigher_msgs.msg import Verdict
+from graph import heard
+import pytest
+from rclpy.node import Node
+from running import PATIENCE, ROOT
+
+from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_core.ros import ports
+
+NAMESPACE = '/own_nodes'
+Start = Callable[..., None]
+
+
+@pytest.fixture
+def spinner() -> Iterator[Spinner]:
+    with spinning('own_nodes') as running:
+        yield running
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Start Python with arguments, in the namespace of these tests."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    def begin(*arguments: str) -> None:
+        names = ['--ros-args', '-r', f'__ns:={NAMESPACE}']
+        started.append(subprocess.Popen([sys.executable, *arguments, *names]))
+
+    yield begin
+    for process in started:
+        process.terminate()
+    for process in started:
+        process.wait(timeout=PATIENCE)
+
+
+def printed(page: str, folder: Path) -> str:
+    """Write the program that a page of the docs prints, and return its path."""
+    code = re.search(r'```python\n(.*?)```', (ROOT / f'docs/{page}.md').read_text(), re.DOTALL)
+    assert code
+    path = folder / f'{page}.py'
+    path.write_text(code[1])
+    return str(path)
+
+
+@pytest.mark.parametrize('corrected', [False, True])
+def test_the_printed_nodes_weigh(tmp_path: Path, spinner: Spinner, start: Start, corrected: bool):
+    node = Node('listener')
+    verdicts = heard(node, ports.VERDICT)
+    spinner.add(node)
+    if corrected:
+        start(printed('own_stage', tmp_path))
+    for stage in ('segmenter', 'denoise', 'identifier', 'reject'):
+        remap = ['--ros-args', '-r', 'denoised_window:=corrected_window']
+        remap = remap if corrected and stage == 'identifier' else []
+        start('-m', f'checkweigher_dsp.nodes.{stage}', *remap)
+    start(printed('own_driver', tmp_path))
+    weighed: list[Verdict] = []
+    while len(weighed) < 3:  # one after the other: the first ones come before all stages are there
+        verdict = verdicts.get(timeout=PATIENCE)[1]
+        weighed = [*weighed, verdict] if verdict.decision == Verdict.ACCEPT else []
+    expected = 0.2002 if corrected else 0.2
+    assert [verdict.mass for verdict in weighed] == pytest.approx(3 * [expected], abs=1e-5)
