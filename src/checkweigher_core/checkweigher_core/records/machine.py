@@ -20,7 +20,7 @@ class Eye(IntEnum):
 
 
 class StreamState(IntEnum):
-    """Whether a stream of samples goes on, has ended, or was broken off by its source."""
+    """State of a stream of samples: it runs, has ended, or its source has failed."""
 
     RUNNING = 0
     FINISHED = 1
@@ -29,13 +29,24 @@ class StreamState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class LoadCell:
-    """A load cell, and how its readings become kilograms.
+    """A load cell, and the conversion of its readings to kilograms.
 
-    `sample_rate` is in Hz, `capacity` in kg, `weigh_length` (from the infeed to the outfeed eye)
-    in m. `counts_per_kg` is the static sensitivity, negative where the cell is mounted upside
-    down, `zero_counts` the reading of the empty belt at calibration. A reading at or beyond
-    `min_counts` or `max_counts` is saturated, a load of more than `capacity` on the empty belt an
-    overload: the cell carries the dead load of the belt besides.
+    Attributes
+    ----------
+    sample_rate : float
+        Samples per second, in Hz.
+    counts_per_kg : float
+        Static sensitivity; negative if the cell is mounted upside down.
+    zero_counts : float
+        Reading of the empty belt at calibration.
+    min_counts, max_counts : int
+        Limits of the converter. A reading at or beyond a limit is saturated.
+    capacity : float
+        Largest load in kg on the empty belt. The cell carries the dead load of the belt as well.
+    weigh_length : float
+        Distance from the infeed eye to the outfeed eye in m.
+    model, serial_number : str
+        Identification; empty if unknown.
 
     Raises
     ------
@@ -66,12 +77,12 @@ class LoadCell:
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Return the load cell that parameters of the same names and `others` describe."""
+        """Make a load cell of the parameters that have the names of its fields, and of `others`."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
 
-# What a load cell of a belt scale, its converter and its belt can be; of counts_per_kg the size.
+# Ranges of the fields of a belt scale; of counts_per_kg the magnitude.
 _POSSIBLE = {
     'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
     'counts_per_kg': (1e-3, 1e9, '/kg'),
@@ -89,9 +100,10 @@ def _require(condition: bool, text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SampleBlock:
-    """Consecutive converter readings: `counts` (n,) int32, the first one taken at `stamp`.
+    """Consecutive converter readings.
 
-    `first_index` is the index of ``counts[0]`` since the source started.
+    `counts` has shape (n,), int32. ``counts[0]`` was taken at `stamp`; `first_index` is its index
+    since the source started.
     """
 
     stamp: Stamp
@@ -101,7 +113,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """One edge of a photo-eye at `stamp`: `blocked` is its state from then on."""
+    """Edge of a photo-eye at `stamp`. `blocked` is the state of the eye after it."""
 
     stamp: Stamp
     eye: Eye
@@ -110,7 +122,13 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The true mass of an item in kg; `stamp` is its t1. ValueError if it is no mass."""
+    """True mass of an item in kg; `stamp` is the t1 of the item.
+
+    Raises
+    ------
+    ValueError
+        If `mass` is negative, above MAX_MASS, or not a number.
+    """
 
     stamp: Stamp
     mass: float
@@ -122,11 +140,12 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class StreamStatus:
-    """Progress of the driver or the segmenter in a stream, to which the driver gave a number.
+    """Progress of the driver or of the segmenter in a stream.
 
-    `stamp` is that of the last sample in ns; `samples` and `edges` were sent by the driver, or
-    taken by the segmenter, which `items` have left. `text` is for a technician, empty while all
-    is well. The segmenter has announced what the edges up to `last_edge`, in ns, show.
+    `stream` is the number that the driver gave to the stream, `stamp` the time of the last sample.
+    The driver counts the `samples` and `edges` that it has sent, the segmenter those that it has
+    processed, and the `items` that have left it. The segmenter has announced every item that the
+    edges up to `last_edge` show. `text` is a message for the technician, empty without trouble.
     """
 
     stamp: Stamp
@@ -141,10 +160,10 @@ class StreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class MachineConditions:
-    """What is wrong by the machine's inputs since `stamp` (ns).
+    """Conditions of the machine since `stamp`, as its inputs show them.
 
-    `conditions` are words of `StopReason`, each with the input of `inputs` that shows it. What is
-    not `known`, since the inputs cannot be read, is wrong as well.
+    `conditions` are values of `StopReason`, each with the input in `inputs` that shows it. If the
+    inputs cannot be read, `known` is false, and every condition has to be assumed.
     """
 
     stamp: Stamp
@@ -155,9 +174,9 @@ class MachineConditions:
 
 @dataclass(frozen=True, slots=True)
 class ExternalReject:
-    """An item that an inspection device has found bad.
+    """Rejection of an item by an inspection device.
 
-    It is the item `item_id`, or if that is 0 the one that was at the `device` at `stamp`, ns.
+    The item is `item_id` or, if that is 0, the item that was at the `device` at `stamp`.
     """
 
     stamp: Stamp | None

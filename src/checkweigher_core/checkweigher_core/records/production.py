@@ -10,7 +10,7 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class PerformanceState(IntEnum):
-    """Whether the performance test of a recipe is due, and how the last one ended."""
+    """State of the performance test of a recipe."""
 
     OVERDUE = 0
     NOT_ASKED = 1
@@ -22,11 +22,11 @@ class PerformanceState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ProductOnLine:
-    """Limits, batch and rules by which items are judged since `stamp`, ns; masses with packaging.
+    """Limits, batch and rules that apply to items since `stamp`.
 
-    While `product` is empty, none is selected: nothing is accepted then if one is `needed`. Masses
-    are in kg, lengths in m, speeds in m/s. `batch_items` to `batch_surplus` are the counts of
-    `BatchTally` with which the batch goes on.
+    Masses are in kg and include the packaging; lengths are in m, speeds in m/s. If `product` is
+    empty, no product is selected, and no item is accepted if one is `needed`. `batch_items` to
+    `batch_surplus` are the counts of `BatchTally` with which the batch continues.
     """
 
     stamp: Stamp
@@ -52,10 +52,11 @@ class ProductOnLine:
 
 @dataclass(frozen=True, slots=True)
 class PerformanceTest:
-    """The performance test of a recipe: its state since `stamp`, and what came of the last one.
+    """Performance test of a recipe: its state since `stamp`, and the result of the last test.
 
-    Times in ns, masses in kg; `errors` are those of each pass so far, NaN for one without a mass,
-    each within `limit` if the test is to pass. `who` made it, `last` is when one has passed.
+    Masses are in kg. `errors` has the error of each pass so far, NaN for a pass without a mass; the
+    test passes if all are within `limit`. `who` is the person who made it, `last` the time of the
+    last test that passed.
     """
 
     stamp: Stamp
@@ -77,13 +78,13 @@ class PerformanceTest:
 class Statistics:
     """Counts of one product in one batch; masses in kg, of the contents without tare.
 
-    `stamp` is the largest t3 in ns, `reason_counts` has the number of items of each of `reasons`.
-    `length_faults` and `speed_faults` are items outside the ranges of the recipe; `tu1` and `tu2`
-    are those of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean above `nominal`),
-    `below_tu1`, which has those below TU2 as well, `below_tu2` and `share_below_tu1` (0..1) are of
-    the accepted items. `throughput` is in 1/min, of the items since the stream began. The recipe
-    allows a share of `tu1_quota` below TU1 in a batch, NaN without that rule, and with `mean_value`
-    no mean below nominal.
+    `stamp` is the largest t3. `reason_counts` has the number of items for each of `reasons`.
+    `length_faults` and `speed_faults` count items outside the ranges of the recipe. `tu1` and `tu2`
+    are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean less `nominal`),
+    `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1` (0..1) refer to the
+    accepted items. `throughput` is in items/min since the stream began. `tu1_quota` is the share of
+    a batch that may be below TU1, NaN without that rule; with `mean_value` the mean may not be
+    below nominal.
     """
 
     stamp: Stamp | None
@@ -115,11 +116,11 @@ class Statistics:
 
 @dataclass(frozen=True, slots=True)
 class FillerFeedback:
-    """What the filler should change after a subgroup of items; masses in kg, of the contents.
+    """Correction of the filler after a subgroup of items; masses in kg, of the contents.
 
-    `stamp` (ns) and `item_id` are those of the last item of the subgroup, which has `items`.
-    `step` is to be added to the set point now, `correction` is the sum of all steps; a limit of the
-    recipe has made a `limited` one smaller.
+    `stamp` and `item_id` are those of the last item of the subgroup, which has `items` items. The
+    filler has to add `step` to its set point; `correction` is the sum of all steps. A `limited`
+    step was reduced to a limit of the recipe.
     """
 
     stamp: Stamp | None
@@ -135,7 +136,7 @@ class FillerFeedback:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """The end of a batch, at `stamp` (ns): the file of its record and the SHA-256 of that."""
+    """End of a batch at `stamp`, with the file of its record and the SHA-256 of that file."""
 
     stamp: Stamp
     batch: str

@@ -9,9 +9,9 @@ GRAMS = 1000.0  # in a kilogram
 
 NANOSECONDS = 1_000_000_000
 
-MAX_SAMPLE_RATE = 1e6  # Hz; what claims more is no load cell, and would take all memory
+MAX_SAMPLE_RATE = 1e6  # Hz; a larger rate is an error and would use all memory
 
-# A segmenter that was started again goes on at the next multiple of this number of items.
+# After a restart the segmenter continues at the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
 
 MAX_MASS = 1e6  # kg

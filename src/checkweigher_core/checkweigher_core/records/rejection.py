@@ -11,7 +11,7 @@ from checkweigher_core.records.reasons import StopReason
 
 
 class Decision(IntEnum):
-    """What is to become of an item. All but ACCEPT are rejected."""
+    """Decision on an item. The rejector removes all but ACCEPT."""
 
     FAULT = 0
     ACCEPT = 1
@@ -21,14 +21,13 @@ class Decision(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is to become of one item; masses and limits in kg.
+    """Verdict on one item; masses and limits are in kg.
 
-    `item_id` is that of the estimate, or without one the reject stage's own count. No two verdicts
-    share a number, so it is that count too where a restarted segmenter begins at 1 again;
-    `estimate_id` is that of the estimate in any case, 0 without one. The rejector has to be told
-    at `reject_at` (ns); a verdict is `late` if it came after that. The counts of `batch` and the
-    `batch_surplus`, kg, are those of `BatchTally`, with this item. `station` counts from 1, 0 is
-    the rejector, or of an accepted item none; it has to be told at `station_at`, ns.
+    `item_id` is the number of the item, and `estimate_id` the same number, or 0 if the verdict
+    rests on no estimate. The rejector has to be told at `reject_at`; a `late` verdict came after
+    that. The counts of the batch and its surplus are those of `BatchTally`, with this item.
+    `station` counts from 1 and has to be told at `station_at`; 0 is the rejector or, for an
+    accepted item, no station.
     """
 
     item_id: int
@@ -55,9 +54,9 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class StopRequest:
-    """Why the line should stop.
+    """Reason for a stop of the line.
 
-    `stamp` (ns) and `item_id` are those of the item concerned, `text` has further details.
+    `stamp` and `item_id` are those of the item concerned, `text` has further details.
     """
 
     reason: StopReason
@@ -67,13 +66,13 @@ class StopRequest:
 
     @property
     def hint(self) -> str:
-        """What a technician should look at."""
+        """Advice for the technician."""
         return f'{self.reason.hint}: {self.text}' if self.text else self.reason.hint
 
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Whether the line may `run`, given at `stamp`, ns of the system clock; it soon runs out."""
+    """Permission to `run` the line, given at `stamp` on the system clock; it expires soon."""
 
     stamp: Stamp
     run: bool

@@ -9,7 +9,7 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class StepState(IntEnum):
-    """What a record of a verification tells of: the plan, what is verified, or a step."""
+    """Subject of a `VerificationStep`: the plan, the identity of the machine, or a step."""
 
     PLAN = 0
     IDENTITY = 1
@@ -19,7 +19,7 @@ class StepState(IntEnum):
 
 
 class ProgressState(IntEnum):
-    """Whether a guided verification waits for an answer of the operator, and for which."""
+    """State of a guided verification."""
 
     IDLE = 0
     ASKING = 1
@@ -28,7 +28,7 @@ class ProgressState(IntEnum):
 
 
 class StepAnswer(IntEnum):
-    """What an operator answers: make the step, also again, skip it, or leave it as it failed."""
+    """Answer of the operator: make the step (again), skip it, or go on after a failure."""
 
     MAKE = 0
     SKIP = 1
@@ -37,10 +37,10 @@ class StepAnswer(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class VerificationStep:
-    """A step of a verification, or its plan, or what it is a verification of.
+    """Step of a verification, its plan, or the identity of the machine.
 
-    `stamp` is the end of the step in ns, or that of the latest sample where it has not ended;
-    `text` is the plan, the identity as JSON, or why a step was skipped.
+    `stamp` is the end of the step, or the time of the latest sample if the step has not ended.
+    `text` is the plan, the identity as JSON, or the reason why a step was skipped.
     """
 
     stamp: Stamp
@@ -52,11 +52,11 @@ class VerificationStep:
 
 @dataclass(frozen=True, slots=True)
 class VerificationProgress:
-    """How far a guided verification is at `stamp`, ns, and what it asks the operator.
+    """Progress of a guided verification at `stamp`, and its question to the operator.
 
-    `question` is the number of what is asked. In `folder` are the plans of the machine and, by
-    their names, its verifications. `results` has a line for each of `steps`, empty before it is
-    made; `step` is the place of the one that is asked for or made, and `lines` what came in it.
+    `question` is the number of the question. `folder` has the plans of the machine and its
+    verifications by name. `results` has a line for each of `steps`, empty before the step is made.
+    `step` is the index of the present step, and `lines` are its results so far.
     """
 
     stamp: Stamp

@@ -13,12 +13,12 @@ from checkweigher_core.records.quantities import Stamp
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """An item on the line: the number that its window, estimate and verdict carry.
+    """Item on the line, with the number that its window, estimate and verdict carry.
 
-    It is announced once it can no longer be merged with another one, and again when it is
-    `complete`: nothing more will be known of it by the photo-eyes before its verdict. `stamp` is
-    the first of `t1`, `t2` and `t3` that is known, in ns. `line_speed`, in m/s, is its own or,
-    without it, that of the last whole item. `stream` is the number of the driver's stream.
+    An item is announced once its edges can no longer be merged with those of another item, and
+    again when it is `complete`, after which the photo-eyes add nothing before its verdict. `stamp`
+    is the first known of `t1`, `t2` and `t3`. `line_speed` in m/s is the speed of the item or, if
+    an edge is missing, that of the last whole item. `stream` is the number of the driver's stream.
     """
 
     stamp: Stamp | None
@@ -34,7 +34,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class WeighWindow:
-    """The signal of one item, with what the photo-eyes showed of the item."""
+    """Signal of one item with its times, speed and length from the photo-eyes."""
 
     item_id: int  # from 1, in order of entry
     t1: Stamp | None  # ns, the item begins to enter
@@ -42,21 +42,21 @@ class WeighWindow:
     t3: Stamp | None  # ns, it begins to leave
     belt_speed: float = math.nan  # m/s, weigh_length / (t3 - t1)
     product_length: float = math.nan  # m, belt_speed * (t2 - t1)
-    # m/s, belt_speed, or where an edge is missing that of the last whole item: no measurement,
-    # only to time the rejector.
+    # m/s, belt_speed or, if an edge is missing, that of the last whole item. It is only for the
+    # time of the rejector, and no measurement of this item.
     line_speed: float = math.nan
     sample_rate: float = math.nan  # Hz
     counts_per_kg: float = math.nan  # static calibration
     zero_counts: float = math.nan  # static calibration
     zero: float = math.nan  # counts, empty belt as last seen before t1
-    # counts; of a window that is later than its edges with what that lag is uncertain
+    # counts; includes the uncertainty of the lag if the samples are later than the edges
     zero_std_dev: float = math.nan
     first_index: int = 0  # of counts[0] since the source started
-    # ns, time of counts[0], at the nominal rate from that of the sample at window_begin, and on
-    # the clock of the eyes: the lag of the samples is taken off where the rise shows one.
+    # ns, time of counts[0] on the clock of the photo-eyes, at the nominal rate from the sample at
+    # window_begin. The lag of the samples is subtracted if the rise of the load shows one.
     stamp: Stamp = 0
-    # Position in counts of the first sample at which the item before had left the belt; at dense
-    # spacing it lies after t1, where the item is entering already.
+    # Position in counts of the first sample after the previous item has left the belt. At dense
+    # spacing it is after t1, when this item is already entering.
     empty_begin: int = 0
     window_begin: int = 0  # position in counts of the first sample at or after t2
     window_end: int = 0  # one past the position of the last sample before t3
@@ -67,7 +67,7 @@ class WeighWindow:
     reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can
 
     def __eq__(self, other: object) -> bool:
-        """Compare field by field, NaN equal to NaN: two unknowns are the same window."""
+        """Compare field by field; NaN equals NaN."""
         return isinstance(other, WeighWindow) and all(
             np.array_equal(np.asarray(a), np.asarray(b), equal_nan=isinstance(a, float))
             for a, b in ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
@@ -88,9 +88,9 @@ class WeighWindow:
 
 @dataclass(frozen=True, slots=True)
 class MassEstimate:
-    """The mass of one item with its uncertainty, or the reasons why there is none.
+    """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
-    `mass`, `std_dev`, `zero` (empty belt relative to its calibration) and `b1` are in kg:
+    `mass`, `std_dev`, `b1` and `zero` (the empty belt relative to its calibration) are in kg, and
     mass = b1 / (1 + a1 + a2). `natural_frequency` is in Hz. `line_speed` is that of the window.
     """
 
@@ -120,10 +120,10 @@ class MassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """A change of the zero by the service zero; kg from the zero of calibration.
+    """Change of the zero by the service `zero`, in kg from the zero of calibration.
 
-    `stamp` is the end of the empty belt that was read, `previous` the zero before, `std_dev` that
-    of the new one.
+    `stamp` is the end of the empty-belt segment that was read, `previous` the previous zero, and
+    `std_dev` the standard deviation of the new zero.
     """
 
     stamp: Stamp
