@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines on which everything goes wrong that can: the truth, and what the stages hear of it.
+"""Lines with all kinds of disturbances: the truth, and the messages that reach the stages.
 
-A line is drawn in two steps: what happens to the products (too close, belt stopped or slower, taken
-off), and what happens to the messages (lost, twice, late, in a wrong order, chatter, jumps of clock
-and index). The truth is known by construction.
+A line is drawn in two steps: the motion of the products (too close, belt stopped or slower, taken
+off), and the fate of the messages (lost, twice, late, in a wrong order, chatter, jumps of clock and
+index). The truth is known by construction.
 """
 
 from collections.abc import Callable, Sequence
@@ -152,23 +152,17 @@ def _products(plan: Plan, times: NDArray[np.float64], ways: NDArray[np.float64])
     def when(way: float) -> int:
         return round(NANOSECONDS * float(np.interp(way, moving, times)))
 
-    return [
-        _product(plan, number, [when(x + way) for way in (0, LENGTH, 0.2, 0.2 + LENGTH)], when(
-            x + plan.taken_off[1]) if plan.taken_off and plan.taken_off[0] == number else None)
-        for number, x in enumerate(_entries(plan))
-    ]  # fmt: skip
-
-
-def _product(plan: Plan, number: int, when: list[int], off: int | None) -> Product:
-    t1, t2, t3, t4 = when
-    mass = MASSES[number % len(MASSES)]
-    if off is None:
-        return Product(mass, t1, t2, t3, t4, t4)
-    # An eye clears when what stood before it is taken away.
-    return Product(
-        mass, t1, min(t2, off) if off > t1 else None,
-        t3 if t3 < off else None, min(t4, off) if t3 < off else None, min(off, t4),
-    )  # fmt: skip
+    products = []
+    for number, x in enumerate(_entries(plan)):
+        t1, t2, t3, t4 = (when(x + way) for way in (0, LENGTH, 0.2, 0.2 + LENGTH))
+        taken = plan.taken_off is not None and plan.taken_off[0] == number
+        off = when(x + plan.taken_off[1]) if plan.taken_off is not None and taken else _NEVER
+        mass, leaves = MASSES[number % len(MASSES)], t3 < off
+        # An eye clears when the product in front of it is taken away.
+        stamps = min(t2, off) if off > t1 else None, t3 if leaves else None
+        gone = min(off, t4)
+        products.append(Product(mass, t1, *stamps, gone if leaves else None, gone))
+    return products
 
 
 def _counts(
@@ -215,12 +209,10 @@ def make_line(plan: Plan) -> SpoiltLine:
     heard = tuple(
         any(EyeEdge(t, *EDGES[name]) in came for name, t in stamps.items()) for stamps in truth
     )
-    return SpoiltLine(
-        plan, tuple(products), tuple(events), truth, heard,
-        _entries_shown(truth, came),
-        tuple(_is_sound(i, products, truth, came, jumps) for i in range(len(products))),
-        tuple(not _neighbours(products, product) for product in products),
-    )  # fmt: skip
+    sound = tuple(_is_sound(i, products, truth, came, jumps) for i in range(len(products)))
+    alone = tuple(not _neighbours(products, product) for product in products)
+    entries = _entries_shown(truth, came)
+    return SpoiltLine(plan, tuple(products), tuple(events), truth, heard, entries, sound, alone)
 
 
 def _first_places(events: Sequence[tuple[int, Event]]) -> dict[EyeEdge, int]:
@@ -272,10 +264,13 @@ def _neighbours(products: list[Product], product: Product) -> list[int]:
 
 
 def _is_sound(
-    number: int, products: list[Product], truth: Sequence[dict[str, int]], came: dict[EyeEdge, int],
+    number: int,
+    products: list[Product],
+    truth: Sequence[dict[str, int]],
+    came: dict[EyeEdge, int],
     jumps: int,
-) -> bool:  # fmt: skip
-    """Tell whether a product could be weighed, by what the eyes knew when its window closed."""
+) -> bool:
+    """Return whether a product can be weighed, by the edges that came before its window closed."""
     product = products[number]
     if product.t2 is None or product.t3 is None or product.t1 < jumps < product.t3:
         return False

@@ -1,42 +1,34 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks: the stamps of samples and edges against their arrival."""
+"""Clocks: comparison of the stamps of samples and edges with their arrival."""
 
 from collections import deque
 import math
 
-from checkweigher_core.health.findings import (
-    MINUTE,
-    Concern,
-    Finding,
-    Level,
-    RecentValues,
-    conclude,
-)
+from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, conclude, warn_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
-MAX_INBOX = 20_000  # blocks or edges between two looks
-RATE_SPAN = 10.0  # s, over which rates are taken
-SHORTEST_SPAN = 2.0  # s, below which a rate says nothing
-# Stamps that run slower or faster than the machine's clock by more are those of a replay.
-_REPLAY = 0.1
-_CLOCK_BIN = 5.0  # s; the least delay in each is that of the clock, the others come from the load
+MAX_INBOX = 20_000  # blocks or edges in a queue
+RATE_SPAN = 10.0  # s, for which rates are computed
+SHORTEST_SPAN = 2.0  # s, below which a rate is not known
+_REPLAY = 0.1  # relative difference of pace, above which the stamps are those of a replay
+_CLOCK_BIN = 5.0  # s; the least delay in each is that of the clock, the others are due to load
 _CLOCK_SPAN = 300.0  # s
 _DRIFT_LIMIT = 500e-6  # a crystal is right to 100e-6
 _DRIFT_BINS = 6  # least number for a drift
 _PACE_BINS = 3
 _JITTER_LIMIT = 0.5  # s; less shows in the margin of the verdicts where it matters
-_START = 5.0  # s, in which nodes that start keep each other waiting
+_START = 5.0  # s after the first block, in which the start of other nodes causes delays
 _EYE_OFFSET_LIMIT = 0.1  # s
 _FEWEST_EDGES = 4
-_CLOCK_STEP = 0.5  # s, by which stamp and index may disagree before it is another clock
+_CLOCK_STEP = 0.5  # s, largest difference between stamp and index of one clock
 
 
 class ClockWatch:
-    """Compare the stamps of samples and edges with their arrival.
+    """Comparison of the stamps of samples and edges with their arrival.
 
-    The delay of a block is its arrival less the time at which its last sample was taken. The least
-    delay of a few seconds is that of a message that did not wait, so it moves as the clocks do.
+    The delay of a block is its arrival less the time of its last sample. The least delay in a few
+    seconds is that of a message that did not wait, so it changes as the clocks do.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -44,7 +36,7 @@ class ClockWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the clock of the stream before."""
+        """Discard the clock of the previous stream."""
         self._origin: int | None = None
         self._began = 0.0
         self._blocks: deque[tuple[float, int, int]] = deque(maxlen=MAX_INBOX)
@@ -52,10 +44,10 @@ class ClockWatch:
         self._delays = RecentValues(RATE_SPAN)
         self._edge_delays = RecentValues(MINUTE)
         self._bins = RecentValues(_CLOCK_SPAN)
-        self._bin: tuple[float, float] | None = None  # its begin and its least delay
+        self._bin = (math.nan, math.inf)  # begin and least delay
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Take a block, in the order of their indices."""
+        """Add a block, in the order of the indices."""
         if self._blocks:
             _, stamp, index = self._blocks[-1]
             expected = stamp + (block.first_index - index) * NANOSECONDS / self._rate
@@ -63,12 +55,11 @@ class ClockWatch:
                 self.restart()
         if self._origin is None:
             self._origin, self._began = block.stamp, came
+            self._bin = came, math.inf
         self._blocks.append((came, block.stamp, block.first_index))
         delay = came - (block.stamp - self._origin) / NANOSECONDS - len(block.counts) / self._rate
         if came - self._began > _START:
             self._delays.add(came, delay)
-        if self._bin is None:
-            self._bin = came, delay
         begin, least = self._bin
         if came - begin >= _CLOCK_BIN:
             self._bins.add(begin + _CLOCK_BIN / 2, least)
@@ -77,14 +68,13 @@ class ClockWatch:
             self._bin = begin, min(least, delay)
 
     def add_edge(self, came: float, edge: EyeEdge) -> None:
-        """Take an edge of a photo-eye, from any thread."""
+        """Add an edge of a photo-eye, from any thread."""
         self._edges.append((came, edge.stamp))
 
     def look(self, now: float) -> None:
-        """Work through the edges and forget what is old."""
-        edges = [self._edges.popleft() for _ in range(len(self._edges))]
-        if self._origin is not None:
-            for came, stamp in edges:
+        """Process the edges that have come, and remove old values."""
+        for came, stamp in [self._edges.popleft() for _ in range(len(self._edges))]:
+            if self._origin is not None:
                 self._edge_delays.add(came, came - (stamp - self._origin) / NANOSECONDS)
         for values in (self._delays, self._bins, self._edge_delays):
             values.forget(now)
@@ -92,48 +82,48 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return seconds of the stamps in a second; NaN if not known.
+        """Return the time of the stamps per second of this machine, NaN if not known.
 
-        From the least delays once there are some: after a halt blocks come faster for a while.
+        It follows from the least delays as soon as they are known, because after a halt blocks come
+        faster for a while.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
-        if len(self._blocks) < 2:
-            return math.nan
-        (began, first_stamp, _), (came, last_stamp, _) = self._blocks[0], self._blocks[-1]
-        elapsed = came - began
-        if elapsed < SHORTEST_SPAN:
-            return math.nan
-        return (last_stamp - first_stamp) / NANOSECONDS / elapsed
+        arrival, elapsed, _ = self._span()
+        return elapsed / arrival if arrival >= SHORTEST_SPAN else math.nan
 
     @property
     def sample_rate(self) -> float:
-        """Hz of the index in the time of the stamps, lately; NaN if not known."""
-        if len(self._blocks) < 2:
-            return math.nan
-        (_, first_stamp, first), (_, last_stamp, last) = self._blocks[0], self._blocks[-1]
-        elapsed = (last_stamp - first_stamp) / NANOSECONDS
-        return (last - first) / elapsed if elapsed >= SHORTEST_SPAN else math.nan
+        """Sample rate by the stamps in the last seconds, Hz; NaN if not known."""
+        _, elapsed, count = self._span()
+        return count / elapsed if elapsed >= SHORTEST_SPAN else math.nan
+
+    def _span(self) -> tuple[float, float, int]:
+        """Return the span of the last blocks: by arrival, s, by their stamps, s, and by index."""
+        if not self._blocks:
+            return 0.0, 0.0, 0
+        (began, first_stamp, first), (came, last_stamp, last) = self._blocks[0], self._blocks[-1]
+        return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
     def _least(self) -> float:
-        """Return the least delay of a block lately, s from the stamp of the first one."""
+        """Return the least recent delay of a block, s from the stamp of the first one."""
         bins = self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist()
-        last = [] if self._bin is None else [self._bin[1]]
-        return float(min([*bins, *last], default=math.nan))
+        least = min([*bins, self._bin[1]])
+        return math.nan if math.isinf(least) else float(least)
 
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the aspect Clock; `offset_of_clocks`: time of day less that of arrivals, s."""
+        """Return the aspect Clock; `offset_of_clocks` is the time of day at arrival time 0, s."""
         least, slope = self._least(), self._bins.slope
         offset = math.nan
         if self._origin is not None:
             offset = least + offset_of_clocks - self._origin / NANOSECONDS
         pace = self._pace(slope)
-        # By how much 95 % of the blocks are not later than the least late one, s.
+        # Delay that 95 % of the blocks do not exceed, relative to the least one, s.
         jitter = self._delays.quantile(0.95) - self._delays.smallest
-        eye_offset = math.nan  # how much later the edges come than the samples of the same time, s
+        eye_offset = math.nan  # delay of the edges relative to samples of the same time, s
         if len(self._edge_delays) >= _FEWEST_EDGES:
             eye_offset = self._edge_delays.smallest - least
-        # How much faster the machine's clock runs than that of the stamps, relative.
+        # Relative difference between the clocks of the machine and of the stamps.
         drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {
             'stamps_behind_this_machine_s': offset,
@@ -143,27 +133,26 @@ class ClockWatch:
             'pace_of_stamps': pace,
         }
         if math.isnan(pace):
-            return conclude('Clock', 'not known yet', (), values)
+            return conclude('Clock', 'not known yet', values=values)
         if abs(pace - 1) > _REPLAY:
             text = f'the stamps run at {pace:.2f} times real time, as those of a replay do'
-            return conclude('Clock', text, (), values)
-        concerns = _concerns(drift, jitter, eye_offset)
-        return conclude('Clock', 'stamps and arrival agree', concerns, values)
-
-
-def _concerns(drift: float, jitter: float, eye_offset: float) -> list[Concern]:
-    found = []
-    if abs(eye_offset) > _EYE_OFFSET_LIMIT:
+            return conclude('Clock', text, values=values)
         side = 'later' if eye_offset > 0 else 'earlier'
-        text = f'edges come {abs(eye_offset):.2f} s {side} than samples of the same stamp'
-        hint = 'check that load cell and photo-eyes are stamped by one clock'
-        found.append(Concern(Level.WARN, text, hint))
-    if abs(drift) > _DRIFT_LIMIT:
-        text = f'the stamps drift by {1e6 * drift:.0f} ppm against this machine'
-        hint = 'check the sample rate in load_cell/info and what the stamps are made of'
-        found.append(Concern(Level.WARN, text, hint))
-    if jitter > _JITTER_LIMIT:
-        text = f'blocks come up to {1e3 * jitter:.0f} ms late'
-        hint = 'check the load on this machine and the network to the driver'
-        found.append(Concern(Level.WARN, text, hint))
-    return found
+        concerns = [
+            warn_if(
+                abs(eye_offset) > _EYE_OFFSET_LIMIT,
+                f'edges come {abs(eye_offset):.2f} s {side} than samples of the same stamp',
+                'check that load cell and photo-eyes are stamped by one clock',
+            ),
+            warn_if(
+                abs(drift) > _DRIFT_LIMIT,
+                f'the stamps drift by {1e6 * drift:.0f} ppm against this machine',
+                'check the sample rate in load_cell/info and what the stamps are made of',
+            ),
+            warn_if(
+                jitter > _JITTER_LIMIT,
+                f'blocks come up to {1e3 * jitter:.0f} ms late',
+                'check the load on this machine and the network to the driver',
+            ),
+        ]
+        return conclude('Clock', 'stamps and arrival agree', concerns, values)

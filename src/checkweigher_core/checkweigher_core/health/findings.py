@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Findings on the health of a line, each with a level and a hint, and values seen lately.
+"""Findings on the health of a line, each with a level and a hint, and recent values.
 
-Times are seconds on a clock that never steps back, which the caller reads.
+Times are in seconds on a monotonic clock, which the caller reads.
 """
 
 from collections import Counter, deque
@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-MINUTE = 60.0  # s, what is called lately
+MINUTE = 60.0  # s, for which recent values are kept
 _MAX_VALUES = 10_000
 
 
@@ -31,7 +31,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Concern:
-    """One thing that is wrong: what is, and what to check."""
+    """One problem, and what to check."""
 
     level: Level
     text: str
@@ -44,8 +44,8 @@ class Finding:
 
     aspect: str  # as in docs/reasons.md
     level: Level
-    text: str  # what is, in one sentence
-    hint: str = ''  # what to check; empty where all is well
+    text: str  # one sentence
+    hint: str = ''  # what to check; empty if there is no problem
     values: Mapping[str, float | str] = field(default_factory=dict)  # the unit in the key
 
     @property
@@ -54,13 +54,28 @@ class Finding:
         return f'{self.text}; {self.hint}' if self.hint else self.text
 
 
+Values = Mapping[str, float | str]
+
+
+def warn_if(holds: bool, text: str, hint: str) -> Concern | None:
+    """Return a warning if a condition holds."""
+    return Concern(Level.WARN, text, hint) if holds else None
+
+
+def error_if(holds: bool, text: str, hint: str) -> Concern | None:
+    """Return an error if a condition holds."""
+    return Concern(Level.ERROR, text, hint) if holds else None
+
+
 def conclude(
-    aspect: str, well: str, concerns: Iterable[Concern],
-    values: Mapping[str, float | str] | None = None,
-) -> Finding:  # fmt: skip
-    """Return the finding of the worst concern, of the first of these; `well` if there is none."""
-    fine = Concern(Level.OK, well, '')
-    worst = max(concerns, key=lambda concern: concern.level, default=fine)
+    aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
+) -> Finding:
+    """Return the finding on an aspect: its first concern of the highest level.
+
+    The text is `well` if there is no concern; entries that are None are ignored.
+    """
+    found = [concern for concern in concerns if concern is not None]
+    worst = max(found, key=lambda concern: concern.level, default=Concern(Level.OK, well, ''))
     return Finding(aspect, worst.level, worst.text, worst.hint, values or {})
 
 
@@ -78,30 +93,30 @@ class Recent(Generic[T]):
         return len(self._entries)
 
     def forget(self, now: float) -> None:
-        """Drop what is older than the duration at `now`, s."""
+        """Remove the entries that are older than the duration at `now`, s."""
         while self._entries and self._entries[0][0] <= now - self._duration:
             self._entries.popleft()
 
 
 class RecentValues(Recent[float]):
-    """The values of the last `duration` seconds; without any their statistics are NaN."""
+    """Values of the last `duration` seconds. Statistics without any value are NaN."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         super().__init__(duration, limit)
 
     def add(self, time: float, value: float) -> None:
-        """Take a value seen at `time`, s; one that is not finite is passed over."""
+        """Add a value of the given time, s. A value that is not finite is ignored."""
         if math.isfinite(value):
             self._entries.append((time, value))
 
     @property
     def span(self) -> float:
-        """From the time of the oldest value to that of the latest, s; 0 without any."""
+        """Time from the oldest to the latest value in s, 0 without any."""
         return self._entries[-1][0] - self._entries[0][0] if self._entries else 0.0
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """The values, (n,), the oldest first."""
+        """Values as an array of shape (n,), oldest first."""
         return np.array([value for _, value in self._entries])
 
     @property
@@ -125,18 +140,16 @@ class RecentValues(Recent[float]):
         return self.quantile(0.0)
 
     def quantile(self, share: float) -> float:
-        """Return the value that a share of all does not exceed, interpolated between two values."""
+        """Return a quantile of the values, interpolated linearly."""
         return float(np.quantile(self.values, share)) if self._entries else math.nan
 
     @property
     def slope(self) -> float:
-        """Change of the values in a second, the median over all pairs; NaN with fewer than two.
+        """Change of the values per second: the median over all pairs, NaN with fewer than two.
 
         The estimator of Theil and Sen: up to 29 % of the values may be wrong by any amount.
         """
-        if len(self._entries) < 2:
-            return math.nan
-        times, values = np.array(self._entries).T
+        times, values = np.reshape(self._entries, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
         elapsed = times[second] - times[first]
         moved = elapsed > 0
@@ -146,27 +159,27 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Outcome of the last `count` items within `duration`, s, and why those failed that did."""
+    """Outcomes of the last `count` items within `duration`, s, and the reasons of failures."""
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
-        """Take an item and why it failed; with no reason it did not."""
+        """Add an item and the reasons of its failure, none if it did not fail."""
         self._entries.append((time, tuple(reasons)))
 
     @property
     def failed(self) -> int:
-        """Number of those that failed."""
+        """Number of items that failed."""
         return sum(bool(reasons) for _, reasons in self._entries)
 
     @property
     def failed_in_a_row(self) -> int:
-        """Number of those that failed since the last one that did not."""
+        """Number of items that failed since the last one that did not."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self._entries)))
 
     @property
     def main_reason(self) -> str:
-        """The first reason of most of those that failed, empty if none did."""
+        """Most frequent first reason of the items that failed, empty if none did."""
         firsts = Counter(reasons[0] for _, reasons in self._entries if reasons)
         return firsts.most_common(1)[0][0] if firsts else ''

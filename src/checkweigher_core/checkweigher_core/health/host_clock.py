@@ -7,11 +7,11 @@ import math
 import shutil
 import subprocess
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude, warn_if
 
 COMMAND = ('chronyc', '-n', '-c', 'tracking')
 _ASPECT = 'Host clock'
-_PERIOD = 30.0  # s, from one question to the next
+_PERIOD = 30.0  # s, between two calls of chronyc
 _PATIENCE = 10.0  # s, for an answer
 _LARGEST_BOUND = 0.1  # s
 _OWN_CLOCK = 0x7F7F0101  # reference of a chrony that follows no other clock (`local`)
@@ -20,7 +20,8 @@ _OWN_CLOCK = 0x7F7F0101  # reference of a chrony that follows no other clock (`l
 class HostClock:
     """Watch of the clock of this host.
 
-    chronyc runs beside the node, which never waits for it: its answer is read at a later call.
+    chronyc runs as a process of its own. Its answer is read at a later call, so that the node never
+    waits for it.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -29,7 +30,7 @@ class HostClock:
         self._asked = -math.inf
         self._question: subprocess.Popen[str] | None = None
         text = 'not known yet' if self._exists else 'not checked: there is no chrony here'
-        self._finding = conclude(_ASPECT, text, ())
+        self._finding = conclude(_ASPECT, text)
 
     def finding(self, now: float) -> Finding:
         """Return the aspect Host clock at `now`, s."""
@@ -42,9 +43,12 @@ class HostClock:
         elif self._exists and now - self._asked >= _PERIOD:
             self._asked = now
             self._question = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL, text=True,
-            )  # fmt: skip
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
         return self._finding
 
 
@@ -65,9 +69,9 @@ def tracking_finding(text: str) -> Finding:
         hint = 'check chronyc sources, and the network to them'
         return conclude(_ASPECT, '', [Concern(Level.WARN, 'it is not synchronised', hint)])
     if reference == _OWN_CLOCK:
-        return conclude(_ASPECT, 'chrony follows this clock itself (local)', ())
-    well, found = f'right to {1e3 * bound:.3g} ms by chrony', []
-    if bound > _LARGEST_BOUND:
-        hint = 'check chronyc sources; times of other hosts cannot be compared with those of here'
-        found.append(Concern(Level.WARN, well, hint))
-    return conclude(_ASPECT, well, found, {'bound_ms': 1e3 * bound})
+        return conclude(_ASPECT, 'chrony follows this clock itself (local)')
+    text = f'right to {1e3 * bound:.3g} ms by chrony'
+    hint = 'check chronyc sources; times of other hosts cannot be compared with those of here'
+    return conclude(
+        _ASPECT, text, [warn_if(bound > _LARGEST_BOUND, text, hint)], {'bound_ms': 1e3 * bound}
+    )

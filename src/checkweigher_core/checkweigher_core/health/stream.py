@@ -12,25 +12,30 @@ from checkweigher_core.health.findings import (
     MINUTE,
     Concern,
     Finding,
-    Level,
     RecentValues,
     conclude,
+    error_if,
+    warn_if,
 )
 from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
-PATIENCE = 5.0  # s, in which a line starts
+PATIENCE = 5.0  # s, duration of the start of a line
 _SILENCE = 1.0  # s without samples; a block is 10 to 50 ms
-_SILENT_BLOCKS = 5.0  # where blocks are long
+_SILENT_BLOCKS = 5.0  # the same in blocks, if these are long
 _RATE_TOLERANCE = 0.005  # relative
 _LONGEST_BLOCKED = 10.0  # s
 _ONE_EYED = 10  # edges of one eye while the other shows none
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
-# What is counted of the blocks, by what one of it is.
+# The counts, each with the noun that is counted.
 _COUNTED = {
-    _GAPS: 'gap', _LOST: 'sample', _AGAIN: 'block', _RESTARTS: 'time', _SATURATED: 'sample'
-}  # fmt: skip
+    _GAPS: 'gap',
+    _LOST: 'sample',
+    _AGAIN: 'block',
+    _RESTARTS: 'time',
+    _SATURATED: 'sample',
+}
 _WARNINGS = {
     _GAPS: (
         '{samples_lost} lost in {gaps}',
@@ -52,17 +57,17 @@ _WARNINGS = {
 
 
 class SampleWatch:
-    """Follow the blocks of samples: how many come, what is missing, and by which clock.
+    """Statistics of the blocks of samples: their rate, gaps and clock.
 
-    Any thread may add a block. That is an append, so that it costs the stream nothing; `look` does
-    the rest, once a second.
+    Any thread may add a block. That only appends it to a queue, so that it takes the stream no
+    time; `look` processes the queue once a second.
     """
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
         self.clock = ClockWatch(load_cell.sample_rate)
         self._inbox: deque[tuple[float, SampleBlock]] = deque(maxlen=MAX_INBOX)
-        self._last: float | None = None
+        self._last = -math.inf
         self._end: int | None = None
         self._last_stamp = 0
         self._block = 0.0  # s
@@ -71,19 +76,19 @@ class SampleWatch:
         self._recent = {what: RecentValues() for what in _COUNTED}
 
     def add(self, now: float, block: SampleBlock) -> None:
-        """Take a block that came at `now`, s."""
+        """Add a block that came at `now`, s."""
         self._inbox.append((now, block))
 
     def restart(self) -> None:
-        """Expect another stream: its index and clock need not go on from this one."""
+        """Reset index and clock for another stream."""
         self._inbox.clear()
         self._end = None
         self.clock.restart()
 
     def look(self, now: float) -> None:
-        """Work through what has come."""
+        """Process the blocks that have come."""
         blocks = [self._inbox.popleft() for _ in range(len(self._inbox))]
-        if len(blocks) == MAX_INBOX:  # some fell out, that is no gap of the stream
+        if len(blocks) == MAX_INBOX:  # blocks that the queue dropped are not lost in the stream
             self.restart()
         for came, block in blocks:
             if len(block.counts):
@@ -121,8 +126,8 @@ class SampleWatch:
             self._recent[what].add(time, count)
 
     def finding(self, now: float, waited: float) -> Finding:
-        """Return the aspect Samples; `waited`: for which samples could have come, s."""
-        age = math.inf if self._last is None else now - self._last
+        """Return the aspect Samples; `waited` is the time since the stream began, s."""
+        age = now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
         span = self._arrivals.span
         if span < SHORTEST_SPAN:
@@ -136,57 +141,58 @@ class SampleWatch:
             **self._counts,
         }
         concerns = self._concerns(age, waited, lately)
-        rate = self.load_cell.sample_rate
-        return conclude('Samples', f'{rate:g} samples/s', concerns, values)
+        return conclude('Samples', f'{self.load_cell.sample_rate:g} samples/s', concerns, values)
 
-    def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern]:
-        found = []
-        if age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > PATIENCE:
-            text = 'no samples have come' if age == math.inf else f'no samples for {age:.1f} s'
-            hint = 'check that the driver runs, and the cable and power of the load cell'
-            found.append(Concern(Level.ERROR, text, hint))
+    def _concerns(self, age: float, waited: float, lately: dict[str, int]) -> list[Concern | None]:
         numbers = {what: counted(lately[what], name) for what, name in _COUNTED.items()}
-        for what, (text, hint) in _WARNINGS.items():
-            if lately[what]:
-                text = f'{text.format(**numbers)} in the last minute'
-                found.append(Concern(Level.WARN, text, hint))
         rate, nominal = self.clock.sample_rate, self.load_cell.sample_rate
-        if abs(rate - nominal) > _RATE_TOLERANCE * nominal:
-            text = f'{rate:.1f} samples/s by their stamps, load_cell/info says {nominal:g}'
-            hint = 'check the rate set in the load cell against load_cell/info'
-            found.append(Concern(Level.WARN, text, hint))
-        return found
+        return [
+            error_if(
+                age > max(_SILENCE, _SILENT_BLOCKS * self._block) and waited > PATIENCE,
+                'no samples have come' if age == math.inf else f'no samples for {age:.1f} s',
+                'check that the driver runs, and the cable and power of the load cell',
+            ),
+            *(
+                warn_if(lately[what] > 0, f'{text.format(**numbers)} in the last minute', hint)
+                for what, (text, hint) in _WARNINGS.items()
+            ),
+            warn_if(
+                abs(rate - nominal) > _RATE_TOLERANCE * nominal,
+                f'{rate:.1f} samples/s by their stamps, load_cell/info says {nominal:g}',
+                'check the rate set in the load cell against load_cell/info',
+            ),
+        ]
 
 
 class EyeWatch:
-    """Follow the photo-eyes: whether both switch, and whether one stays blocked."""
+    """Statistics of the photo-eyes: whether both switch, and whether one stays blocked."""
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(Eye, 0)
-        self._last: float | None = None
+        self._last = math.nan
         self.restart()
 
     def add(self, now: float, edge: EyeEdge) -> None:
-        """Take an edge that came at `now`, s, from any thread."""
+        """Add an edge that came at `now`, s, from any thread."""
         self._inbox.append((now, edge))
 
     def restart(self) -> None:
-        """Forget which eyes are blocked: another stream need not say that they are free."""
+        """Reset the states of the eyes for another stream."""
         self._inbox: deque[tuple[float, EyeEdge]] = deque(maxlen=MAX_INBOX)
         self._recent = {eye: RecentValues() for eye in Eye}
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
-        """Work through what has come."""
+        """Process the edges that have come."""
         for came, edge in [self._inbox.popleft() for _ in range(len(self._inbox))]:
             eye = Eye(edge.eye)
             self._last = came
             self._counts[eye] += 1
             self._recent[eye].add(came, 1.0)
-            if not edge.blocked:
-                self._blocked.pop(eye, None)
-            else:
+            if edge.blocked:
                 self._blocked.setdefault(eye, came)
+            else:
+                self._blocked.pop(eye, None)
         for values in self._recent.values():
             values.forget(now)
 
@@ -196,22 +202,27 @@ class EyeWatch:
         blocked = {eye: now - since for eye, since in self._blocked.items()}
         values = {
             'edges_per_s': sum(lately.values()) / MINUTE,
-            'age_of_last_edge_s': math.nan if self._last is None else now - self._last,
+            'age_of_last_edge_s': now - self._last,
             'infeed_edges': self._counts[Eye.INFEED],
             'outfeed_edges': self._counts[Eye.OUTFEED],
             'infeed_blocked_for_s': blocked.get(Eye.INFEED, 0.0),
             'outfeed_blocked_for_s': blocked.get(Eye.OUTFEED, 0.0),
         }
-        found = []
-        for eye, duration in blocked.items():
-            if duration > _LONGEST_BLOCKED:
-                text = f'the {eye.name.lower()} eye has been blocked for {duration:.0f} s'
-                hint = 'check for a jammed product, dirt, and the alignment of the eye'
-                found.append(Concern(Level.WARN, text, hint))
-        for eye, other in ((Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED)):
-            if lately[eye] == 0 and lately[other] >= _ONE_EYED:
-                text = f'only the {other.name.lower()} eye has switched in the last minute'
-                hint = f'check the {eye.name.lower()} eye, its wiring and its alignment'
-                found.append(Concern(Level.ERROR, text, hint))
+        concerns = [
+            warn_if(
+                duration > _LONGEST_BLOCKED,
+                f'the {eye.name.lower()} eye has been blocked for {duration:.0f} s',
+                'check for a jammed product, dirt, and the alignment of the eye',
+            )
+            for eye, duration in blocked.items()
+        ]
+        concerns += [
+            error_if(
+                lately[eye] == 0 and lately[other] >= _ONE_EYED,
+                f'only the {other.name.lower()} eye has switched in the last minute',
+                f'check the {eye.name.lower()} eye, its wiring and its alignment',
+            )
+            for eye, other in ((Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED))
+        ]
         well = 'both switch' if all(lately.values()) else 'no product in the last minute'
-        return conclude('Photo eyes', well, found, values)
+        return conclude('Photo eyes', well, concerns, values)

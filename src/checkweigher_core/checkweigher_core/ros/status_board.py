@@ -1,7 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The last diagnostics of running lines: the worst first, silent nodes among them."""
+"""The latest diagnostics of running lines, worst first, with the nodes that are silent."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 import threading
@@ -13,7 +14,7 @@ from checkweigher_core.records import Decision
 from checkweigher_core.ros.ports import NODES, STAGES
 
 HOST = 'host'  # value of a node's own status: the name of the computer it runs on
-_SILENCE = 3.0  # s, three of its periods
+_SILENCE = 3.0  # s, three periods of the diagnostics
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # rising
 
 
@@ -26,11 +27,11 @@ class Row:
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
-    silence: float = 0.0  # s, since the node was heard, where that is too long
+    silence: float = 0.0  # s since the last report, 0 unless it is overdue
 
 
 class StatusBoard:
-    """The last report of each node of the lane `namespace`, or of all lanes if that is empty."""
+    """Latest report of each node of the lane `namespace`, or of all lanes if that is empty."""
 
     def __init__(self, namespace: str = '') -> None:
         self._namespace = namespace
@@ -53,7 +54,7 @@ class StatusBoard:
                 self._nodes[node] = now, rows
 
     def hosts(self) -> dict[str, set[str]]:
-        """Return the names of the hosts on which the nodes of each lane ran when last heard."""
+        """Return the host names in the latest reports of each lane."""
         found: dict[str, set[str]] = {}
         with self._lock:
             for node, (_, rows) in self._nodes.items():
@@ -76,7 +77,7 @@ class StatusBoard:
                 text = f'silent for {now - heard:.0f} s; its process hangs or has ended, start it'
                 found.append(Row(node, '', Level.STALE, text, silence=now - heard))
                 continue
-            # The node's own row repeats the worst of the others, but for a warning of this second.
+            # The node's own row repeats the worst of the others unless it is a warning of its own.
             found += [row for row in rows if row.aspect or row.level > worst(rows[1:])]
         lanes = {node.rpartition('/')[0] for node in nodes} or {self._namespace}
         for lane in lanes:
@@ -95,12 +96,12 @@ def worst(rows: Iterable[Row]) -> Level:
 
 @dataclass(frozen=True, slots=True)
 class LaneRow:
-    """How one lane is: the worst of its rows, and its verdicts."""
+    """State of one lane: its worst row and its verdicts."""
 
     lane: str  # namespace, '/' for none
     level: Level
-    verdicts: tuple[tuple[str, str], ...]  # how many of each decision
-    worst: str  # node, aspect and message; empty where all is well
+    verdicts: tuple[tuple[str, str], ...]  # number of each decision
+    worst: str  # node, aspect and message; empty if there is no problem
 
     @property
     def counts(self) -> tuple[int, int, int]:
@@ -111,7 +112,7 @@ class LaneRow:
 
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
-    """Return a row for each lane, the worst first; `rows` are those of a board, in its order."""
+    """Return a row for each lane, worst first; `rows` are those of a board, in its order."""
     lanes: dict[str, list[Row]] = {}
     for row in rows:
         lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)
@@ -120,26 +121,15 @@ def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
 
 def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
     first = rows[0]  # the worst
-    text = ''
-    if first.level > Level.OK:
-        text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
+    text = f'{first.node.rpartition("/")[2]} {first.aspect}: {first.message}'
     names = {decision.name for decision in Decision}
-    counted = tuple(
-        (key, value) for row in rows if row.aspect == 'Verdicts' for key, value in row.values
-        if key in names
-    )  # fmt: skip
-    return LaneRow(lane, first.level, counted, text)
+    values = [pair for row in rows if row.aspect == 'Verdicts' for pair in row.values]
+    verdicts = tuple((key, value) for key, value in values if key in names)
+    return LaneRow(lane, first.level, verdicts, text if first.level > Level.OK else '')
 
 
 def headline(rows: Iterable[Row]) -> str:
-    """Return how many rows there are of each level."""
-    counts = dict.fromkeys(reversed(Level), 0)
-    for row in rows:
-        counts[row.level] += 1
-    texts = {
-        Level.STALE: f'{counts[Level.STALE]} silent',
-        Level.ERROR: counted(counts[Level.ERROR], 'error'),
-        Level.WARN: counted(counts[Level.WARN], 'warning'),
-        Level.OK: f'{counts[Level.OK]} well',
-    }
-    return ', '.join(texts[level] for level in counts)
+    """Return the number of rows of each level in words."""
+    counts = Counter(row.level for row in rows)
+    errors, warnings = counted(counts[Level.ERROR], 'error'), counted(counts[Level.WARN], 'warning')
+    return f'{counts[Level.STALE]} silent, {errors}, {warnings}, {counts[Level.OK]} well'

@@ -22,13 +22,6 @@ def test_values_are_forgotten_after_their_time():
     assert math.isnan(recent.quantile(0.5))
 
 
-def test_only_so_many_values_are_kept():
-    recent = RecentValues(duration=1e9, limit=3)
-    for value in range(10):
-        recent.add(0.0, value)
-    assert recent.values.tolist() == [7.0, 8.0, 9.0]
-
-
 def test_the_slope_is_that_of_most_values():
     recent = RecentValues(duration=1e9)
     for time in range(20):

@@ -4,12 +4,13 @@
 
 import math
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Concern, Finding, Level, conclude, error_if, warn_if
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 
 _MILLI = 1e3
-_CHANGED = 1.5e-3  # s; products that ride on differently change the median of some by a third of it
-_LARGE = 2e-3  # s
+# ms; products that ride on differently change the median of a few items by a third of it.
+_CHANGED = 1.5
+_LARGE = 2.0  # ms
 _MANY_UNCHECKED = 0.5  # share of the items
 _FEWEST = 10  # items
 
@@ -24,22 +25,28 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_checked': check.checked,
         'items_unchecked': check.unchecked,
     }
-    found = []
-    if abs(check.change) > _CHANGED:
-        side = 'later' if change > 0 else 'earlier'
-        text = f'the load comes on {abs(change):.1f} ms {side} than the eyes say and said before'
-        hint = 'check the filter of the amplifier, the clocks, and the place and delay of the eyes'
-        found.append(Concern(Level.ERROR, text, hint))
-    # Of a lag that is too large to be learned each item is a FAULT.
+    side = 'later' if change > 0 else 'earlier'
+    # With a lag that is too large to be learned each item is a FAULT.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
-    if not check.is_stated and abs(check.lag if too_large else check.learned) > _LARGE:
-        beyond = lag if too_large else reference
-        text = f'samples lag {beyond:.1f} ms more behind the eyes than rise_lag says'
-        hint = 'measure it by calibrate --dynamic, or set rise_lag to what the amplifier delays'
-        found.append(Concern(Level.ERROR if too_large else Level.WARN, text, hint))
-    if check.unchecked > _MANY_UNCHECKED * max(check.checked + check.unchecked, _FEWEST):
-        text = 'the rise of most items is not seen, so that nothing confirms the eyes'
-        hint = 'leave at least 0.06 s of empty belt before each item'
-        found.append(Concern(Level.WARN, text, hint))
+    beyond = lag if too_large else reference
+    is_large = not check.is_stated and abs(beyond) > _LARGE
+    unstated = Concern(
+        Level.ERROR if too_large else Level.WARN,
+        f'samples lag {beyond:.1f} ms more behind the eyes than rise_lag says',
+        'measure it by calibrate --dynamic, or set rise_lag to what the amplifier delays',
+    )
+    concerns = [
+        error_if(
+            abs(change) > _CHANGED,
+            f'the load comes on {abs(change):.1f} ms {side} than the eyes say and said before',
+            'check the filter of the amplifier, the clocks, and the place and delay of the eyes',
+        ),
+        unstated if is_large else None,
+        warn_if(
+            check.unchecked > _MANY_UNCHECKED * max(check.checked + check.unchecked, _FEWEST),
+            'the rise of most items is not seen, so that nothing confirms the eyes',
+            'leave at least 0.06 s of empty belt before each item',
+        ),
+    ]
     well = 'no item yet' if math.isnan(lag) else f'the load comes on {lag:+.1f} ms from the eyes'
-    return conclude('Eyes and samples', well, found, values)
+    return conclude('Eyes and samples', well, concerns, values)

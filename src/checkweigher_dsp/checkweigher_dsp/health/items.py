@@ -10,10 +10,12 @@ from checkweigher_core.health.findings import (
     MINUTE,
     Concern,
     Finding,
-    Level,
     RecentItems,
     RecentValues,
+    Values,
     conclude,
+    error_if,
+    warn_if,
 )
 from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
@@ -35,25 +37,23 @@ _MAX_EDGES = 200
 _NO_MASSES = 3  # items in a row
 
 
-def reason_hint(reason: str) -> str:
-    """Return what to look at for a reason, also for one that is not in `Reason`."""
-    return Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
-
-
-def failures(items: RecentItems, what: str) -> list[Concern]:
-    """Return the concerns of items that fail lately: WARN if many, ERROR if all."""
-    reason = items.main_reason
-    if items.failed_in_a_row >= _ALL_FAIL:
-        text = f'the last {items.failed_in_a_row} items {what}, mostly {reason}'
-        return [Concern(Level.ERROR, text, reason_hint(reason))]
-    if items.failed >= max(_FEWEST_FAILED, _TOO_MANY_FAILED * len(items)):
-        text = f'{items.failed} of the last {len(items)} items {what}, mostly {reason}'
-        return [Concern(Level.WARN, text, reason_hint(reason))]
-    return []
+def failures(items: RecentItems, what: str) -> list[Concern | None]:
+    """Return the concerns about recent items that failed: an error if all did, else a warning."""
+    in_a_row, failed, reason = items.failed_in_a_row, items.failed, items.main_reason
+    is_known = reason in list(Reason)
+    hint = Reason(reason).hint if is_known else 'see docs/reasons.md'
+    return [
+        error_if(in_a_row >= _ALL_FAIL, f'the last {in_a_row} items {what}, mostly {reason}', hint),
+        warn_if(
+            failed >= max(_FEWEST_FAILED, _TOO_MANY_FAILED * len(items)),
+            f'{failed} of the last {len(items)} items {what}, mostly {reason}',
+            hint,
+        ),
+    ]
 
 
 class FaultWatch:
-    """Count what the segmenter could not cut, by reason."""
+    """Statistics of the items that the segmenter could not cut, by reason."""
 
     def __init__(self) -> None:
         self._items = RecentItems()
@@ -61,7 +61,7 @@ class FaultWatch:
         self._reasons: Counter[str] = Counter()
 
     def add(self, now: float, reasons: Sequence[str]) -> None:
-        """Take an item and its reasons."""
+        """Add an item and its reasons."""
         self._count += 1
         self._items.add(now, reasons)
         self._reasons.update(reasons)
@@ -69,7 +69,7 @@ class FaultWatch:
     def finding(self, now: float) -> Finding:
         """Return the aspect Items."""
         self._items.forget(now)
-        values: dict[str, float | str] = {
+        values: Values = {
             'items': self._count,
             'lately': len(self._items),
             'faults_lately': self._items.failed,
@@ -81,15 +81,15 @@ class FaultWatch:
 
 
 class WorkloadWatch:
-    """Follow how long a stage works on each window."""
+    """Statistics of the time that a stage takes for each window."""
 
     def __init__(self) -> None:
         self._taken = RecentValues(_BUSY_SPAN)
         self._count = 0
-        self._last: float | None = None
+        self._last = math.nan
 
     def add(self, now: float, taken: float) -> None:
-        """Note that the work on a window, done at `now`, took so long; both in s."""
+        """Add a window that was finished at `now` and took `taken`, both in s."""
         self._count += 1
         self._last = now
         self._taken.add(now, taken)
@@ -100,22 +100,22 @@ class WorkloadWatch:
         share = self._taken.total / _BUSY_SPAN
         values = {
             'windows': self._count,
-            'age_of_last_window_s': math.nan if self._last is None else now - self._last,
+            'age_of_last_window_s': now - self._last,
             'time_taken_median_ms': 1e3 * self._taken.median,
             'time_taken_max_ms': 1e3 * self._taken.largest,
             'busy_share': share,
         }
-        found = []
-        if share > _BUSY:
-            text = f'busy for {100 * share:.0f} % of the time'
-            hint = 'check the load on this machine; a faster estimator or machine is needed'
-            found.append(Concern(Level.WARN, text, hint))
+        busy = warn_if(
+            share > _BUSY,
+            f'busy for {100 * share:.0f} % of the time',
+            'check the load on this machine; a faster estimator or machine is needed',
+        )
         well = f'busy for {100 * share:.1f} % of the time' if self._count else 'no window yet'
-        return conclude('Windows', well, found, values)
+        return conclude('Windows', well, [busy], values)
 
 
 class ConvergenceWatch:
-    """Follow how sure the estimates are, and whether the platform is the one it was."""
+    """Uncertainty of the estimates, and changes of the platform."""
 
     def __init__(self) -> None:
         self._items = RecentItems()
@@ -125,18 +125,18 @@ class ConvergenceWatch:
         self._usual = RecentValues(60 * MINUTE, _USUAL)
 
     def add(self, now: float, estimate: MassEstimate) -> None:
-        """Take an estimate of a window that the segmenter could cut."""
+        """Add the estimate of a window that the segmenter could cut."""
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
-            # Where nothing of the swinging is left in the signal, its frequency means nothing.
+            # The frequency means nothing if no oscillation is left in the signal.
             if estimate.damping_ratio < _SWINGS:
                 self._frequency.add(now, estimate.natural_frequency)
                 self._damping.add(now, estimate.damping_ratio)
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence; beyond `max_relative_std_dev` it is NoConvergence."""
+        """Return the aspect Convergence; the parameter is that of the identifier."""
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -149,23 +149,26 @@ class ConvergenceWatch:
             'usual_natural_frequency_hz': usual,
             'damping_ratio': self._damping.median,
         }
-        found = failures(self._items, 'were not identified')
-        if relative > _UNCERTAIN * max_relative_std_dev:
-            text = f'masses are uncertain by {100 * relative:.1f} %'
-            hint = 'check Belt noise of segmenter, and run tune on passes of this machine'
-            found.append(Concern(Level.WARN, text, hint))
-        if abs(frequency - usual) > _FREQUENCY_CHANGE * usual:
-            text = f'the platform swings at {frequency:.1f} Hz, usually at {usual:.1f} Hz'
-            hint = 'check its fastening, and for something that lies on it or touches it'
-            found.append(Concern(Level.WARN, text, hint))
-        well = 'no item yet'
-        if not math.isnan(relative):
-            well = f'masses are certain to {100 * relative:.2f} %'
-        return conclude('Convergence', well, found, values)
+        concerns = [
+            *failures(self._items, 'were not identified'),
+            warn_if(
+                relative > _UNCERTAIN * max_relative_std_dev,
+                f'masses are uncertain by {100 * relative:.1f} %',
+                'check Belt noise of segmenter, and run tune on passes of this machine',
+            ),
+            warn_if(
+                abs(frequency - usual) > _FREQUENCY_CHANGE * usual,
+                f'the platform swings at {frequency:.1f} Hz, usually at {usual:.1f} Hz',
+                'check its fastening, and for something that lies on it or touches it',
+            ),
+        ]
+        certain = f'masses are certain to {100 * relative:.2f} %'
+        well = 'no item yet' if math.isnan(relative) else certain
+        return conclude('Convergence', well, concerns, values)
 
 
 class VerdictWatch:
-    """Follow how soon after the outfeed edge a verdict is there, and how long before its time."""
+    """Latency of the verdicts after their outfeed edges, and margin before their reject times."""
 
     def __init__(self) -> None:
         self._edges: dict[int, float] = {}  # arrival of outfeed edges by stamp
@@ -176,13 +179,13 @@ class VerdictWatch:
         self._counts: Counter[str] = Counter()
 
     def add_edge(self, now: float, stamp: int) -> None:
-        """Take the arrival of an outfeed edge at `now`, s."""
+        """Add the arrival of an outfeed edge at `now`, s."""
         self._edges[stamp] = now
         if len(self._edges) > _MAX_EDGES:
             del self._edges[next(iter(self._edges))]
 
     def add(self, now: float, verdict: Verdict) -> None:
-        """Take a verdict that was published at `now`, s."""
+        """Add a verdict that was published at `now`, s."""
         self._counts.update((verdict.decision.name, *verdict.reasons))
         missing = () if verdict.estimate_id else (Reason.NO_ESTIMATE.value,)
         self._masses.add(now, missing)
@@ -192,87 +195,91 @@ class VerdictWatch:
         if came is None or verdict.t3 is None:
             return
         self._latency.add(now, now - came)
-        if verdict.reject_at is not None:
-            left = (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came)
-            if not missing:  # such a one comes at the last moment
-                self._margin.add(now, left)
+        if (
+            verdict.reject_at is not None and not missing
+        ):  # without a mass it comes at the last moment
+            self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
         """Return the aspect Verdicts; the parameters are those of the reject stage."""
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
-        values: dict[str, float | str] = {
-            'latency_median_ms': 1e3 * self._latency.median,
+        latency, margin = 1e3 * self._latency.median, self._margin.smallest
+        values: Values = {
+            'latency_median_ms': latency,
             'latency_max_ms': 1e3 * self._latency.largest,
-            'least_margin_ms': 1e3 * self._margin.smallest,
+            'least_margin_ms': 1e3 * margin,
             'late_lately': len(self._late),
             **self._counts,
         }
-        found = []
-        if deadlines and len(self._late):
-            late = counted(len(self._late), 'verdict')
-            text = f'{late} came after the reject time in the last minute'
-            hint = 'check the load on this machine, rejector_distance and actuator_delay'
-            found.append(Concern(Level.ERROR, text, hint))
-        elif deadlines and self._margin.smallest < verdict_margin:
-            text = f'a verdict came only {1e3 * self._margin.smallest:.0f} ms before its time'
-            hint = 'check the load on this machine; a rejector further away leaves more time'
-            found.append(Concern(Level.WARN, text, hint))
-        well = 'no verdict in the last minute'
-        if len(self._latency):
-            well = f'{1e3 * self._latency.median:.1f} ms after the outfeed edge'
-        return conclude('Verdicts', well, found, values)
+        late = counted(len(self._late), 'verdict')
+        concerns = [
+            error_if(
+                deadlines and len(self._late) > 0,
+                f'{late} came after the reject time in the last minute',
+                'check the load on this machine, rejector_distance and actuator_delay',
+            ),
+            warn_if(
+                deadlines and margin < verdict_margin,
+                f'a verdict came only {1e3 * margin:.0f} ms before its time',
+                'check the load on this machine; a rejector further away leaves more time',
+            ),
+        ]
+        has_come = f'{latency:.1f} ms after the outfeed edge'
+        well = has_come if len(self._latency) else 'no verdict in the last minute'
+        return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line; `missing` is the stage that is not there, empty if all are."""
+        """Return the aspect Line; `missing` is the name of a missing stage, empty if none is."""
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
-        hint = 'check the other nodes and the load on this machine'
-        if missing:
-            hint = f'{missing} is not there: start it'
-        found = []
-        if in_a_row >= _NO_MASSES:
-            text = f'no mass came of the last {in_a_row} items that the eyes saw'
-            found.append(Concern(Level.ERROR, text, hint))
-        elif missing:
-            found.append(Concern(Level.ERROR, 'no masses can come', hint))
-        elif failed:
-            text = f'no mass came of {failed} of the last {len(self._masses)} items'
-            found.append(Concern(Level.WARN, text, hint))
-        return conclude('Line', 'a mass comes of every item', found, values)
+        other = 'check the other nodes and the load on this machine'
+        hint = f'{missing} is not there: start it' if missing else other
+        concerns = [
+            error_if(
+                in_a_row >= _NO_MASSES,
+                f'no mass came of the last {in_a_row} items that the eyes saw',
+                hint,
+            ),
+            error_if(bool(missing), 'no masses can come', hint),
+            warn_if(
+                failed > 0, f'no mass came of {failed} of the last {len(self._masses)} items', hint
+            ),
+        ]
+        return conclude('Line', 'a mass comes of every item', concerns, values)
 
 
 class RejectorWatch:
-    """Follow whether the rejector does what it is told."""
+    """Statistics of the confirmations of the rejector."""
 
     def __init__(self) -> None:
         self._strays = RecentValues()
         self._count = 0
 
     def add_strays(self, now: float, count: int) -> None:
-        """Take how many edges of the eye behind the rejector were near no reject time."""
+        """Add a number of edges of the eye behind the rejector that were near no reject time."""
         if count:
             self._strays.add(now, count)
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector; `confirmed`: there is an eye behind the rejector."""
+        """Return the aspect Rejector; `confirmed` is whether an eye is behind the rejector."""
         self._strays.forget(now)
-        values: dict[str, float | str] = {
+        values: Values = {
             'reject_eye_strays': self._count,
             'stop_request': request.reason.value if request else 'none',
         }
-        found = []
+        concerns = [
+            warn_if(
+                len(self._strays) > 0,
+                f'reject_eye saw {self._strays.total:.0f} things near no reject time',
+                'check rejector_distance, actuator_delay and confirmation_time',
+            )
+        ]
         if request is not None:
-            text = f'stop requested: {request.reason}'
-            if request.item_id:
-                text += f' at item {request.item_id}'
+            place = f' at item {request.item_id}' if request.item_id else ''
             hint = f'{request.hint}; then call reset_stop_request'
-            found.append(Concern(Level.ERROR, text, hint))
-        if len(self._strays):
-            text = f'reject_eye saw {self._strays.total:.0f} things near no reject time'
-            hint = 'check rejector_distance, actuator_delay and confirmation_time'
-            found.append(Concern(Level.WARN, text, hint))
+            concerns.append(error_if(True, f'stop requested: {request.reason}{place}', hint))
         well = 'rejects are confirmed' if confirmed else 'no eye confirms rejects'
-        return conclude('Rejector', well, found, values)
+        return conclude('Rejector', well, concerns, values)

@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a line has learned from products of unknown mass, and whether its machine has changed."""
+"""Findings on learning from products of unknown mass, and on changes of the machine."""
 
 import math
 from statistics import median
 
 import numpy as np
 
-from checkweigher_core.health.findings import Concern, Finding, Level, conclude
+from checkweigher_core.health.findings import Concern, Finding, Level, Values, conclude, warn_if
 from checkweigher_core.printable import counted
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.estimation.learning.change import strongest_frequency
@@ -20,17 +20,16 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the aspect Learning; `trouble` is why the record cannot be kept."""
+    """Return the aspect Learning; `trouble` is the reason why the record cannot be kept."""
     if not on:
         return Finding('Learning', Level.OK, 'off')
-    concerns = [
+    concerns: list[Concern | None] = [
         Concern(Level.WARN, f'{_name(kind)}: since item {kind.change.item_id} {kind.change}', _HINT)
         for kind in known.kinds
         if kind.change is not None
     ]
-    if trouble:
-        concerns.append(Concern(Level.WARN, f'not kept over a restart: {trouble}', 'look at it'))
-    values: dict[str, float | str] = {_name(kind): describe(kind) for kind in known.kinds}
+    concerns.append(warn_if(bool(trouble), f'not kept over a restart: {trouble}', 'look at it'))
+    values: Values = {_name(kind): describe(kind) for kind in known.kinds}
     weighing = sum(kind.weighs for kind in known.kinds)
     text = f'{weighing} of {len(known.kinds)} speeds and lengths are weighed by what was learned'
     if not weighing:
@@ -40,7 +39,7 @@ def learning_finding(
 
 
 def describe(kind: ItemKind) -> str:
-    """Return what was learned of one speed and length, in words."""
+    """Return a description of the state of learning for one speed and length."""
     text = counted(kind.items, 'item')
     taught = kind.fit
     if taught is None:

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from checkweigher_core.health.findings import (
     MINUTE,
-    Concern,
     Finding,
-    Level,
     RecentValues,
     conclude,
+    error_if,
+    warn_if,
 )
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.segmentation.zero_tracking import Zero
@@ -27,7 +27,7 @@ _NEAR_LIMIT = 0.75  # share of zero_range
 _UPDATE_PATIENCE = 120.0  # s of products without a reading of the empty belt
 _SPECTRUM = 1024  # points
 _FEWEST_SAMPLES = 64
-_LOWEST_FREQUENCY = 2.0  # Hz; what is slower is drift
+_LOWEST_FREQUENCY = 2.0  # Hz, below which a variation is drift
 _RECENT_SEGMENTS = 5
 _USUAL_SEGMENTS = 300
 _FEWEST_USUAL = 20
@@ -35,9 +35,9 @@ _NOISY = 3.0  # times the usual noise; half the belt speed is half of it
 
 
 class ZeroWatch:
-    """Follow the tracked zero: how far it is from calibration, and where it drifts.
+    """Distance of the tracked zero from calibration, and its drift.
 
-    Beyond `zero_range`, kg, nothing is weighed; the line `began` at that time, s.
+    Beyond `zero_range`, kg, nothing is weighed. `began` is the start of the line, s.
     """
 
     def __init__(
@@ -48,14 +48,14 @@ class ZeroWatch:
         self._range = zero_range
         self._began = began
         self._zero: Zero | None = None
-        self._updated: float | None = None
+        self._updated = math.nan
         self._item = -math.inf
-        self._missed_since = math.inf  # since when products come without an update
+        self._missed_since = math.inf  # s, first product after the last update
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
-        """Take the zero as it stands at `now`, s; `item`: a product has just been cut."""
+        """Add the zero at `now`, s; `item` is whether a product has just been cut."""
         if self._zero is None or zero.counts != self._zero.counts:
             self._updated, self._missed_since = now, math.inf
         elif item:
@@ -69,14 +69,14 @@ class ZeroWatch:
 
     @property
     def _distance(self) -> float:
-        """Of the zero from that of calibration, kg."""
+        """Distance of the zero from that of calibration, kg."""
         if self._zero is None:
             return math.nan
         return (self._zero.counts - self._zero_counts) / self._counts_per_kg
 
     @property
     def drift(self) -> float:
-        """Drift of the zero, kg/h; NaN before it can be told from its noise."""
+        """Drift of the zero, kg/h; NaN as long as its noise may be larger."""
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
@@ -90,35 +90,39 @@ class ZeroWatch:
             'std_dev_g': GRAMS * std_dev,
             'share_of_zero_range': share,
             'drift_g_per_h': GRAMS * drift,
-            'age_of_last_update_s': math.nan if self._updated is None else now - self._updated,
+            'age_of_last_update_s': now - self._updated,
             'running_for_min': (now - self._began) / MINUTE,
         }
         warm = now - self._began > _WARM_UP
-        found = []
-        if self._zero is not None and not self._zero.trusted:
-            text = f'the zero is {GRAMS * distance:+.1f} g from calibration, out of its limits'
-            hint = 'clean the belt, free the platform, call the service zero or calibrate'
-            found.append(Concern(Level.ERROR, text, hint))
-        if share > _NEAR_LIMIT:
-            text = f'the zero has used {100 * share:.0f} % of zero_range'
-            hint = 'clean the belt; calibrate if it is clean'
-            found.append(Concern(Level.WARN, text, hint))
-        if self._range > 0 and abs(distance + drift) > self._range:
-            text = f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour'
-            hint = 'check for dirt that builds up' if warm else 'let the load cell warm up'
-            found.append(Concern(Level.WARN, text, hint))
-        if self._item - self._missed_since > _UPDATE_PATIENCE:
-            text = f'the empty belt was not read for {now - self._missed_since:.0f} s of products'
-            hint = 'increase the spacing of the products or decrease settle_time'
-            found.append(Concern(Level.WARN, text, hint))
-        well = f'{GRAMS * distance:+.2f} g from calibration'
-        return conclude('Zero', well, found, values)
+        concerns = [
+            error_if(
+                self._zero is not None and not self._zero.trusted,
+                f'the zero is {GRAMS * distance:+.1f} g from calibration, out of its limits',
+                'clean the belt, free the platform, call the service zero or calibrate',
+            ),
+            warn_if(
+                share > _NEAR_LIMIT,
+                f'the zero has used {100 * share:.0f} % of zero_range',
+                'clean the belt; calibrate if it is clean',
+            ),
+            warn_if(
+                self._range > 0 and abs(distance + drift) > self._range,
+                f'the zero drifts by {GRAMS * drift:+.1f} g/h, beyond zero_range in an hour',
+                'check for dirt that builds up' if warm else 'let the load cell warm up',
+            ),
+            warn_if(
+                self._item - self._missed_since > _UPDATE_PATIENCE,
+                f'the empty belt was not read for {now - self._missed_since:.0f} s of products',
+                'increase the spacing of the products or decrease settle_time',
+            ),
+        ]
+        return conclude('Zero', f'{GRAMS * distance:+.2f} g from calibration', concerns, values)
 
 
 class BeltNoiseWatch:
-    """Follow the noise of the empty belt: how much, and at which frequency.
+    """Noise of the empty belt, and its strongest frequency.
 
-    A standard deviation above `limit`, kg, is too much; 0 compares it with its own past only.
+    `limit` is the largest standard deviation in kg; 0 compares the noise with its own past only.
     """
 
     def __init__(self, sample_rate: float, limit: float) -> None:
@@ -130,7 +134,7 @@ class BeltNoiseWatch:
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
     def add(self, now: float, force: NDArray[np.float64]) -> None:
-        """Take a segment of empty belt, (n,) kg; a short one is passed over."""
+        """Add a segment of empty belt, (n,) in kg. A short one is ignored."""
         if len(force) < _FEWEST_SAMPLES:
             return
         force = force[-_SPECTRUM:]
@@ -160,13 +164,19 @@ class BeltNoiseWatch:
             'usual_std_dev_g': GRAMS * usual,
             'strongest_frequency_hz': frequency,
         }
-        found = []
-        hint = f'strongest at {frequency:.1f} Hz: check rollers, belt joint, motor and floor'
-        if self._limit and noise > self._limit:
-            text = f'{GRAMS * noise:.2f} g, above max_belt_noise of {GRAMS * self._limit:.2f} g'
-            found.append(Concern(Level.WARN, text, hint))
-        elif noise > _NOISY * usual and len(self._recent) == _RECENT_SEGMENTS:
-            text = f'{GRAMS * noise:.2f} g, {noise / usual:.1f} times the usual'
-            found.append(Concern(Level.WARN, text, hint))
         well = 'not known yet' if math.isnan(noise) else f'{GRAMS * noise:.2f} g'
-        return conclude('Belt noise', well, found, values)
+        ratio = noise / usual if usual else math.inf
+        hint = f'strongest at {frequency:.1f} Hz: check rollers, belt joint, motor and floor'
+        concerns = [
+            warn_if(
+                self._limit > 0 and noise > self._limit,
+                f'{well}, above max_belt_noise of {GRAMS * self._limit:.2f} g',
+                hint,
+            ),
+            warn_if(
+                noise > _NOISY * usual and len(self._recent) == _RECENT_SEGMENTS,
+                f'{well}, {ratio:.1f} times the usual',
+                hint,
+            ),
+        ]
+        return conclude('Belt noise', well, concerns, values)

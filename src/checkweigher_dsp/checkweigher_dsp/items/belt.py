@@ -1,24 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The items on the belt and those that left it, and which of them an edge can be of."""
+"""The items on the belt and those that left it, and the search for the item of an edge."""
 
 from collections import deque
 from collections.abc import Callable
+import math
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-# An item without its outfeed edge is overdue when it should have left this many transits ago.
-_OVERDUE = 1.5
-# An outfeed edge this much ahead of its time, as a share of the transit, is of another item.
-_TOO_EARLY = 0.1
+_OVERDUE = 1.5  # transits after its entry, an item without its outfeed edge is overdue
+_TOO_EARLY = 0.1  # of a transit before its time, an outfeed edge is of another item
 _KNOWN_ITEMS = 16
-_MOST_ITEMS = 100  # on the belt: more means that an eye chatters
+_MOST_ITEMS = 100  # on the belt; with more an eye chatters
 
 
 class UsualTransit:
-    """The time that items take from eye to eye; the arguments are those of `ItemTracker`."""
+    """Time that items take from eye to eye; the parameters are those of `ItemTracker`."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -27,13 +27,16 @@ class UsualTransit:
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
-        """Return how long an item takes, ns; before a whole one only its own length can tell."""
+        """Return the expected transit of an item, ns; None if it is not known.
+
+        Before the first whole item it follows from the length of the item itself.
+        """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
         return self.value
 
     def learn(self, item: TrackedItem, transit: int) -> None:
-        """Learn from a whole item; from one that is far off only if the next one agrees."""
+        """Update the transit by a whole item; by an outlier only if the next one agrees."""
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
             transit <= _OVERDUE * usual and usual <= _OVERDUE * transit for usual in known
@@ -44,79 +47,69 @@ class UsualTransit:
             self.value, self._outlier = transit, None
 
     def forget(self) -> None:
-        """Forget the speed of the belt."""
+        """Discard the speed of the belt."""
         self.value = self._outlier = None
 
 
 class Belt:
-    """The state of item tracking; `checkweigher_dsp.items.transitions` says how edges change it.
+    """State of item tracking, which `checkweigher_dsp.items.transitions` changes by edges.
 
-    `unloaded` tells whether the scale shows that nothing is left, at a time, ns, of the items that
-    entered since another one.
+    `unloaded(since, stamp)` returns whether the scale shows that the items which entered since one
+    time have left by another one, both in ns.
     """
 
     def __init__(
-        self, eyes: Eyes, transit: UsualTransit, count: int,
+        self,
+        eyes: Eyes,
+        transit: UsualTransit,
+        count: int,
         unloaded: Callable[[int, int], bool] = lambda since, stamp: False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.eyes = eyes
         self.transit = transit
         self.unloaded = unloaded
         self.count = count
-        # Items by their state: ENTERING or ON_BELT, in the order of their entry, and the two that
-        # the outfeed eye may see yet.
-        self.items: list[TrackedItem] = []
+        self.items: list[TrackedItem] = []  # ENTERING or ON_BELT, in the order of their entry
         self.given_up: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.abandoned: deque[TrackedItem] = deque()
-        # What blocks an eye; an item that is longer than the belt blocks both.
+        # Items that block an eye; an item that is longer than the belt blocks both.
         self.at_infeed: TrackedItem | None = None
         self.at_outfeed: TrackedItem | None = None
-        self.covered = False  # the outfeed eye, by an item from before the clock changed
+        self.covered = False  # whether an item from before a change of the clock is at the outfeed
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        # The item of the last t1, also where its clock has gone.
-        self.begun: TrackedItem | None = None
-        self.freed: int | None = None  # ns, when something unknown had left
-        self.cleared_first: int | None = None  # ns, the infeed eye, before it was ever blocked
-        self.clock_is_new = False  # no edge of the infeed eye has come by this clock
-        self.runs_on = False  # the belt, with what was abandoned: the clock alone has jumped
-        self._recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
-        self._unsettled: deque[TrackedItem] = deque()
-        self._finished: list[TrackedItem] = []
+        self.begun: TrackedItem | None = None  # item of the last t1, even of another clock
+        self.freed: int | None = None  # ns, last departure of an unknown item
+        self.cleared_first: int | None = None  # ns, t2 before any t1, which may show a state
+        self.clock_is_new = False  # whether no edge of the infeed eye has come by this clock
+        self.runs_on = False  # whether abandoned items are still on the belt: only the clock jumped
+        self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
+        self.unsettled: deque[TrackedItem] = deque()  # whose numbers may still change
+        self.finished: list[TrackedItem] = []  # to be reported
 
     @property
     def only_entering(self) -> bool:
-        """Whether one item is on the belt, which blocks the infeed eye."""
+        """Whether the only item on the belt blocks the infeed eye."""
         return len(self.items) == 1 and self.items[0] is self.at_infeed
 
     def new_item(self) -> TrackedItem:
-        """Return a further item, which has the next number."""
+        """Return a new item with the next number."""
         self.count += 1
         item = TrackedItem(self.count)
-        self._recent.append(item)
-        self._unsettled.append(item)
+        self.recent.append(item)
+        self.unsettled.append(item)
         return item
 
     def remove_newest(self) -> TrackedItem:
-        """Remove the newest item, which is not settled: it was none."""
+        """Remove and return the newest item, which turned out to be none."""
         item = self.items.pop()
-        self._recent.remove(item)
-        self._unsettled.remove(item)
+        self.recent.remove(item)
+        self.unsettled.remove(item)
         self.count -= 1
         return item
 
-    def next_to_settle(self) -> TrackedItem | None:
-        """Return the first item whose number may change, None if there is none."""
-        return self._unsettled[0] if self._unsettled else None
-
-    def settle_next(self) -> TrackedItem:
-        """Return the first item whose number might have changed: it stays."""
-        item = self._unsettled.popleft()
-        item.settled = True
-        return item
-
     def put(self, item: TrackedItem) -> None:
-        """Put an item on the belt; with another one there neither can be weighed."""
+        """Add an item to the belt. If another one is there, none of them can be weighed."""
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
         self.items.append(item)
@@ -125,7 +118,7 @@ class Belt:
         self.entered_last = item
 
     def move(self, item: TrackedItem, state: State) -> None:
-        """Change the state of an item; one that has left the belt does not come back onto it."""
+        """Change the state of an item. An item that has left the belt does not return to it."""
         if state is State.LEAVING:
             self.at_outfeed = self.left_last = item
             self.covered = False
@@ -136,26 +129,22 @@ class Belt:
         if item.state in YET_TO_LEAVE or state not in YET_TO_LEAVE:
             item.state = state
 
-    def finish(self, item: TrackedItem) -> None:
-        """Report an item: what the eyes have shown of it by now is what it is judged by."""
-        self._finished.append(item)
-
     def take_finished(self) -> list[TrackedItem]:
-        """Return the items reported since the last call."""
-        finished, self._finished = self._finished, []
+        """Return the items that were finished since the last call."""
+        finished, self.finished = self.finished, []
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item that was taken off `items`: its t3 does not come."""
+        """Give up an item that was removed from `items`, because its t3 does not come."""
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
             self.at_infeed = None
         self.move(item, State.GIVEN_UP)
-        self.finish(item)
+        self.finished.append(item)
 
     def give_up_overdue(self, stamp: int) -> None:
-        """Give up items that, at the pace of the last whole item, left long before `stamp`."""
+        """Give up items that must have left before `stamp` according to the usual transit."""
         while self.items:
             item = self.items[0]
             transit = self.transit.of(item)
@@ -164,10 +153,10 @@ class Belt:
             self.miss(self.items.pop(0), stamp)
 
     def give_up_unloaded(self, stamp: int) -> None:
-        """Give up items that the scale does not show any more, and that no eye will see.
+        """Give up all items if the scale shows that nothing is left on the belt.
 
-        Where no transit is known, or a wrong one, the t3 of each item would else be taken for that
-        of the one before it, for as long as products come.
+        Otherwise, while no transit is known or a wrong one, the t3 of each item would be taken for
+        that of the item before it as long as products come.
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
@@ -175,7 +164,7 @@ class Belt:
         for item in gone:
             item.fault(Reason.MISSING_EDGE)
             item.state = State.GONE
-            self.finish(item)
+            self.finished.append(item)
         self.at_infeed, self.freed = None, stamp
 
     def expire(self, stamp: int) -> None:
@@ -185,20 +174,20 @@ class Belt:
             self.miss(item, item.entered + self.transit.max_transit)
 
     def abandon(self, reason: Reason) -> None:
-        """Give up all items, with `reason`: nothing more will come of this stream."""
+        """Give up all items with a reason, because the stream has ended."""
         for item in (*self.abandoned, *([self.at_outfeed] if self.at_outfeed is not None else [])):
             item.state = State.GONE
         for item in self.items:
             item.fault(reason)
             item.state = State.ABANDONED
-            self.finish(item)
+            self.finished.append(item)
         self.abandoned, self.items = deque(self.items), []
         self.runs_on = reason is Reason.CLOCK_JUMP
         self.covered = self.at_outfeed is not None
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Forget all times, and if the clock may have gone back also the edges and their items."""
+        """Discard all times; if the clock may have gone back, also the edges and their items."""
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
         for item in self.given_up:
@@ -207,7 +196,7 @@ class Belt:
         self.given_up.clear()
         self.transit.forget()
         if backwards:
-            self._recent.clear()
+            self.recent.clear()
             self.eyes.forget_clock()
 
     def fault_all(self, reason: Reason) -> None:
@@ -215,15 +204,18 @@ class Belt:
         for item in self.items:
             item.fault(reason)
 
-    def clear_outfeed(self, stamp: int) -> None:
-        """Take the item away from the outfeed eye; for those that entered meanwhile it is gone."""
+    def clear(self, edge: EyeEdge) -> None:
+        """Remove the item at an eye. After the outfeed eye, those that entered since are alone."""
+        if edge.eye == Eye.INFEED:
+            self.at_infeed = None
+            return
         self.at_outfeed = None
         for item in self.items:
             if item.others_there:
-                item.left_before = stamp
+                item.left_before = edge.stamp
 
     def drop_given_up(self) -> bool:
-        """Take all that was before an item as gone; tell whether it may have been one of these."""
+        """Drop the items that were given up. Returns whether a leaving item may be one of them."""
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
         for item in (*self.given_up, *self.abandoned):
             item.state = State.GONE
@@ -232,7 +224,7 @@ class Belt:
         return ambiguous
 
     def departure_before(self, stamp: int) -> int | None:
-        """Return when what was there before an item that enters at `stamp` is gone, if known."""
+        """Return the departure of the item before one that enters at `stamp`, None if not known."""
         if self.covered:
             return None
         if self.at_outfeed is not None:
@@ -240,7 +232,7 @@ class Belt:
         return self.last_departure(stamp)
 
     def last_departure(self, stamp: int) -> int | None:
-        """Return when the last item before `stamp` was gone, by the eyes."""
+        """Return the time of the last departure before `stamp` according to the eyes."""
         left = [item for item in (*self.given_up, self.left_last) if item is not None]
         departures = [item.departure for item in left]
         if self.freed is not None:
@@ -248,7 +240,7 @@ class Belt:
         return min(max(departures), stamp) if departures else None
 
     def is_next_departure(self, stamp: int) -> bool:
-        """Tell whether the next item must have left just now: its t3 was lost, and the last t4."""
+        """Return whether the next item must have left now, so that its t3 and a t4 were lost."""
         if not self.items or self.items[0] is self.at_infeed:
             return False
         item = self.items[0]
@@ -258,27 +250,28 @@ class Belt:
         return abs(stamp - item.entered - item.length - transit) < _TOO_EARLY * transit
 
     def is_none_due(self, stamp: int) -> bool:
-        """Tell whether no item on the belt can be at the outfeed eye yet."""
-        for item in self.items:
-            if self._is_entering(item, stamp):
-                continue  # what is at one eye is not at the other
-            transit = self.transit.of(item)
-            if transit is None or item.t1 is None or stamp - item.t1 > (1 - _TOO_EARLY) * transit:
-                return False
-        return True
+        """Return whether no item on the belt can be at the outfeed eye yet."""
+        return all(
+            self._is_entering(item, stamp) or self._is_early(item, stamp) for item in self.items
+        )
+
+    def _is_early(self, item: TrackedItem, stamp: int) -> bool:
+        transit = self.transit.of(item)
+        if transit is None or item.t1 is None:
+            return False
+        return stamp - item.t1 <= (1 - _TOO_EARLY) * transit
 
     def take_leaving(self, stamp: int) -> TrackedItem:
-        """Take from the belt the item that an outfeed edge is of, and give up those before it.
+        """Remove the item of an outfeed edge from the belt, and give up those before it.
 
-        It is the one whose transit would be nearest to the usual one.
+        It is the item whose transit would be nearest to the usual one.
         """
-        position, least = 0, None
+        deviations = {0: math.inf}
         for i, candidate in enumerate(self.items):
             transit = self.transit.of(candidate)
             if transit is not None and (not self._is_entering(candidate, stamp) or not i):
-                deviation = abs(stamp - candidate.entered - transit)
-                if least is None or deviation < least:
-                    position, least = i, deviation
+                deviations[i] = abs(stamp - candidate.entered - transit)
+        position = min(deviations, key=lambda i: deviations[i])
         for passed_over in self.items[:position]:
             self.miss(passed_over, stamp)
         item = self.items[position]
@@ -287,23 +280,3 @@ class Belt:
 
     def _is_entering(self, item: TrackedItem, stamp: int) -> bool:
         return item is self.at_infeed or (item.t2 is not None and item.t2 > stamp)
-
-    def entered_at(self, stamp: int) -> TrackedItem | None:
-        """Return the item by which the infeed eye can have been blocked at `stamp`."""
-        debounce = self.eyes.debounce
-        return next((item for item in self._recent if item.accounts_for(stamp, debounce)), None)
-
-    def without_t2(self, stamp: int) -> TrackedItem | None:
-        """Return an item at or past the outfeed eye that can have cleared the infeed at `stamp`."""
-        for item in self._recent:
-            begin = item.t1 if item.t1 is not None else stamp - 1
-            if item.t2 is None and item.t3 is not None and begin < stamp < item.t3:
-                return item
-        return None
-
-    def complete_t3(self, stamp: int) -> None:
-        """Note the t3 of an item that has left, if one lacks it."""
-        for item in self._recent:
-            if item.t3 is None and item.t4 is not None and item.entered < stamp < item.t4:
-                item.t3 = stamp
-                return

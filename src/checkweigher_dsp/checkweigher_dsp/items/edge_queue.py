@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Photo-eye edges on their way to the stage, in the order of their stamps."""
+"""Queue of the photo-eye edges, in the order of their stamps."""
 
-from bisect import insort
+from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable
 from itertools import takewhile
 from operator import attrgetter
@@ -13,23 +13,22 @@ _STAMP = attrgetter('stamp')
 
 
 class EdgeQueue:
-    """Keep edges until the samples have reached them.
+    """Edges that wait for the samples of their time, sorted by stamp.
 
-    Meanwhile they are put into order, and no window is later for it, since it needs the samples up
-    to t3 anyway. An edge that is far behind another one is kept apart until the next samples come:
-    these may show that the clock has gone back, and the edge is no late one then. An edge may be
-    `lateness`, ns, behind others.
+    Waiting delays no window, since a window needs the samples up to t3 anyway. An edge that is more
+    than `lateness`, ns, behind another one is a stray: it waits for the next samples, because these
+    show whether it is late or the clock has gone back.
     """
 
     def __init__(self, lateness: int) -> None:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
-        self._newest: int | None = None  # stamp of an edge by this clock
+        self._newest: int | None = None  # largest stamp by the present clock
 
     @property
     def is_empty(self) -> bool:
-        """Whether no edge waits, but for those that are kept apart."""
+        """Whether no edge waits; strays do not count."""
         return not self._edges
 
     def add(self, edge: EyeEdge) -> None:
@@ -42,41 +41,41 @@ class EdgeQueue:
         insort(self._edges, edge, key=_STAMP)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
-        """Take edges as edges of the present clock."""
+        """Add edges of the present clock."""
         self._edges = sorted([*edges, *self._edges], key=_STAMP)
         if self._edges:
             newest = self._edges[-1].stamp
             self._newest = newest if self._newest is None else max(self._newest, newest)
 
     def admit_strays(self) -> None:
-        """Take what was kept apart: the clock has not gone back, the edges are late."""
-        if self._strays:  # with each block of samples, and there hardly ever are any
+        """Add the strays as late edges: the clock has not gone back."""
+        if self._strays:
             strays, self._strays = self._strays, []
             self.put_back(strays)
 
     def pop_while(self, condition: Callable[[EyeEdge], bool]) -> list[EyeEdge]:
-        """Return the first edges, as long as they meet a condition."""
+        """Remove and return the first edges, as long as they meet a condition."""
         popped = list(takewhile(condition, self._edges))
         del self._edges[: len(popped)]
         return popped
 
     def drop_after(self, stamp: int) -> None:
-        """Forget edges later than a time, ns: no sample will reach them soon enough."""
+        """Remove the edges after a time, ns."""
         if self._newest is not None and self._newest > stamp:
             self._edges = [edge for edge in self._edges if edge.stamp <= stamp]
             self._newest = self._edges[-1].stamp if self._edges else None
 
     def pop_all(self) -> list[EyeEdge]:
-        """Return all edges."""
+        """Remove and return all edges, including strays."""
         self.admit_strays()
         self._newest = None
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Return the edges that are of a clock which jumps to `stamp`, forward or back."""
+        """Remove and return the edges of a clock that jumps to `stamp`, forward or back."""
         if forward:
-            new = [edge for edge in self._edges if edge.stamp >= stamp]
-            self._edges = self._edges[: len(self._edges) - len(new)]
-            return new
-        new, self._strays = self._strays, []
+            position = bisect_left(self._edges, stamp, key=_STAMP)
+            new, self._edges = self._edges[position:], self._edges[:position]
+        else:
+            new, self._strays = self._strays, []
         return new

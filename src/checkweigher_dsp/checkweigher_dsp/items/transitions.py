@@ -1,15 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The transition table of item tracking: what each edge means and where it moves which item.
+"""Transition table of item tracking: the meaning of each edge, and the new state of its item.
 
-For each kind of edge `TRANSITIONS` lists the cases in the order in which they are tried; the first
-one that holds is taken. The reasons are those of docs/reasons.md that a case may give to its
-item or to others on the belt.
+`TRANSITIONS` lists the cases of each kind of edge in the order in which they are tried; the first
+one that holds applies. The reasons, which docs/reasons.md describes, are those that a
+case may give to its item or to others on the belt.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_core.records.reasons import Reason
@@ -17,55 +16,49 @@ from checkweigher_dsp.items.belt import Belt
 from checkweigher_dsp.items.eyes import Switch
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_FLICKERS = 2  # debounce times, for which an eye may chatter where an item ends
+_FLICKERS = 2  # debounce times, for which an eye may chatter at the end of an item
 
 
 @dataclass(frozen=True, slots=True)
 class Transition:
     """One case of an edge."""
 
-    # Returns the item that the edge is of; or, where it is of none that is known, whether the case
-    # holds.
-    guard: Callable[[Belt, Switch], TrackedItem | bool | None]
-    # Takes what the guard returned, notes what the edge shows, returns the item.
-    action: Callable[[Belt, Switch, Any], TrackedItem | None]
-    state: State | None = None  # of the item from now on
-    reasons: tuple[Reason, ...] = ()  # why it, or others on the belt, may not be weighed for it
+    # Applies the edge if the case holds. Returns the item of the edge, or whether the case holds if
+    # the edge is of no known item.
+    action: Callable[[Belt, Switch], TrackedItem | bool | None]
+    state: State | None = None  # next state of the item
+    reasons: tuple[Reason, ...] = ()  # that the case may give
 
 
 def apply_edge(belt: Belt, edge: EyeEdge) -> None:
-    """Take an edge that is the youngest of its eye."""
-    stamp, blocked, infeed = edge.stamp, edge.blocked, edge.eye == Eye.INFEED
+    """Apply an edge that is the youngest of its eye."""
+    infeed = edge.eye == Eye.INFEED
     there = belt.at_infeed if infeed else belt.at_outfeed
-    switch = Switch(stamp, belt.eyes.take(edge), there, blocked)
+    switch = Switch(edge.stamp, belt.eyes.take(edge), there, edge.blocked)
     settle_first(belt)
     if not infeed:
         _merge_flicker(belt)
-    if not blocked:
-        if infeed:
-            belt.at_infeed = None
-        else:
-            belt.clear_outfeed(stamp)
-    for case in TRANSITIONS[edge.eye, blocked]:
-        found = case.guard(belt, switch)
-        if found:
-            item = case.action(belt, switch, found)
-            if item is not None and case.state is not None:
-                belt.move(item, case.state)
+    if not edge.blocked:
+        belt.clear(edge)
+    for case in TRANSITIONS[edge.eye, edge.blocked]:
+        item = case.action(belt, switch)
+        if isinstance(item, TrackedItem) and case.state is not None:
+            belt.move(item, case.state)
+        if item:
             break
     if infeed:
         belt.clock_is_new = False
 
 
 def settle_first(belt: Belt) -> None:
-    """Take the item that the infeed eye saw first of all, unless the eye showed its state."""
+    """Add the item of the very first infeed edge, unless that only showed the state of the eye."""
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
 
 
 def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
-    """Put an item on the belt whose t2 alone the infeed eye showed."""
+    """Add an item to the belt that has no t1."""
     item = belt.new_item()
     item.t2 = stamp
     item.fault(reason)
@@ -74,17 +67,19 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
 
 
 def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
-    """Return the items whose numbers can no longer change at `stamp`, ns: none is taken back.
+    """Return the items whose numbers can no longer change after `stamp`, ns.
 
-    Only the newest item can turn out to be a flicker of the one before, and only if it has blocked
-    the infeed eye for less than two debounce times. Two more after that no flicker follows.
+    Only the newest item can turn out to be a flicker of the one before it, and only if it has
+    blocked the infeed eye for less than two debounce times. No flicker follows more than two
+    debounce times after that.
     """
     settled = []
-    while (item := belt.next_to_settle()) is not None and _is_settled(belt, item, stamp):
+    while belt.unsettled and _is_settled(belt, belt.unsettled[0], stamp):
+        item = belt.unsettled[0]
         if item in belt.items[-1:]:
             _merge_flicker(belt)
-        if item is belt.next_to_settle():
-            settled.append(belt.settle_next())
+        if item in belt.unsettled:
+            settled.append(belt.unsettled.popleft())
     return settled
 
 
@@ -97,16 +92,14 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 
 
 def _merge_flicker(belt: Belt) -> None:
-    """Take a pulse too short for an item as the end of the item before, which lost its t2."""
+    """Merge an item that is too short into the item before it, which lost its t2."""
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return
     before, item = others[-1], belt.items[-1]
-    if item.settled:
+    if item not in belt.unsettled or before.t1 is None or before.t2 is not None:
         return
-    if before.t1 is None or before.t2 is not None or not item.length:
-        return
-    if item.length < _longest_flicker(belt, item):
+    if 0 < item.length < _longest_flicker(belt, item):
         before.t2 = belt.remove_newest().t2
         before.fault(Reason.CHATTERING_EYE)
         belt.entered_last = belt.begun = before
@@ -119,56 +112,46 @@ def _longest_flicker(belt: Belt, item: TrackedItem) -> int:
 # Cases of several edges.
 
 
-def _otherwise(belt: Belt, switch: Switch) -> bool:
-    return True
-
-
-def _shows_state(belt: Belt, switch: Switch) -> bool:
+def _show_state(belt: Belt, switch: Switch) -> bool:
+    """Ignore the first edge of an eye if it only shows the state of the eye."""
     return switch.previous is None and belt.eyes.shows_state(switch.stamp)
 
 
 def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the item that left last if it must still be in front of the outfeed eye."""
+    """Return the last item that left if it must still be at the outfeed eye."""
     last = belt.left_last
     if last is None:
         return None
-    known = not last.outlier and not set(last.faults) - {Reason.DISTANCE_FAULT}
-    span = max(last.length if known else 0, belt.eyes.debounce)
-    if last is belt.at_outfeed and belt.is_none_due(switch.stamp):
-        span = max(span, 2 * last.length or belt.transit.value or 0)  # its t4 was lost
+    span = _longest_departure(belt, last, switch.stamp)
     covers = last.t3 is not None and 0 <= switch.stamp - last.t3 < span
     return last if covers or belt.eyes.flickers(switch) else None
 
 
-def _any_on_belt(belt: Belt, switch: Switch) -> bool:
-    return bool(belt.items)
-
-
-def _ignore(belt: Belt, switch: Switch, _: bool) -> None:
-    """Pass over an edge that shows nothing new."""
-
-
-def _set_t2(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
-    item.t2 = switch.stamp
-    return item
+def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
+    """Return the longest time for which an item can be at the outfeed eye, ns."""
+    known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
+    span = max(item.length if known else 0, belt.eyes.debounce)
+    if item is belt.at_outfeed and belt.is_none_due(stamp):
+        span = max(span, 2 * item.length or belt.transit.value or 0)  # its t4 was lost
+    return span
 
 
 # The infeed eye is blocked.
 
 
-def _flickering_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    last = belt.entered_last if belt.entered_last is not None else belt.begun
-    return last if belt.eyes.flickers(switch) else None
-
-
-def _reopen_entry(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
+def _reopen_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Continue the entry of the last item, whose eye flickers."""
+    item = belt.entered_last if belt.entered_last is not None else belt.begun
+    if item is None or not belt.eyes.flickers(switch):
+        return None
     if item.t1 is not None:
         item.t2 = None
     item.fault(Reason.CHATTERING_EYE)
     return item
 
 
-def _enter(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
+def _enter(belt: Belt, switch: Switch) -> TrackedItem:
+    """Begin an item."""
     _merge_flicker(belt)
     if belt.at_infeed is not None:
         belt.at_infeed.fault(Reason.MISSING_EDGE)
@@ -186,44 +169,50 @@ def _enter(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
 # The infeed eye clears.
 
 
-def _entering(belt: Belt, switch: Switch) -> TrackedItem | None:
+def _end_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Set the t2 of the item at the infeed eye."""
     item = switch.there
-    return item if item is not None and item.t4 is None else None
-
-
-def _is_first(belt: Belt, switch: Switch) -> bool:
-    return switch.previous is None
-
-
-def _keep_first(belt: Belt, switch: Switch, _: bool) -> None:
-    """Wait for the other eye: with its edge `settle_first` knows whether this is an item."""
-    belt.cleared_first = switch.stamp
-
-
-def _flickering_after_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    last = belt.entered_last
-    if last is None or last.t2 is None:
+    if item is None or item.t4 is not None:
         return None
-    began = last.state in YET_TO_LEAVE and 0 < last.length < _longest_flicker(belt, last)
-    return last if began or belt.eyes.flickers(switch) else None
+    item.t2 = switch.stamp
+    return item
 
 
-def _extend_entry(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
+def _keep_first(belt: Belt, switch: Switch) -> bool:
+    """Store the very first edge until the next one comes, see `settle_first`."""
+    if switch.previous is not None:
+        return False
+    belt.cleared_first = switch.stamp
+    return True
+
+
+def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Move the t2 of the last item, whose eye flickered."""
+    item = belt.entered_last
+    if item is None or item.t2 is None:
+        return None
+    began = item.state in YET_TO_LEAVE and 0 < item.length < _longest_flicker(belt, item)
+    if not began and not belt.eyes.flickers(switch):
+        return None
     item.fault(Reason.CHATTERING_EYE)
     item.t2 = switch.stamp
     return item
 
 
-def _reported(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the item at the infeed eye if it was reported before its t2."""
+def _end_reported(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Set the t2 of an item that was reported before."""
     blocked = switch.previous is not None and switch.previous.blocked
     item = belt.begun if blocked or belt.clock_is_new else None
     if item is None or item.t2 is not None:
         return None
-    return item if item.t4 is None or item.t4 > switch.stamp else None
+    if item.t4 is not None and item.t4 <= switch.stamp:
+        return None
+    item.t2 = switch.stamp
+    return item
 
 
-def _enter_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
+def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
+    """Add an item whose t1 was lost."""
     belt.give_up_overdue(switch.stamp)
     return _put_unseen(belt, switch.stamp, Reason.MISSING_EDGE)
 
@@ -231,50 +220,56 @@ def _enter_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
 # The outfeed eye is blocked.
 
 
-def _flickers_of_unknown(belt: Belt, switch: Switch) -> bool:
-    return belt.left_last is None and belt.eyes.flickers(switch)
-
-
-def _cover(belt: Belt, switch: Switch, _: bool) -> None:
+def _cover(belt: Belt, switch: Switch) -> bool:
+    """Cover the eye again by an unknown item, if it flickers."""
+    if belt.left_last is not None or not belt.eyes.flickers(switch):
+        return False
     belt.covered = True
+    return True
 
 
-def _leave_again(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
+def _leave_again(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Continue the departure of the last item, which is still at the eye."""
+    item = _last_at_outfeed(belt, switch)
+    if item is not None:
+        item.t4 = None
+    return item
+
+
+def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Continue the departure of the last item, because the only other one is entering."""
+    item = switch.there
+    if item is None or not belt.only_entering:
+        return None
+    if switch.previous is None or not switch.previous.blocked:
+        return None
+    belt.items[0].fault(Reason.MISSING_EDGE)
     item.t4 = None
     return item
 
 
-def _leaving_without_t4(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the last item if no other can be there: what is at one eye is not at the other."""
-    blocked = switch.previous is not None and switch.previous.blocked
-    return switch.there if belt.only_entering and blocked else None
-
-
-def _leave_again_beside(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
-    belt.items[0].fault(Reason.MISSING_EDGE)
-    return _leave_again(belt, switch, item)
-
-
-def _given_up_comes(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the item that was given up if the eye sees that, and not what is on the belt."""
+def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Let an item leave that was given up, if no item on the belt can be at the eye yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
-    return gone[0] if gone and belt.is_none_due(switch.stamp) else None
-
-
-def _leave_late(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
-    (belt.given_up or belt.abandoned).popleft()
+    if not gone or not belt.is_none_due(switch.stamp):
+        return None
+    item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
     belt.fault_all(Reason.DISTANCE_FAULT)  # it was there as well
     return item
 
 
-def _leave(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
+def _leave(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Let the item leave that is due."""
+    if not belt.items:
+        return None
     ambiguous = belt.drop_given_up()
     return _begin_to_leave(belt, switch, belt.take_leaving(switch.stamp), ambiguous)
 
 
-def _leave_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
+def _leave_unseen(belt: Belt, switch: Switch) -> TrackedItem:
+    """Add an item whose t1 and t2 were lost."""
     ambiguous = belt.drop_given_up()
     item = belt.new_item()
     item.fault(Reason.MISSING_EDGE)
@@ -287,68 +282,73 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     if ambiguous and belt.transit.of(item) is None:
         item.fault(Reason.DISTANCE_FAULT)  # nothing shows which of them it is
     if item is belt.at_infeed:
-        # Too long to be on the belt as a whole, or its edge was lost: t2 shows which, if it comes.
+        # It is longer than the belt, or its t2 was lost. The t2, if it comes, shows which.
         item.fault(Reason.PRODUCT_TOO_LONG, Reason.MISSING_EDGE)
     before = belt.left_last
     if item.t2 is not None and before is not None and before.departure > item.t2:
         item.fault(Reason.DISTANCE_FAULT)
     if item.t1 is not None and item.t1 < switch.stamp and not item.faults:
         belt.transit.learn(item, switch.stamp - item.t1)
-    belt.finish(item)
+    belt.finished.append(item)
     return item
 
 
 # The outfeed eye clears.
 
 
-def _leaving(belt: Belt, switch: Switch) -> TrackedItem | None:
-    return None if belt.is_next_departure(switch.stamp) else switch.there
-
-
-def _go(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
-    item.t4 = switch.stamp
+def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Set the t4 of the item at the outfeed eye."""
+    item = None if belt.is_next_departure(switch.stamp) else switch.there
+    if item is not None:
+        item.t4 = switch.stamp
     return item
 
 
-def _free(belt: Belt, switch: Switch, _: bool) -> None:
-    """Note that something is gone that no eye has seen, or that came by another clock."""
-    belt.freed = switch.stamp
-    belt.covered = False
+def _uncover(belt: Belt, switch: Switch) -> bool:
+    """Clear the eye if it shows its state, or an item of another clock covered it."""
+    return (_show_state(belt, switch) or belt.covered) and _free(belt, switch)
 
 
-def _is_covered(belt: Belt, switch: Switch) -> bool:
-    return belt.covered
-
-
-def _go_again(belt: Belt, switch: Switch, item: TrackedItem) -> TrackedItem:
-    belt.freed = item.t4 = switch.stamp
+def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Move the t4 of the last item, which was still at the eye."""
+    item = _last_at_outfeed(belt, switch)
+    if item is not None:
+        belt.freed = item.t4 = switch.stamp
     return item
 
 
-def _only_entering(belt: Belt, switch: Switch) -> bool:
-    return belt.only_entering
-
-
-def _go_beside(belt: Belt, switch: Switch, _: bool) -> None:
-    """Note that another item than the one that enters has left."""
-    _note_unseen(belt, switch)
+def _go_beside(belt: Belt, switch: Switch) -> bool:
+    """Apply the departure of an unknown item while another one enters."""
+    if not belt.only_entering:
+        return False
+    _go_before_start(belt, switch)
     belt.items[0].fault(Reason.DISTANCE_FAULT)
+    return True
 
 
-def _go_unseen(belt: Belt, switch: Switch, _: bool) -> TrackedItem:
-    """Report the item that left without its t3; if another one has left, it may yet come."""
-    _note_unseen(belt, switch)
+def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
+    """Report the item that left without a t3; if another one has left, its t3 may still come."""
+    if not belt.items:
+        return None
+    _go_before_start(belt, switch)
     item = belt.left_last = belt.take_leaving(switch.stamp)
     item.fault(Reason.MISSING_EDGE)
     item.t4 = switch.stamp
-    belt.finish(item)
+    belt.finished.append(item)
     return item
 
 
-def _note_unseen(belt: Belt, switch: Switch) -> None:
+def _go_before_start(belt: Belt, switch: Switch) -> None:
     belt.freed = switch.stamp
     if switch.previous is None:
-        belt.fault_all(Reason.START_UP)  # something left that nothing had seen
+        belt.fault_all(Reason.START_UP)  # an item left that no eye had seen
+
+
+def _free(belt: Belt, switch: Switch) -> bool:
+    """Set the departure of an item that no eye has seen, or that is of another clock."""
+    belt.freed = switch.stamp
+    belt.covered = False
+    return True
 
 
 _Case, _S = Transition, State
@@ -357,33 +357,32 @@ _CHATTER, _TOO_LONG, _START_UP = Reason.CHATTERING_EYE, Reason.PRODUCT_TOO_LONG,
 
 TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
     (Eye.INFEED, True): (
-        _Case(_flickering_entry, _reopen_entry, _S.ENTERING, (_CHATTER,)),
-        _Case(_otherwise, _enter, _S.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
+        _Case(_reopen_entry, _S.ENTERING, (_CHATTER,)),
+        _Case(_enter, _S.ENTERING, (_CHATTER, _MISSING, _DISTANCE)),
     ),
     (Eye.INFEED, False): (
-        _Case(_entering, _set_t2, _S.ON_BELT),
-        _Case(_shows_state, _ignore),
-        _Case(_is_first, _keep_first),
-        _Case(_flickering_after_entry, _extend_entry, _S.ON_BELT, (_CHATTER,)),
-        _Case(_reported, _set_t2),
-        _Case(_otherwise, _enter_unseen, _S.ON_BELT, (_MISSING, _DISTANCE)),
+        _Case(_end_entry, _S.ON_BELT),
+        _Case(_show_state),
+        _Case(_keep_first),
+        _Case(_extend_entry, _S.ON_BELT, (_CHATTER,)),
+        _Case(_end_reported),
+        _Case(_enter_unseen, _S.ON_BELT, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, True): (
-        _Case(_flickers_of_unknown, _cover),
-        _Case(_last_at_outfeed, _leave_again, _S.LEAVING),
-        _Case(_leaving_without_t4, _leave_again_beside, _S.LEAVING, (_MISSING,)),
-        _Case(_given_up_comes, _leave_late, _S.LEAVING, (_DISTANCE,)),
-        _Case(_any_on_belt, _leave, _S.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
-        _Case(_otherwise, _leave_unseen, _S.LEAVING, (_MISSING, _DISTANCE)),
+        _Case(_cover),
+        _Case(_leave_again, _S.LEAVING),
+        _Case(_leave_again_beside, _S.LEAVING, (_MISSING,)),
+        _Case(_leave_late, _S.LEAVING, (_DISTANCE,)),
+        _Case(_leave, _S.LEAVING, (_DISTANCE, _TOO_LONG, _MISSING)),
+        _Case(_leave_unseen, _S.LEAVING, (_MISSING, _DISTANCE)),
     ),
     (Eye.OUTFEED, False): (
-        _Case(_leaving, _go, _S.GONE),
-        _Case(_shows_state, _free),
-        _Case(_is_covered, _free),
-        _Case(_last_at_outfeed, _go_again, _S.GONE),
-        _Case(_only_entering, _go_beside, None, (_START_UP, _DISTANCE)),
-        _Case(_any_on_belt, _go_unseen, _S.GIVEN_UP, (_START_UP, _MISSING)),
-        _Case(_otherwise, _free),
+        _Case(_go, _S.GONE),
+        _Case(_uncover),
+        _Case(_go_again, _S.GONE),
+        _Case(_go_beside, None, (_START_UP, _DISTANCE)),
+        _Case(_go_unseen, _S.GIVEN_UP, (_START_UP, _MISSING)),
+        _Case(_free),
     ),
 }
 
@@ -392,9 +391,9 @@ TRANSITIONS: dict[tuple[Eye, bool], tuple[Transition, ...]] = {
 
 
 def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
-    """Take an edge that comes after a younger one: no item on the belt can be trusted.
+    """Apply an edge that comes after a younger one, and fault all items on the belt.
 
-    It completes an item that lacks it; only what no item accounts for is a further one.
+    The edge completes an item that lacks it. It begins a new item only if no item explains it.
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
@@ -413,15 +412,16 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
         item = belt.begun = belt.new_item()
         item.t1 = item.given_up = edge.stamp
         item.fault(Reason.LATE_EDGE)
-        belt.finish(item)
+        belt.finished.append(item)
         belt.move(item, State.GIVEN_UP)
 
 
 def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool:
-    """Note an edge of an item that has entered; tell whether it is one."""
-    last = belt.entered_last
+    """Add an edge to an item that has entered. Returns whether there is such an item."""
+    last, debounce = belt.entered_last, belt.eyes.debounce
     if edge.blocked:
-        item = belt.entered_at(edge.stamp)
+        found = (each for each in belt.recent if each.accounts_for(edge.stamp, debounce))
+        item = next(found, None)
         if item is not None and item.t1 is None:
             item.t1 = edge.stamp
     elif last is not None and youngest is not None and last.t1 == youngest.stamp < edge.stamp:
@@ -430,17 +430,29 @@ def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool
         belt.move(item, State.ON_BELT)
         belt.eyes.youngest[edge.eye] = edge
     else:
-        item = belt.without_t2(edge.stamp)
+        item = next((each for each in belt.recent if _lacks_t2(each, edge.stamp)), None)
         if item is not None:
             item.t2 = edge.stamp
     return item is not None
 
 
+def _lacks_t2(item: TrackedItem, stamp: int) -> bool:
+    """Return whether an item that has left can have cleared the infeed eye at `stamp`."""
+    began = item.t1 is None or item.t1 < stamp
+    return item.t2 is None and item.t3 is not None and began and stamp < item.t3
+
+
+def _lacks_t3(item: TrackedItem, stamp: int) -> bool:
+    return item.t3 is None and item.t4 is not None and item.entered < stamp < item.t4
+
+
 def _complete_departure(belt: Belt, edge: EyeEdge) -> None:
-    """Note an edge of an item that has left, if it is one."""
+    """Add an edge to an item that has left, if there is such an item."""
     item = belt.at_outfeed
     if edge.blocked:
-        belt.complete_t3(edge.stamp)
+        left = next((each for each in belt.recent if _lacks_t3(each, edge.stamp)), None)
+        if left is not None:
+            left.t3 = edge.stamp
     elif item is not None and item.t3 is not None and item.t3 < edge.stamp:
         item.t4, belt.at_outfeed = edge.stamp, None
         belt.move(item, State.GONE)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of items that a node has given, in a file that outlives its process."""
+"""File of the item numbers that a node has given, for the next process of the node."""
 
 from contextlib import suppress
 import os
@@ -12,15 +12,14 @@ from checkweigher_core.state_files import state_file
 
 _LINE = 100  # bytes, of the identity of the run; each number follows in a line of its own
 _NUMBER = 21  # bytes
-_KEPT = 'kept over runs'
+_KEPT = 'kept over runs'  # identity of all runs of a file with a path
 
 
 class GivenNumbers:
-    """The latest numbers that a node of a lane has given, in a file.
+    """File of the latest numbers that a node of a lane has given.
 
-    A run is what one process has started: `run` or `ros2 launch`, which starts a node again that
-    has ended. Its nodes count on from each other; in another run items count from 1. With a `path`
-    numbers go on over runs.
+    A run is one process of `run` or `ros2 launch`, which restarts nodes. A restarted node continues
+    the numbers; in another run items count from 1. With a `path` numbers continue over runs.
 
     Parameters
     ----------
@@ -29,16 +28,16 @@ class GivenNumbers:
     domain : int
         ROS domain.
     path : str
-        File; empty for one of this run, named after node and domain.
+        File; empty for a file of this run, named after node and domain.
     most : int
-        Number of numbers that are kept, the latest ones.
+        Number of latest numbers to keep.
 
     Attributes
     ----------
     numbers : frozenset of int
         Numbers that were given before this process began.
     trouble : str
-        Why the file cannot be used, empty if it can.
+        Reason why the file cannot be used, empty if it can.
     """
 
     def __init__(self, node: str, domain: int, path: str = '', most: int = 1) -> None:
@@ -56,11 +55,11 @@ class GivenNumbers:
 
     @property
     def last(self) -> int:
-        """The largest number that was given before this process began, 0 for none."""
+        """Largest number that was given before this process began, 0 for none."""
         return max(self.numbers, default=0)
 
     def _begin(self, file: int, run: str) -> None:
-        """Read the numbers of this run; make the file as large as it will be."""
+        """Read the numbers of this run, or create the file in its full size."""
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
         found: dict[int, int] = {}
@@ -75,10 +74,10 @@ class GivenNumbers:
         self._next = found[self.last] + 1 if found else 0
 
     def give(self, number: int) -> None:
-        """Write a number that is about to be given.
+        """Write a number before it is given.
 
-        It survives a kill of the process. No disk is waited for, and the file does not grow: a full
-        disk has room for it.
+        The number survives a kill of the process. Writing does not wait for the disk, and the file
+        does not grow, so that it works on a full disk.
         """
         if self._file is None:
             return
@@ -90,7 +89,7 @@ class GivenNumbers:
             self._fail(error)
 
     def close(self) -> None:
-        """Close the file, which stays."""
+        """Close the file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -101,7 +100,7 @@ class GivenNumbers:
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file of the numbers that a node gives; the node warns if it cannot be used."""
+    """Return the file of the numbers of a node; the node warns if it cannot be used."""
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

@@ -34,30 +34,31 @@ from checkweigher_dsp.nodes.one_shot_timer import OneShotTimer
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# Samples and edges that come before load_cell/info are kept: it is latched and soon there.
-_MAX_EARLY = 1_000
-# The driver of a replay paces itself by the status, and the permission of reject runs out without:
-# so it comes with the samples, not by a timer.
+_MAX_EARLY = 1_000  # samples and edges that are kept until load_cell/info comes, which is latched
+# The status comes with the samples and not by a timer, because the driver of a replay follows its
+# pace, and the permission of reject runs out without it.
 _STATUS_INTERVAL = 0.2  # s of signal
-_STATUS_BLOCKS = 100  # blocks, where they are short
+_STATUS_BLOCKS = 100  # blocks, if they are short
 _ANSWER_PERIOD = 0.01  # s
-_ZERO_PATIENCE = 15.0  # s, after which the service zero answers also if no samples come
-_STALL_TIME = 0.1  # s without samples, after which items are found by the eyes alone
-_END_PATIENCE = 2.0  # s of silence after which what is missing of an ended stream is lost
+_ZERO_PATIENCE = 15.0  # s, after which the service zero answers even without samples
+_STALL_TIME = 0.1  # s without samples, after which items are tracked by the eyes alone
+_END_PATIENCE = 2.0  # s of silence, after which missing records of an ended stream are lost
 
 
 class SegmenterNode(StageNode[SegmenterParameters]):
-    """Cut the stream of samples into one weigh window for each item."""
+    """Node that cuts the stream of samples into one weigh window for each item."""
 
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        self._numbers: GivenNumbers | None = None  # before the parameters, which may be refused
+        self._numbers: GivenNumbers | None = None  # set before parameters that may be refused
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
-        self._count = 0  # of the items before the present stream
+        self._count = 0  # number of the last item before the present stream
         if keep_numbers or self.parameters.numbers:
-            self._begin_numbers()
-        self._load_cell: LoadCell | None = None
+            self._numbers = open_numbers(self, self.parameters.numbers)
+            if self._numbers.last:  # continue at the next thousand, which shows the restart
+                thousands = self._numbers.last // NUMBERS_AT_ONCE + 1
+                self._count = thousands * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
         self._early: deque[SampleBlock | EyeEdge] = deque(maxlen=_MAX_EARLY)
@@ -84,26 +85,19 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._stall_timer = OneShotTimer(self, self._go_by_edges)
         self._zero_requests: list[Future] = []
         self._zero_timer = OneShotTimer(self, self._refuse_zero)
-        # A group of its own: samples go on while an answer waits for them.
+        # A callback group of its own, so that samples are processed while an answer waits.
         self.create_service(
             Trigger, ports.ZERO, self._on_zero, callback_group=ReentrantCallbackGroup()
         )
 
-    def _begin_numbers(self) -> None:
-        """Count on after the items of a segmenter before this one, from the next thousand on."""
-        self._numbers = open_numbers(self, self.parameters.numbers)
-        if self._numbers.last:
-            before = self._numbers.last // NUMBERS_AT_ONCE
-            self._count = (before + 1) * NUMBERS_AT_ONCE - 1
-
     def destroy_node(self) -> None:
-        """Destroy the node, and close the file of its numbers."""
+        """Destroy the node and close the file of its numbers."""
         if self._numbers is not None:
             self._numbers.close()
         super().destroy_node()
 
     async def _on_zero(self, request: Any, response: Any) -> Any:
-        """Zero on the next empty belt at rest; the answer comes when that is done."""
+        """Set the zero by the next empty belt at rest, and answer then."""
         if self._segmenter is None:
             response.message = 'no load_cell/info has come: not zeroed'
             return response
@@ -111,10 +105,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             response.message = f'{reason}: not zeroed'
             return response
         answer: Future = Future()
-        # A source completes it in its own thread, while the executor may wait.
+        # A source completes it in a thread of its own, while the executor may wait.
         answer.add_done_callback(lambda _: self.executor.wake())
         self._zero_requests.append(answer)
-        self._segmenter.request_zero()
+        self._segmenter.zero_keeper.request()
         self._zero_timer.set(_in(_ZERO_PATIENCE))
         response.success, response.message = await answer
         return response
@@ -129,42 +123,36 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             request.set_result((done, text))
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
-        if load_cell == self._load_cell:
-            return
         self.parameters.check_lengths(load_cell)
-        if self._load_cell is not None:
-            self.warn('load_cell/info has changed: what is on the belt is a fault')
-        self._load_cell = load_cell
-        self.diagnostics.set_hardware(load_cell)
-        self._start()
-        while self._early:
-            self._take(self._early.popleft())
-
-    def _start(self, why: Reason = Reason.SOURCE_RESTARTED) -> None:
-        """Begin a new stream; what is on the belt of the one before is a fault."""
-        if self._load_cell is None:
-            return
-        self._watch.begin_stream(time.monotonic(), self._load_cell)
         if self._segmenter is not None:
-            self._publish(self._segmenter.give_up(why))
-            self._items_before += self._segmenter.items
-            self._count = self._segmenter.item_count
+            if load_cell == self._segmenter.load_cell:
+                return
+            self.warn('load_cell/info has changed: what is on the belt is a fault')
+        self.diagnostics.set_hardware(load_cell)
+        self._start(load_cell)
+        while self._early:
+            self._on_event(self._early.popleft())
+
+    def _start(self, load_cell: LoadCell) -> None:
+        """Begin a new stream. Items on the belt of the previous stream become faults."""
+        self._watch.begin_stream(time.monotonic(), load_cell)
+        before = self._segmenter
+        if before is not None:
+            self._publish(before, before.give_up(Reason.SOURCE_RESTARTED))
+            self._items_before += before.cutter.count
+            self._count = before.item_count
             self._answer_zero(False, 'the stream was started again: not zeroed')
-        self._segmenter = Segmenter(self._load_cell, self.parameters, self._count)
+        self._segmenter = Segmenter(load_cell, self.parameters, self._count)
 
     def _on_event(self, event: SampleBlock | EyeEdge) -> None:
-        if self._segmenter is None:
+        segmenter = self._segmenter
+        if segmenter is None:
             self._early.append(event)
             self.warn('samples or edges come, but no load_cell/info: nothing can be weighed')
-        else:
-            self._take(event)
-
-    def _take(self, event: SampleBlock | EyeEdge) -> None:
-        segmenter = self._segmenter
-        assert segmenter is not None
+            return
         self._watch.add(time.monotonic(), event)
         last_edge = segmenter.last_edge
-        self._publish(segmenter.take(event))
+        self._publish(segmenter, segmenter.take(event))
         if isinstance(event, SampleBlock):
             self._last_stamp = event.stamp
             self._blocks_since_report += 1
@@ -179,17 +167,17 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             or segmenter.last_edge != last_edge
         ):
             self._publish_status(StreamState.RUNNING)
-        if self._zero_requests and segmenter.zero_answer is not None:
-            answer = segmenter.zero_answer
+        answer = segmenter.zero_keeper.answer
+        if self._zero_requests and answer is not None:
             if answer.change is not None:
                 self._zero_settings.send(answer.change)
             self._answer_zero(answer.done, answer.text)
         self._finish_if_ended()
 
     def _go_by_edges(self) -> None:
-        """Announce items by the eyes alone: the samples have stalled."""
+        """Announce items by the eyes alone, because the samples have stalled."""
         if self._segmenter is not None and self._segmenter.edges_wait:
-            self._publish(self._segmenter.go_by_edges())
+            self._publish(self._segmenter, self._segmenter.go_by_edges())
             self._publish_status(StreamState.RUNNING)
 
     def _on_driver_status(self, status: StreamStatus) -> None:
@@ -206,22 +194,23 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)  # the driver asks
 
     def _begin_stream(self, stream: int) -> None:
-        # The first one heard tells of the stream whose samples may be here already.
+        # The first stream may have begun before its announcement came.
         follows, self._stream = self._stream != 0, stream
         self._end = None
         self._end_timer.clear()
-        if self._load_cell is not None:
-            self._watch.begin_stream(time.monotonic(), self._load_cell)
-        if follows and self._segmenter is not None and self._segmenter.samples > 0:
-            self._start()
+        segmenter = self._segmenter
+        if segmenter is not None and follows and segmenter.samples > 0:
+            self._start(segmenter.load_cell)
+        elif segmenter is not None:
+            self._watch.begin_stream(time.monotonic(), segmenter.load_cell)
         self._announced = True
         self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
-        """Tell the driver that its stream can begin, once nothing of it would be lost.
+        """Notify the driver that its stream can begin, once no record of it would be lost.
 
-        That its publishers have found these subscriptions the driver knows itself, the other
-        direction only this node.
+        The driver knows whether its publishers have matched these subscriptions, but only this node
+        knows whether the subscriptions have matched the publishers.
         """
         if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
             self._answer_timer.set(_in(_ANSWER_PERIOD))
@@ -231,16 +220,16 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:
-        """Give up what is still on the belt once everything that was sent has been taken."""
+        """Finish the stream once all records that were sent have been processed."""
         if self._end is None or self._segmenter is None:
             return
         if (self._segmenter.samples, self._segmenter.edges) == self._end:
-            self._finish()
+            self._finish(self._segmenter)
         else:
             self._end_timer.set(_in(_END_PATIENCE))
 
     def _finish_incomplete(self) -> None:
-        """Finish although something is missing: it will not come any more."""
+        """Finish the stream although records are missing."""
         if self._end is None or self._segmenter is None:
             return
         samples, edges = self._end
@@ -248,51 +237,55 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             f'the stream has ended: {samples} samples and {edges} edges were sent, but '
             f'{self._segmenter.samples} and {self._segmenter.edges} have come'
         )
-        self._finish()
+        self._finish(self._segmenter)
 
-    def _finish(self) -> None:
-        assert self._segmenter is not None
+    def _finish(self, segmenter: Segmenter) -> None:
         self._end = None
         self._end_timer.clear()
-        self._publish(self._segmenter.finish())
+        self._publish(segmenter, segmenter.finish())
         self._publish_status(StreamState.FINISHED)
 
-    def _publish(self, windows: list[WeighWindow]) -> None:
+    def _publish(self, segmenter: Segmenter, windows: list[WeighWindow]) -> None:
         """Publish the announcements of items, then windows."""
-        for item in () if self._segmenter is None else self._segmenter.take_announced():
+        for item in segmenter.take_announced():
             if self._numbers is not None and not item.complete:
-                self._numbers.give(item.item_id)  # before anyone hears of it
+                self._numbers.give(item.item_id)  # on disk before it is published
             self._items.send(replace(item, stream=self._stream))
         for window in windows:
             self._windows.send(window)
             self.count('windows')
-            if self._segmenter is not None:
-                self._watch.add_window(time.monotonic(), window, self._segmenter)
+            self._watch.add_window(time.monotonic(), window, segmenter)
             for reason in window.reasons:
                 self.count(reason)
                 self.warn(f'item {window.item_id}: {reason}: {Reason(reason).hint}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how samples, clock, eyes, zero, belt and items are."""
+        """Return the findings on samples, clock, eyes, zero, belt and items."""
         if self._segmenter is not None:
             self._watch.look(now, self._segmenter)
         return self._watch.findings(now, time.time() - time.monotonic())
 
     def _publish_status(self, state: StreamState) -> None:
-        if self._segmenter is None:
+        segmenter = self._segmenter
+        if segmenter is None:
             return
-        self._reported_samples = self._segmenter.samples
+        self._reported_samples = segmenter.samples
         self._blocks_since_report = 0
-        items = self._items_before + self._segmenter.items
-        counts = self._segmenter.samples, self._segmenter.edges, items
-        last_edge = self._segmenter.last_edge
         self._status.send(
-            StreamStatus(self._last_stamp, self._stream, state, *counts, last_edge=last_edge)
+            StreamStatus(
+                self._last_stamp,
+                self._stream,
+                state,
+                segmenter.samples,
+                segmenter.edges,
+                self._items_before + segmenter.cutter.count,
+                last_edge=segmenter.last_edge,
+            )
         )
 
 
 def _in(seconds: float) -> int:
-    """Return a time from now on, ns of the monotonic clock."""
+    """Return the time after a duration, ns of the monotonic clock."""
     return time.monotonic_ns() + round(seconds * NANOSECONDS)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""All stages in one loop: the weighing of the graph without the graph."""
+"""All stages in one loop, with the same results as the graph."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -25,7 +25,7 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# Nodes that a parameter file for the line may address as well, but that are no stages.
+# Other nodes that a parameter file of the line may address.
 _OTHER_NODES = ('product', 'driver', 'dynamic_setting', 'verifier')
 
 
@@ -59,7 +59,7 @@ class LineParameters:
                 raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
-        """Return the same parameters but for some, named as in ``denoise.stretch``.
+        """Return a copy with some values changed, named as in ``denoise.stretch``.
 
         Raises
         ------
@@ -80,13 +80,13 @@ class LineParameters:
         return replace(self, **cast(dict[str, Any], made))
 
     def with_estimator(self, name: str) -> Self:
-        """Return the same parameters with another estimator."""
+        """Return a copy with another estimator."""
         return replace(self, identifier=replace(self.identifier, estimator=name))
 
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """Estimate and verdict of one item, and the window as it was cut, where that was here."""
+    """Estimate and verdict of one item, and its window if it was cut in this process."""
 
     estimate: MassEstimate
     verdict: Verdict
@@ -94,10 +94,9 @@ class Weighing:
 
 
 class WeighingLine:
-    """Run segmenter, denoise, identifier and reject one after the other.
+    """Segmenter, denoise, identifier and reject, one after the other.
 
-    The nodes call the same stages with the same values, so both ways give the same masses to the
-    last bit. The load cell gives calibration, rate and the distance between the eyes.
+    The nodes call the same stages with the same values, so the masses are equal to the last bit.
     """
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
@@ -107,35 +106,32 @@ class WeighingLine:
         self._reject_stage = RejectStage(parameters.reject, load_cell.weigh_length)
 
     def add(self, event: SampleBlock | EyeEdge) -> list[Weighing]:
-        """Take a block or an edge and return the items that it completes."""
-        return self._judge(self._cut(event))
+        """Process a block or an edge and return the items that it completes."""
+        return self._judge(self._with_announced(self._segmenter.take(event)))
 
     def finish(self) -> list[Weighing]:
-        """Return the items that are still on the belt, as faults: the stream has ended."""
-        windows = self._segmenter.finish()
-        return self._judge([*self._segmenter.take_announced(), *windows])
+        """Return the items that are still on the belt as faults, because the stream has ended."""
+        return self._judge(self._with_announced(self._segmenter.finish()))
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
-        """Yield the items of a whole stream, to the same bits as by `add` and `finish`.
+        """Yield the items of a whole stream, equal to those of `add` and `finish`.
 
-        The masses of many windows are estimated at once, which takes less time and changes no
-        verdict.
+        The masses of many windows are estimated at once, which takes less time.
         """
         steps: list[Item | WeighWindow] = []
         samples = 0
         for event in events:
-            cut = self._cut(event)
-            steps += cut
-            samples += sum(len(step.counts) for step in cut if isinstance(step, WeighWindow))
+            windows = self._segmenter.take(event)
+            steps += self._with_announced(windows)
+            samples += sum(len(window.counts) for window in windows)
             if len(steps) >= _STEPS_AT_ONCE or samples >= _SAMPLES_AT_ONCE:
                 yield from self._judge(steps)
                 steps, samples = [], 0
         yield from self._judge(steps)
         yield from self.finish()
 
-    def _cut(self, event: SampleBlock | EyeEdge) -> list[Item | WeighWindow]:
-        """Return the records that an event brings the stages after the segmenter, in order."""
-        windows = self._segmenter.take(event)
+    def _with_announced(self, windows: list[WeighWindow]) -> list[Item | WeighWindow]:
+        """Return the records for the stages after the segmenter, in order."""
         return [*self._segmenter.take_announced(), *windows]
 
     def _judge(self, steps: Sequence[Item | WeighWindow]) -> list[Weighing]:
@@ -144,7 +140,7 @@ class WeighingLine:
         weighings = []
         for step in steps:
             if isinstance(step, Item):
-                self._reject_stage.add_item(step)  # gives no verdict: no time runs here
+                self._reject_stage.add_item(step)  # gives no verdict without a clock
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.add_estimate(estimate)
@@ -155,13 +151,12 @@ class WeighingLine:
 def estimate_masses(
     windows: Sequence[WeighWindow], denoiser: Denoiser, identifier: Identifier
 ) -> list[MassEstimate]:
-    """Return the estimate of each window; windows of an estimator that asks for it are denoised."""
+    """Return the estimate of each window. Windows are denoised if the estimator requires it."""
     if identifier.needs_denoised:
         windows = denoiser.denoise_all(windows)
     return identifier.estimate_all(windows)
 
 
-# Edges and windows, and samples in these, that `weigh_all` collects, so that a long recording takes
-# no more memory.
+# Most records and samples that `weigh_all` collects, to limit the memory for a long recording.
 _STEPS_AT_ONCE = 1500
 _SAMPLES_AT_ONCE = 2**20

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Edge check: the load of an item rises when its photo-eyes say so, but for a lag that is constant.
+"""Edge check: the load of an item rises at its edges, except for a constant lag.
 
-The filter of an amplifier, two clocks, an eye off its place or debounced: all move the samples
-against the edges, and a window that is cut by the eyes then holds a part of the rise or of the
-fall. The signal shows the rise, so it confirms the eyes item by item.
+The filter of an amplifier, two clocks, and an eye that is displaced or debounced move the samples
+against the edges. A window that is cut by the edges then contains a part of the rise or of the
+fall. The rise in the signal confirms the edges of each item.
 """
 
 from collections import deque
@@ -15,38 +15,39 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
 _SURE = 4.0  # standard deviations
-_LIKELY = 2.5  # of an item whose own lag is not sure, else:
+# Standard deviations within which an item has the usual lag: if its own lag is not sure, or is.
+_LIKELY = 2.5
 _ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # s; a platform without ringing lags 5e-4 less than the usual one
-_SHARE = 0.02  # of t2 - t1, by which products ride on differently from item to item
-# From the lag that is stated, while none is learned: share of t2 - t1 by which a whole kind of
-# product may ride on unevenly, and filters and eyes off their place, s.
-_FURTHEST_SHARE = 0.15
+_SHARE = 0.02  # of t2 - t1, variation of the rise from item to item
+# Largest distance from the stated lag while none is learned, s, and as a share of t2 - t1: for
+# filters and displaced eyes, and for a kind of product whose rise is uneven.
 _FURTHEST = 0.01
-_FEWEST = 5  # items that a lag is learned from, and the most
+_FURTHEST_SHARE = 0.15
+_FEWEST = 5  # items from which a lag is learned, and the most
 _MOST = 25
 _LAST = 3  # items in the median of the latest lags
 _RECENT = 8  # items that show a lasting change
-_EVEN = math.sqrt(12.0)  # width of a uniform distribution, in standard deviations
-_SAME = 0.1  # relative difference of belt speeds and of lengths that are one
+_EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
+_SAME = 0.1  # relative difference of equal belt speeds and lengths
 
 
 class EdgeCheck:
-    """Compare the rise of each item with its edges; lags in s are beyond the stated one.
+    """Comparison of the rise of each item with its edges. Lags are relative to the stated lag, s.
 
-    A lag that is stated as known holds from the first item on. Else the median of the first items
-    of one speed and length is the lag of this machine, and it stays what it is; where speed or
-    length change it is learned again.
+    If the stated lag is known, it holds from the first item on. Otherwise the median of the first
+    items of one speed and length is the lag of this machine. It is learned again if the speed or
+    the length changes.
 
     Attributes
     ----------
     learned : float
-        What has been learned, NaN before that.
+        Learned lag, NaN before that.
     checked, unchecked : int
-        Items so far whose rise was seen, and that of the others was not.
+        Number of items whose rise was seen, and of those whose rise was not.
     doubt : float
-        Standard deviation of the last shift, s: of the lag where it is one, and where the bend of
-        the products says another shift than the lag, any between them is as likely.
+        Standard deviation of the last shift, s. It includes the difference between the shifts with
+        and without the bend of the products, between which any shift is equally likely.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
@@ -56,7 +57,7 @@ class EdgeCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Forget what was learned: the source has started again."""
+        """Discard the learned lag, because the source has started again."""
         self.learned = math.nan
         self._kind: tuple[float, float] | None = None  # belt speed and length
         self._first: list[RiseLag] = []
@@ -64,29 +65,29 @@ class EdgeCheck:
 
     @property
     def is_stated(self) -> bool:
-        """Whether the lag is stated as known."""
+        """Whether the stated lag is known."""
         return self._parameters.rise_lag_known
 
     @property
     def lag(self) -> float:
-        """The lag of the last items, median; NaN if there is none."""
+        """Median lag of the last items, NaN if there is none."""
         return median(self._recent) if self._recent else math.nan
 
     @property
     def reference(self) -> float:
-        """The lag that items are compared with, NaN while it is learned."""
-        return 0.0 if self._parameters.rise_lag_known else self.learned
+        """Lag with which items are compared, NaN as long as it is not learned."""
+        return 0.0 if self.is_stated else self.learned
 
     @property
     def change(self) -> float:
-        """How far the last items, all of them, are from the reference; NaN if not known yet."""
+        """Change of the lag from the reference to the last items, NaN if it is not known."""
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:
-        """Take an item and return by how much its window has to be later than by the eyes, s.
+        """Check an item and return the shift of its window after its edges, s.
 
-        0 if eyes and rise agree as far as the signal shows, None if the rise is not where the eyes
-        say. `speed` is that of the belt in m/s, `length` that of the item in m.
+        The shift is 0 if edges and rise agree, and None if they contradict each other. `speed` is
+        the belt speed in m/s, `length` the length of the item in m.
         """
         self._begin_kind(speed, length)
         self.doubt = 0.0
@@ -123,28 +124,28 @@ class EdgeCheck:
 
     @property
     def _usual(self) -> float:
-        """Lag of the last items, NaN while they are few."""
+        """Median lag of the last three items, NaN with fewer."""
         last = list(self._recent)[-_LAST:]
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return what of the lag is the bend of these products, and its standard deviation.
+        """Return the part of the lag that is the bend of the products, and its standard deviation.
 
-        It is no reason to move a window. A lag that is stated as known has it already.
+        The bend does not move a window. A known lag contains it already.
         """
-        if self._parameters.rise_lag_known:
+        if self.is_stated:
             return 0.0, 0.0
         bend = median(each.bend for each in self._first)
         doubt = median(each.bend_std_dev for each in self._first) / math.sqrt(len(self._first))
         return (bend, doubt) if abs(bend) > _SURE * doubt else (0.0, 0.0)
 
     def _own_bend(self, seen: RiseLag) -> float:
-        """Return what the bend of an item is more than that of its kind, 0 where it is not sure."""
+        """Return the difference between the bend of an item and that of its kind, 0 if not sure."""
         own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
         return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
 
     def _begin_kind(self, speed: float, length: float) -> None:
-        """Learn again where belt speed or length are others than before."""
+        """Discard the learned lag if the belt speed or the length has changed."""
         kind = speed, length
         if self._kind is None or any(
             abs(new - old) > _SAME * old for new, old in zip(kind, self._kind, strict=True)
@@ -160,10 +161,10 @@ class EdgeCheck:
         return abs(lag - self.reference) > limit or abs(lag) > furthest
 
     def _sure_shift(self, lag: float, std_dev: float) -> float:
-        """Return a lag that matters, 0 if it does not or is not known."""
+        """Return a lag if it is large and sure enough to move a window, else 0."""
         return lag if abs(lag) > max(_LEAST_SHIFT, _SURE * std_dev) else 0.0
 
 
 def _without(lag: float, bend: float) -> float:
-    """Return a lag less a bend: a bend can explain a lag, not cause one."""
+    """Return the part of a lag that a bend does not explain, of the same sign as the lag."""
     return math.copysign(min(max(abs(lag) - math.copysign(bend, lag * bend), 0.0), abs(lag)), lag)

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load check: the load of a product that was alone changes no more than the belt shakes.
+"""Load check: the load of a single product is steady, except for the vibration of the belt.
 
-The eyes do not show a product whose edge was lost. The scale does: while one comes or goes within
+The eyes do not show a product whose edge was lost, but the scale does: if it comes or goes within
 the weigh window, the load changes by more than vibration and ring-down explain.
 """
 
@@ -11,21 +11,21 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-# Of the load. Ring-down of what has just entered changes it by up to 6 % of the windows.
+# Largest change as a share of the load; the ring-down after the entry explains up to 6 %.
 _SHARE = 0.08
-_VIBRATION = 6.0  # times the median change of the empty belt: the largest but for other items
-_MEMORY = 0.98  # of that change at each further item
+_VIBRATION = 6.0  # largest change by vibration, in median changes of the empty belt
+_MEMORY = 0.98  # by which that median decreases at each further item
 _FEWEST = 8  # samples
 
 
 class LoadCheck:
-    """Distinguish a steady load from one that something else came to or left.
+    """Check whether a load is steady, or another item came or left meanwhile.
 
     The check compares the mean of the last quarter of a window with that of its first half. The
-    empty belt before the items shows what vibration does to their difference: the median over all
-    segments of as many samples, since something may have left the belt meanwhile. Where the belt is
-    not empty for so long, the value before holds; until there is one, that of shorter segments,
-    which shake more. A belt that was never seen empty is taken for one that does not shake.
+    effect of vibration on this difference is the median over all segments of the empty belt of the
+    same length, because another item may have left meanwhile. If the empty belt is shorter than a
+    window, the previous value holds; if there is none, that of shorter segments, which vary more.
+    If no empty belt was seen yet, no vibration is assumed.
     """
 
     def __init__(self) -> None:
@@ -33,9 +33,9 @@ class LoadCheck:
         self._is_of_window = False  # else of shorter segments
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Tell whether the load of a window, (n,) counts from t2 to t3, is that of one item.
+        """Return whether the load of a window, (n,) counts from t2 to t3, is that of one item.
 
-        `empty` are the counts of the empty belt before t1, (m,), any number; `zero` is its reading.
+        `empty` are the counts of the empty belt before t1, shape (m,); `zero` is its reading.
         """
         size = len(window)
         self._watch(empty, size)
@@ -64,10 +64,10 @@ class LoadCheck:
 
 
 def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
-    """Tell whether nothing is left on the belt of what came onto it during `counts`, (n,).
+    """Return whether the items that came onto the belt during `counts`, shape (n,), have left it.
 
-    The last `size` counts are compared with the `size` of the largest load; `zero` is the reading
-    of the empty belt.
+    The last `size` counts are compared with the `size` counts of the largest load; `zero` is the
+    reading of the empty belt.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:

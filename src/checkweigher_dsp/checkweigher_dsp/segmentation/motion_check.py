@@ -9,17 +9,15 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-# Of the usual speed; a belt that runs slower than that during a pass has stood still.
-_STOPPED = 0.5
+_STOPPED = 0.5  # share of the usual speed, below which the belt has stood still during a pass
 
 
 class MotionCheck:
-    """Fault items by their speed and length.
+    """Check of the speed and length of items.
 
-    The belt speed is compared with that of the items before. Edges that were lost between two items
-    can make one slow, long item of them, which nothing else would show. A change of the belt speed
-    costs one item: the next one of the same new speed is taken. The weigh length, in m, is that
-    from eye to eye.
+    The belt speed is compared with that of the items before, because edges that were lost between
+    two items can turn them into one slow, long item. A change of the belt speed costs one item: the
+    next one of the same speed is weighed. `weigh_length` is the distance of the eyes in m.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
@@ -29,7 +27,7 @@ class MotionCheck:
         self._last: float | None = None  # of the last one that was sound or only had another speed
 
     def forget(self) -> None:
-        """Forget the speed of the belt: the source has started again."""
+        """Discard the speed of the belt, because the source has started again."""
         self._usual = self._last = None
 
     def measure(self, item: TrackedItem) -> tuple[float, float]:
@@ -42,17 +40,17 @@ class MotionCheck:
         return speed, speed * seconds(item.t2 - item.t1)
 
     def check(self, item: TrackedItem) -> None:
-        """Note the faults of an item; each item once, in the order in which they left."""
+        """Add the faults of an item. Items are checked once, in the order in which they left."""
         limits = self._limits
         speed, length = self.measure(item)
-        backwards = item.t3 is not None and item.t1 is not None and item.t3 <= item.t1
-        if backwards or speed < limits.min_belt_speed or speed > limits.max_belt_speed:
+        known = None not in (item.t1, item.t3)
+        if known and not limits.min_belt_speed <= speed <= limits.max_belt_speed:
             item.fault(Reason.BELT_SPEED)
         if length < limits.min_product_length:
             item.fault(Reason.PRODUCT_TOO_SHORT)
         if length >= self._weigh_length:
             item.fault(Reason.PRODUCT_TOO_LONG)
-        if item.faults or math.isnan(speed) or math.isnan(length):
+        if item.faults or math.isnan(length):
             return
         if limits.speed_tolerance:
             self._check_speed(item, speed)
@@ -73,16 +71,15 @@ class MotionCheck:
     def _check_length(self, item: TrackedItem, length: float) -> None:
         """Compare the length with that of the recipe.
 
-        The eyes see the extent along the belt: of a rectangle turned by an angle that is between
-        its shorter side and its diagonal.
+        The eyes see the extent along the belt. For a rectangle at an angle that is between its
+        shorter side and its diagonal.
         """
         expected, tolerance = self._limits.product_length, self._limits.length_tolerance
-        width = self._limits.product_width
+        width = self._limits.product_width or expected
         if abs(length - expected) <= tolerance:
             return
-        shortest, longest = expected, expected
-        if width:
-            shortest, longest = min(expected, width), math.hypot(expected, width)
+        shortest = min(expected, width)
+        longest = math.hypot(expected, width) if self._limits.product_width else expected
         if shortest - tolerance <= length <= longest + tolerance:
             item.fault(Reason.PRODUCT_ASKEW)
         elif length < expected:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the segmenter: how items are told apart and what counts as the empty belt."""
+"""Parameters of the segmenter: tracking of items, checks, and the empty belt."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -26,9 +26,10 @@ class SegmenterParameters(Parameters):
 
     lead_time: float = _duration(0.5, 'signal before t1 that goes with each window')
     trail_time: float = _duration(
-        0.0, 'signal after t3 that is waited for, at most until the item has left; later verdicts, '
+        0.0,
+        'signal after t3 that is waited for, at most until the item has left; later verdicts, '
         'only gauss_markov gains',
-    )  # fmt: skip
+    )
     zero_time: float = _duration(1.0, 'empty belt before t1 that is read for the zero, at most')
     settle_time: float = _duration(
         0.1, 'ring-down after an item has left, not read for the zero; longer on a soft platform'
@@ -37,13 +38,16 @@ class SegmenterParameters(Parameters):
         0.005, 'drift of the zero since calibration, standard deviation', minimum=1e-9
     )
     zero_random_walk: float = _mass(
-        1e-5, 'what the zero moves at random in a second, standard deviation; larger follows '
-        'faster, averages less', unit='kg/sqrt(s)',
-    )  # fmt: skip
+        1e-5,
+        'what the zero moves at random in a second, standard deviation; larger follows '
+        'faster, averages less',
+        unit='kg/sqrt(s)',
+    )
     zero_drift: float = _mass(
-        2e-5, 'drift of the zero, standard deviation; it is looked for unless this is 0',
+        2e-5,
+        'drift of the zero, standard deviation; it is looked for unless this is 0',
         unit='kg/s',
-    )  # fmt: skip
+    )
     zero_moment: float = _duration(
         0.03, 'shortest empty belt that is read; where less has settled, the ring-down as well'
     )
@@ -68,9 +72,11 @@ class SegmenterParameters(Parameters):
         0.01, 'largest difference between the length from the eyes and product_length'
     )
     speed_tolerance: float = parameter(
-        0.2, 'largest relative change of belt speed from item to item; 0: not checked',
-        minimum=0, maximum=100,
-    )  # fmt: skip
+        0.2,
+        'largest relative change of belt speed from item to item; 0: not checked',
+        minimum=0,
+        maximum=100,
+    )
     debounce_time: float = _duration(
         0.005, 'shortest time for which an eye clears; less is chatter', maximum=10
     )
@@ -81,28 +87,40 @@ class SegmenterParameters(Parameters):
         10.0, 'largest delay of samples behind the edges of the same time', minimum=0.1, maximum=600
     )
     clock_tolerance: float = _duration(
-        0.02, 'largest difference between the stamp of a block and the time of its index',
+        0.02,
+        'largest difference between the stamp of a block and the time of its index',
         minimum=1e-6,
-    )  # fmt: skip
+    )
     rise_lag: float = parameter(
-        PLATFORM_LAG, 'how much later than the eyes say samples show a load: filter of the '
-        'amplifier, clocks, and 2 xi / omega of the platform', unit='s', minimum=-1, maximum=1,
-    )  # fmt: skip
+        PLATFORM_LAG,
+        'how much later than the eyes say samples show a load: filter of the '
+        'amplifier, clocks, and 2 xi / omega of the platform',
+        unit='s',
+        minimum=-1,
+        maximum=1,
+    )
     rise_lag_distance: float = parameter(
-        0.0, 'the part of it that goes with 1 / belt speed: an infeed eye that sees too early',
-        unit='m', minimum=-1, maximum=1,
-    )  # fmt: skip
+        0.0,
+        'the part of it that goes with 1 / belt speed: an infeed eye that sees too early',
+        unit='m',
+        minimum=-1,
+        maximum=1,
+    )
     rise_lag_known: bool = parameter(
         False, 'whether both were measured with products like these; else the first items tell'
     )
     rise_lag_tolerance: float = _duration(
-        0.003, 'largest change of the lag, beside 2 % of t2 - t1: EdgeMismatch; 0: not checked',
+        0.003,
+        'largest change of the lag, beside 2 % of t2 - t1: EdgeMismatch; 0: not checked',
         maximum=1,
-    )  # fmt: skip
+    )
     min_window: int = parameter(
-        16, 'fewest samples between t2 and t3 that can be weighed', unit='samples',
-        minimum=8, maximum=1_000_000,
-    )  # fmt: skip
+        16,
+        'fewest samples between t2 and t3 that can be weighed',
+        unit='samples',
+        minimum=8,
+        maximum=1_000_000,
+    )
 
     numbers: str = parameter(
         '', 'file of the numbers of items, which go on over runs; empty: each run counts from 1'
@@ -117,7 +135,7 @@ class SegmenterParameters(Parameters):
             )
 
     def check_lengths(self, load_cell: LoadCell) -> None:
-        """Raise ParameterError if the windows or the memory of this load cell would be too long."""
+        """Check the lengths of windows and buffer for a load cell. Raises `ParameterError`."""
         transit = seconds(self.max_transit(load_cell.weigh_length))
         window = {
             'min_belt_speed': transit,
@@ -136,5 +154,5 @@ class SegmenterParameters(Parameters):
                 )
 
     def max_transit(self, weigh_length: float) -> int:
-        """Return how long an item takes over `weigh_length`, m, on the slowest belt, ns."""
+        """Return the time of an item over `weigh_length`, m, on the slowest belt, ns."""
         return round(NANOSECONDS * weigh_length / self.min_belt_speed)

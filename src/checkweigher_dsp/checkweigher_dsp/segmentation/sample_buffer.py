@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The recent past of the sample stream, addressed by sample index and by time."""
+"""Buffer of recent samples, addressed by sample index and by time."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -12,49 +12,51 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
 
-# An edge stamped at the very instant of a sample must fall on the same side of it however the
-# blocks were cut, although each block's stamp is rounded to a nanosecond.
-_INSTANT = 1e-3  # samples
-# By which the stamps of blocks of one clock may contradict each other: each is rounded.
-_ROUNDING = 1  # ns
-# A block of the first second that comes so much later than its time is no block that was late.
-_BEGINNING = 1.0  # s
-_UNDER_WAY = 2.0  # s
-_AHEAD = 0.25  # s of samples that go on behind the newest ones, after which these were none
+# Tolerance in samples: an edge at the instant of a sample falls on the same side of it however the
+# blocks were cut, although the stamp of each block is rounded to a nanosecond.
+_INSTANT = 1e-3
+_ROUNDING = 1  # ns, largest difference between the stamps of blocks of one clock
+_BEGINNING = 1.0  # s after the begin of a stream, to which a recording in a loop returns
+_UNDER_WAY = 2.0  # s, largest delay of a block
+_AHEAD = 0.25  # s of samples behind the newest ones, after which the newest ones were wrong
 
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Where a block tied the index to the clock."""
+    """Index and time of a sample, from which those of later samples follow."""
 
     first_index: int
     stamp: int
 
 
 class SampleBuffer:
-    """Keep the last samples of a stream, of `duration` s at `sample_rate` Hz, with its gaps.
+    """Ring of the last samples of a stream, of `duration` s at `sample_rate` Hz, with its gaps.
 
-    Blocks may come twice or overlap: samples that are there already are passed over. A block that
-    is later in time but not in index, or with which the stream began long ago, comes from a source
-    that has started again: the caller asks `is_restart`, and clears the buffer.
+    A block is no longer than that. Blocks may come twice or overlap: samples that are there already
+    are ignored. If a source starts again, which `is_restart` detects, the caller must clear the
+    buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
         self.sample_rate = sample_rate
         self._capacity = max(2, math.ceil(duration * sample_rate))
-        # Twice the capacity, so that the kept part moves to the front only once per capacity.
+        # Twice the capacity, so that the samples move to the front only once per capacity.
         self._counts = np.zeros(2 * self._capacity, np.int32)
         self.clear()
 
     def clear(self) -> None:
-        """Forget all samples, and the clock and index that they had."""
+        """Remove all samples, and forget their clock."""
         self.start = self.end = 0  # index of the oldest sample, and of the next one to come
-        self.empty = True
-        self.origin: int | None = None  # ns, time of the first sample of all
+        self.origin: int | None = None  # ns, time of the first sample of all, None if empty
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
         self._first = 0  # index of the first sample of all
-        self._behind = (0, 0)  # samples passed over, each block after the other, and their end
+        self._behind = (0, 0)  # number of ignored samples in successive blocks, and their end
+
+    @property
+    def empty(self) -> bool:
+        """Whether no sample has come."""
+        return self.origin is None
 
     @property
     def last_stamp(self) -> int | None:
@@ -63,17 +65,13 @@ class SampleBuffer:
 
     def stamp_at(self, index: int) -> int:
         """Return the time of a sample in ns."""
-        anchor = self._anchors[0]
-        if len(self._anchors) > 1:  # where all blocks are of one clock there is but one
-            position = bisect_right(self._anchors, index, key=attrgetter('first_index')) - 1
-            anchor = self._anchors[max(position, 0)]
+        position = bisect_right(self._anchors, index, key=attrgetter('first_index')) - 1
+        anchor = self._anchors[max(position, 0)]
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)
 
     def index_at(self, stamp: int) -> int:
-        """Return the index of the first sample at or after `stamp`; it may be yet to come."""
-        position = 0
-        if len(self._anchors) > 1:
-            position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
+        """Return the index of the first sample at or after `stamp`, which may not have come yet."""
+        position = max(bisect_right(self._anchors, stamp, key=attrgetter('stamp')) - 1, 0)
         anchor = self._anchors[position]
         offset = (stamp - anchor.stamp) * self.sample_rate / NANOSECONDS
         index = anchor.first_index + math.ceil(offset - _INSTANT)
@@ -82,11 +80,11 @@ class SampleBuffer:
         return index
 
     def is_restart(self, block: SampleBlock) -> bool:
-        """Tell whether the source has started again: later in time, but not in index.
+        """Return whether the source has started again.
 
-        Or with the indices that the stream began with, too late for a block that was under way:
-        that is a recording played in a loop, at any time. Or it goes on far behind the newest
-        samples, which then were of nothing that has happened yet.
+        It has if a block is later in time but not in index; if it has the indices of the begin of
+        the stream long after that, as a recording in a loop; or if blocks continue far behind the
+        newest samples, whose indices were wrong then.
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -98,22 +96,24 @@ class SampleBuffer:
         return later or ((beginning or goes_on) and behind > _UNDER_WAY * self.sample_rate)
 
     def append(self, block: SampleBlock) -> None:
-        """Take a block; samples between it and the last one are remembered as lost."""
+        """Add a block; samples between it and the previous one are recorded as lost."""
         if self.empty and len(block.counts):
             self.start = self.end = self._first = block.first_index
             self.origin = block.stamp
         first_new = max(self.end, block.first_index)
         counts = block.counts[first_new - block.first_index :]
         if len(counts) == 0:
-            self._pass_over(block)
+            ignored, end = self._behind
+            before = ignored if block.first_index == end else 0
+            self._behind = before + len(block.counts), block.first_index + len(block.counts)
             return
         self._behind = (0, 0)
         lost = first_new - self.end
         if lost > 0:
             self._gaps.append((self.end, first_new))
-        if not self._is_on_clock(block):
+        # Otherwise the time of a sample would depend, by rounding, on how the blocks were cut.
+        if not self._anchors or self._differs(block):
             self._anchors.append(_Anchor(block.first_index, block.stamp))
-        self.empty = False
         if lost >= self._capacity:
             self.start = self.end = first_new
         elif lost > 0:
@@ -121,24 +121,11 @@ class SampleBuffer:
         self._push(counts)
         self._forget()
 
-    def _pass_over(self, block: SampleBlock) -> None:
-        passed_over, end = self._behind
-        before = passed_over if block.first_index == end else 0
-        self._behind = before + len(block.counts), block.first_index + len(block.counts)
-
-    def _is_on_clock(self, block: SampleBlock) -> bool:
-        """Tell whether the blocks before say the same time of a block, but for rounding.
-
-        If they do, the index is not tied to the clock again: otherwise the nanosecond that a
-        sample gets would depend on how the blocks were cut.
-        """
-        return not self.empty and abs(block.stamp - self.stamp_at(block.first_index)) <= _ROUNDING
+    def _differs(self, block: SampleBlock) -> bool:
+        """Return whether the stamp of a block differs from that of the last clock."""
+        return abs(block.stamp - self.stamp_at(block.first_index)) > _ROUNDING
 
     def _push(self, counts: NDArray[np.int32]) -> None:
-        skipped = len(counts) - self._capacity
-        if skipped > 0:
-            counts = counts[skipped:]
-            self.start = self.end = self.end + skipped
         used = self.end - self.start
         if used + len(counts) > len(self._counts):
             keep = min(used, self._capacity)
@@ -148,19 +135,19 @@ class SampleBuffer:
         self.end += len(counts)
 
     def _forget(self) -> None:
-        """Drop anchors and gaps that lie before the oldest sample."""
+        """Remove anchors and gaps before the oldest sample."""
         while len(self._anchors) > 1 and self._anchors[1].first_index <= self.start:
             del self._anchors[0]
         while self._gaps and self._gaps[0][1] <= self.start:
             del self._gaps[0]
 
     def is_whole(self, begin: int, end: int) -> bool:
-        """Tell whether every sample of [begin, end) is there."""
+        """Return whether every sample of [begin, end) is there."""
         there = self.start <= begin and end <= self.end
         return there and not any(lost < end and begin < found for lost, found in self._gaps)
 
     def whole_from(self, begin: int, end: int) -> int:
-        """Return the smallest index from `begin` on with no sample lost between it and `end`."""
+        """Return the smallest index from `begin` on, between which and `end` no sample is lost."""
         whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:
             if lost_from < end and lost_to > whole:
@@ -172,5 +159,5 @@ class SampleBuffer:
         return self.look_at(begin, end).copy()
 
     def look_at(self, begin: int, end: int) -> NDArray[np.int32]:
-        """Return the samples [begin, end), which are others as soon as the next block comes."""
+        """Return a view of the samples [begin, end), valid until the next block comes."""
         return self._counts[begin - self.start : end - self.start]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Cutting the samples of each item out of the stream, once they have come and if they are sound."""
+"""Cutting of weigh windows from the samples of each item."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,34 +21,40 @@ from checkweigher_dsp.segmentation.zero_keeper import ZeroKeeper
 from checkweigher_dsp.segmentation.zero_tracking import Zero
 from checkweigher_dsp.signal.rise_lag import RiseLag, rise_lag
 
-_BEFORE_RISE = 0.4  # s before t1 in which a rise is looked for
+_BEFORE_RISE = 0.4  # s before t1, from which on a rise is searched
 
 _Identity = tuple[int, int | None, int | None, int | None, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where the samples of an item are, as indices, once its edges are moved by its shift."""
+    """Edges of an item, and their indices in the samples after they were moved by its shift."""
 
-    entry: int  # t1
-    begin: int  # t2
-    end: int  # t3
-    trail_end: int  # of the samples to wait for after t3
-    shift: int  # ns, by which the rise is later than the edges
+    t1: int
+    t2: int
+    t3: int
+    entry: int  # index of t1
+    begin: int  # index of t2
+    end: int  # index of t3
+    trail_end: int  # end of the samples to wait for after t3
+    shift: int  # ns, of the rise after the edges
     doubt: float  # s, standard deviation of the shift
 
 
 class WindowCutter:
-    """Turn items into weigh windows; `count` is their number so far.
+    """Cutter of weigh windows from items; `count` is the number of windows so far.
 
-    An item waits until its samples are there. Before it is cut, the zero follows the empty belt in
-    front of it.
+    An item waits until its samples are there. Before its window is cut, the zero follows the empty
+    belt before the item.
     """
 
     def __init__(
-        self, load_cell: LoadCell, parameters: SegmenterParameters,
-        buffer: SampleBuffer, zero: ZeroKeeper,
-    ) -> None:  # fmt: skip
+        self,
+        load_cell: LoadCell,
+        parameters: SegmenterParameters,
+        buffer: SampleBuffer,
+        zero: ZeroKeeper,
+    ) -> None:
         self._load_cell = load_cell
         self._parameters = parameters
         self._buffer = buffer
@@ -56,27 +62,21 @@ class WindowCutter:
         self.motion = MotionCheck(load_cell.weigh_length, parameters)
         self.edge_check = EdgeCheck(parameters)
         self._load_check = LoadCheck()
-        self._debounce = round(NANOSECONDS * parameters.debounce_time)
-        self._max_transit = parameters.max_transit(load_cell.weigh_length)
-        self._settle_time = round(NANOSECONDS * parameters.settle_time)
-        self._zero_span = round(parameters.zero_time * load_cell.sample_rate)
-        self._lead = round(parameters.lead_time * load_cell.sample_rate)
-        self._trail = round(parameters.trail_time * load_cell.sample_rate)
         # Shift of items that wait and were checked, ns, and its standard deviation, s.
         self._shifts: dict[int, tuple[int, float]] = {}
         self._waiting: list[TrackedItem] = []
         self.count = 0
-        self.jumped = False  # whether the samples begin where their clock jumped
+        self.jumped = False  # whether the samples begin at a jump of their clock
 
     def take(self, items: Iterable[TrackedItem]) -> None:
-        """Let items wait for their samples."""
+        """Add items that wait for their samples."""
         for item in items:
             self._check_start(item)
             self.motion.check(item)
             self._waiting.append(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
-        """Fault the items that wait and entered before a time, ns; tell whether there are any."""
+        """Fault the waiting items that entered before a time, ns. Returns whether there are any."""
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
             item.fault(reason)
@@ -87,8 +87,6 @@ class WindowCutter:
 
         Without `wait` the samples up to t3 are enough.
         """
-        if not self._waiting:
-            return []
         cut = [(item, self._cut(item, wait=wait)) for item in self._waiting]
         self._waiting = [item for item, window in cut if window is None]
         kept = {item.item_id for item in self._waiting}
@@ -98,7 +96,7 @@ class WindowCutter:
         return windows
 
     def _cut(self, item: TrackedItem, *, wait: bool) -> WeighWindow | None:
-        """Return the window of an item, None while its samples are yet to come."""
+        """Return the window of an item, None as long as its samples have not come."""
         if self._buffer.empty and wait:
             return None
         self._check_start(item)
@@ -113,46 +111,55 @@ class WindowCutter:
         if reason is not None:
             return self._fault(item, reason)
         if self._parameters.rise_lag_tolerance and item.item_id not in self._shifts:
-            found = self._find_shift(item, place.entry, place.begin, place.end)
+            found = self._find_shift(item, place)
             if isinstance(found, Reason):
                 return self._fault(item, found)
             self._shifts[item.item_id] = found, self.edge_check.doubt
             return self._cut(item, wait=wait)
-        zero = self._zero_before(item, seconds(item.t1), place.entry)
+        zero = self._zero_before(item, place)
         if not zero.trusted:
             return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         return self._make_window(item, place, zero)
 
+    def _samples(self, duration: float) -> int:
+        """Return the number of samples in a duration, s."""
+        return round(duration * self._load_cell.sample_rate)
+
     def _find_place(self, item: TrackedItem, t1: int, t2: int, t3: int) -> _Place:
         shift, doubt = self._shifts.get(item.item_id, (0, 0.0))
         entry, begin, end = (self._buffer.index_at(stamp + shift) for stamp in (t1, t2, t3))
-        trail_end = self._trail_end(t3 + shift + item.length, end)
-        return _Place(entry, begin, end, trail_end, shift, doubt)
+        # The trail ends when the item has left, or earlier.
+        left = self._buffer.index_at(t3 + shift + item.length)
+        trail_end = max(min(end + self._samples(self._parameters.trail_time), left), end)
+        return _Place(t1, t2, t3, entry, begin, end, trail_end, shift, doubt)
 
     def _check_place(self, place: _Place) -> Reason | None:
-        """Return why the samples of a place cannot be weighed, None if they can."""
+        """Return the reason why the samples of a place cannot be weighed, None if they can."""
         if place.end - place.begin < self._parameters.min_window:
             return Reason.WINDOW_TOO_SHORT
         reason = self._check_samples(place.entry, place.end)
         return reason or self._check_load(place.begin, place.end)
 
-    def _zero_before(self, item: TrackedItem, time: float, entry: int) -> Zero:
-        """Return the zero at the `time` of an item, s, after the empty belt in front of it."""
-        empty, settled = self._empty_belt(item, entry)
+    def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
+        """Return the zero at t1, after an update by the empty belt before the item."""
+        empty, settled = self._empty_belt(item, place.entry)
         if settled:
-            self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
-        return self._zero.update(time, empty, settled)
+            span = place.entry - len(empty), place.entry
+            self._zero.try_to_set(span, self._parameters.zero_moment)
+        return self._zero.update(seconds(place.t1), empty, settled)
 
     def _make_window(self, item: TrackedItem, place: _Place, zero: Zero) -> WeighWindow:
-        """Return the window of an item whose samples are sound, unless its load is not steady."""
+        """Return the window of an item whose samples are sound, a fault if its load varies."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
-        first = buffer.whole_from(entry - self._lead, entry)
+        first = buffer.whole_from(entry - self._samples(self._parameters.lead_time), entry)
         alone_from = min(max(self._alone_from(item, first, begin, place.shift), first), begin)
-        before = buffer.look_at(min(alone_from, entry), entry)
-        if not self._load_check.is_steady(buffer.look_at(begin, end), before, zero.counts):
+        before, window = buffer.look_at(min(alone_from, entry), entry), buffer.look_at(begin, end)
+        if not self._load_check.is_steady(window, before, zero.counts):
             return self._fault(item, Reason.DISTANCE_FAULT)
-        # By that of t2: what the clock of the samples is off would show in the lead time.
+        trail_end = min(place.trail_end, buffer.end)
+        is_sound = self._check_samples(end, trail_end) is None
+        # From t2, because an error of the sample clock would add up over the lead time.
         lead = round((begin - first) * NANOSECONDS / cell.sample_rate)
         return WeighWindow(
             *self._identity(item),
@@ -160,86 +167,60 @@ class WindowCutter:
             counts_per_kg=cell.counts_per_kg,
             zero_counts=cell.zero_counts,
             zero=zero.counts,
-            zero_std_dev=self._zero_std_dev(item, begin, end, zero, place.doubt),
+            zero_std_dev=_zero_std_dev(window, place, zero),
             first_index=first,
             stamp=buffer.stamp_at(begin) - place.shift - lead,
             empty_begin=alone_from - first,
             window_begin=begin - first,
             window_end=end - first,
-            counts=buffer.read(first, self._sound_end(end, place.trail_end)),
+            counts=buffer.read(first, trail_end if is_sound else end),
         )
 
     def _fault(self, item: TrackedItem, *reasons: Reason) -> WeighWindow:
         return WeighWindow(*self._identity(item), reasons=tuple(reason.value for reason in reasons))
 
     def _identity(self, item: TrackedItem) -> _Identity:
-        """Return the first fields of the window of an item: which it is, and how it moves."""
+        """Return the first fields of the window of an item: its number, edges and motion."""
         speed, length = self.motion.measure(item)
         line_speed = speed
         if math.isnan(speed) and item.usual_transit is not None:
             line_speed = self._load_cell.weigh_length / seconds(item.usual_transit)
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
-    def _trail_end(self, left: int, end: int) -> int:
-        """Return the end of the samples to wait for: no later than the item has `left`, ns."""
-        if not self._trail:
-            return end
-        return max(min(end + self._trail, self._buffer.index_at(left)), end)
+    def _find_shift(self, item: TrackedItem, place: _Place) -> int | Reason:
+        """Return the shift of the window of an item after its edges, ns.
 
-    def _sound_end(self, end: int, trail_end: int) -> int:
-        """Return the end of what can be used after t3: none of it if any is lost or saturated."""
-        trail_end = min(trail_end, self._buffer.end)
-        return end if trail_end == end or self._check_samples(end, trail_end) else trail_end
-
-    def _find_shift(self, item: TrackedItem, entry: int, begin: int, end: int) -> int | Reason:
-        """Return by how much the window of an item is later than by its edges, ns.
-
-        Or why rise and edges do not agree. The samples are those from t1, t2 and t3 on.
+        If the rise and the edges contradict each other, return the reason instead.
         """
-        buffer = self._buffer
-        span, count = seconds(buffer.stamp_at(end - 1) - buffer.stamp_at(entry)), end - 1 - entry
-        step = span - count / self._load_cell.sample_rate
-        if abs(step) > self._parameters.rise_lag_tolerance:
+        buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
+        span = seconds(buffer.stamp_at(last) - buffer.stamp_at(place.entry))
+        if abs(span - (last - place.entry) / rate) > self._parameters.rise_lag_tolerance:
             return Reason.CLOCK_JUMP
-        seen = self._see_rise(item, entry, begin, end)
-        begins_late = seconds(item.entered - (buffer.origin or 0)) < _BEFORE_RISE
+        seen = self._see_rise(item, place)
+        begins_late = seconds(place.t1 - (buffer.origin or 0)) < _BEFORE_RISE
         if self.jumped and begins_late and not seen.is_known:
-            return Reason.CLOCK_JUMP  # whether the eyes jumped as well is not to be seen
+            return Reason.CLOCK_JUMP  # nothing shows whether the clock of the eyes jumped as well
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is not None:
             return round(NANOSECONDS * shift)
-        # What comes late is the item's own rise: without it the load shows whether it was alone.
-        late = round(seen.lag * self._load_cell.sample_rate) if seen.is_known else 0
-        window = buffer.look_at(min(begin + max(late, 0), end), end)
+        # Without the part before the rise, the load shows whether the item was alone.
+        late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0
+        window = buffer.look_at(min(place.begin + late, place.end), place.end)
         alone = self._load_check.is_steady(window, window[:0], self._zero.zero.counts)
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
-    def _see_rise(self, item: TrackedItem, entry: int, begin: int, end: int) -> RiseLag:
+    def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
         """Return the lag of the rise in the samples before t3; not known if others were there."""
-        if item.t1 is None or item.t2 is None or item.t3 is None:
-            return RiseLag()
         buffer, cell = self._buffer, self._load_cell
-        earliest = buffer.whole_from(entry - round(_BEFORE_RISE * cell.sample_rate), entry)
+        entry, begin, end = place.entry, place.begin, place.end
+        earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
         first = max(self._alone_from(item, earliest, begin), earliest)
         if first >= entry:
             return RiseLag()
         time = np.arange(first - begin, end - begin) / cell.sample_rate
-        time += seconds(buffer.stamp_at(begin) - item.t1)
+        time += seconds(buffer.stamp_at(begin) - place.t1)
         force = buffer.look_at(first, end) / cell.counts_per_kg
-        return rise_lag(force, time, seconds(item.t2 - item.t1), seconds(item.t3 - item.t1))
-
-    def _zero_std_dev(
-        self, item: TrackedItem, begin: int, end: int, zero: Zero, doubt: float
-    ) -> float:
-        """Return how uncertain the zero is, counts, with what an uncertain shift, s, does to it.
-
-        A load that is taken out of the signal too early or late by the time d leaves its area, M d,
-        which smoothing spreads over about twice the transit.
-        """
-        if not doubt or item.t1 is None or item.t3 is None:
-            return zero.std_dev
-        load = float(np.mean(self._buffer.look_at(begin, end))) - zero.counts
-        return math.hypot(zero.std_dev, load * doubt / (2 * seconds(item.t3 - item.t1)))
+        return rise_lag(force, time, seconds(place.t2 - place.t1), seconds(place.t3 - place.t1))
 
     def _alone_from(self, item: TrackedItem, first: int, begin: int, shift: int = 0) -> int:
         """Return the index from which on the item before had left, `first` if there was none."""
@@ -248,9 +229,11 @@ class WindowCutter:
         return self._buffer.index_at(item.left_before + shift)
 
     def _check_start(self, item: TrackedItem) -> None:
-        """Fault an item that was there before the samples began: its edges are not its own."""
-        origin = self._buffer.origin
-        margin = self._debounce if item.t1 is not None else self._max_transit
+        """Fault an item that was there before the samples began, because an edge may be missing."""
+        origin, parameters = self._buffer.origin, self._parameters
+        margin = parameters.max_transit(self._load_cell.weigh_length)
+        if item.t1 is not None:
+            margin = round(NANOSECONDS * parameters.debounce_time)
         if origin is not None and item.entered <= origin + margin:
             item.fault(Reason.START_UP)
 
@@ -266,25 +249,38 @@ class WindowCutter:
         return None
 
     def _check_load(self, begin: int, end: int) -> Reason | None:
-        """Compare the mean load, from the zero of calibration on, with the capacity."""
+        """Compare the mean load above the zero of calibration with the capacity."""
         cell = self._load_cell
         reading = np.add.reduce(self._buffer.look_at(begin, end), dtype=np.int64) / (end - begin)
         load = (float(reading) - cell.zero_counts) / cell.counts_per_kg
         return Reason.OVERLOAD if abs(load) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item enters, and whether they settled."""
-        buffer = self._buffer
+        """Return the samples of the empty belt before an item enters, and whether it is settled."""
+        buffer, parameters = self._buffer, self._parameters
         if item.others_there:
             return buffer.look_at(entry, entry), False
-        begin = earliest = entry - self._zero_span
+        begin = earliest = entry - self._samples(parameters.zero_time)
         if item.left_before is not None:
-            begin = max(begin, buffer.index_at(item.left_before + self._settle_time))
+            settle_time = round(NANOSECONDS * parameters.settle_time)
+            begin = max(begin, buffer.index_at(item.left_before + settle_time))
             earliest = max(earliest, buffer.index_at(item.left_before))
         begin = min(buffer.whole_from(begin, entry), entry)
-        least = self._parameters.zero_moment * self._load_cell.sample_rate
+        least = parameters.zero_moment * self._load_cell.sample_rate
         if entry - begin < least:
             earliest = min(buffer.whole_from(earliest, entry), entry)
             if least <= entry - earliest:
                 return buffer.look_at(earliest, entry), False
         return buffer.look_at(begin, entry), True
+
+
+def _zero_std_dev(window: NDArray[np.int32], place: _Place, zero: Zero) -> float:
+    """Return the standard deviation of the zero in counts, including the effect of the doubt.
+
+    A load that is removed from the signal too early or late by a time d leaves its area, M d, which
+    smoothing distributes over about twice the transit.
+    """
+    if not place.doubt:
+        return zero.std_dev
+    load = float(np.mean(window)) - zero.counts
+    return math.hypot(zero.std_dev, load * place.doubt / (2 * seconds(place.t3 - place.t1)))

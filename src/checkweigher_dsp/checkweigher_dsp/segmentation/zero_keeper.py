@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The zero of the belt: tracked from product to product, and set on demand."""
+"""Zero of the belt: tracked from product to product, and set on request."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ Span = tuple[int, int]  # first index and one past the last index of samples
 
 @dataclass(frozen=True, slots=True)
 class ZeroAnswer:
-    """Answer to a request to zero: whether it is done, a text for the user, and the two zeros."""
+    """Answer to a request to set the zero, with a text for the user."""
 
     done: bool
     text: str
@@ -26,7 +26,7 @@ class ZeroAnswer:
 
 
 class ZeroKeeper:
-    """Keep the zero of the belt."""
+    """Zero of the belt."""
 
     def __init__(
         self, load_cell: LoadCell, parameters: SegmenterParameters, buffer: SampleBuffer
@@ -44,14 +44,13 @@ class ZeroKeeper:
             ZeroLimits(*(sensitivity * limit for limit in limits)),
             sensitivity * parameters.zero_drift,
         )
-        self._requested: int | None = None  # index of the sample from which on the belt is read
+        self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        # To the last request; None while it waits for the empty belt.
-        self.answer: ZeroAnswer | None = None
+        self.answer: ZeroAnswer | None = None  # to the last request, None while it waits
 
     @property
     def zero(self) -> Zero:
-        """The zero as it stands."""
+        """Present zero."""
         return self._tracker.zero
 
     @property
@@ -60,20 +59,20 @@ class ZeroKeeper:
         return self._requested is not None
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool) -> Zero:
-        """Follow the zero on the empty belt before an item, as `ZeroTracker.update`."""
+        """Update the zero by the empty belt before an item, see `ZeroTracker.update`."""
         return self._tracker.update(time, counts, settled)
 
     def request(self) -> None:
-        """Zero on the next empty belt at rest that begins from now on."""
+        """Set the zero by the next empty belt at rest, from now on."""
         self._requested = 0 if self._buffer.empty else self._buffer.end
         self._why_not = 'the belt was not empty'
         self.answer = None
 
     def try_to_set(self, empty: Span | None, least: float) -> None:
-        """Answer a request, if the belt was empty for long enough or the patience has ended.
+        """Answer a request if the belt was empty for long enough, or after a timeout.
 
-        `empty` are the samples of a settled empty belt, None if it is not empty; `least` is how
-        long it must have been empty, s.
+        `empty` is the span of samples of an empty and settled belt, None if it is not empty.
+        `least` is the shortest span, s.
         """
         if self._requested is None:
             return
@@ -85,13 +84,12 @@ class ZeroKeeper:
                 self.answer = self._set(end - count, end)
         late = buffer.end - self._requested > (_PATIENCE + self._limits.edge_lateness) * rate
         if self.answer is None and late:
-            text = f'{self._why_not} within {_PATIENCE:g} s: not zeroed'
-            self.answer = ZeroAnswer(False, text)
+            self.answer = ZeroAnswer(False, f'{self._why_not} within {_PATIENCE:g} s: not zeroed')
         if self.answer is not None:
             self._requested = None
 
     def _set(self, begin: int, end: int) -> ZeroAnswer | None:
-        """Set the zero to the samples [begin, end); None while it is to be tried again."""
+        """Set the zero by the samples [begin, end). Returns None if they cannot be used."""
         if not self._buffer.is_whole(begin, end):
             self._why_not = 'samples were lost'
             return None
@@ -103,10 +101,8 @@ class ZeroKeeper:
         cell = self._load_cell
         mass = (reading - cell.zero_counts) / cell.counts_per_kg
         if not self._tracker.is_in_range(reading):
-            limit = f'zero_range {self._limits.zero_range:g} kg'
-            return ZeroAnswer(
-                False, f'the empty belt reads {mass:.6f} kg, beyond {limit}: not zeroed'
-            )
+            limit = f'beyond zero_range {self._limits.zero_range:g} kg'
+            return ZeroAnswer(False, f'the empty belt reads {mass:.6f} kg, {limit}: not zeroed')
         mass_before = (before - cell.zero_counts) / cell.counts_per_kg
         std_dev = self.zero.std_dev / abs(cell.counts_per_kg)
         change = ZeroChange(stamp, mass, mass_before, std_dev)

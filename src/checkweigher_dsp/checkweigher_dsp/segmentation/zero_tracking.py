@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reading of the empty belt, followed from product to product."""
+"""Tracking of the zero, the reading of the empty belt, from product to product."""
 
 from dataclasses import dataclass
 import math
@@ -11,25 +11,24 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.signal.averages import hann_mean
 
-# An average over less than this is not free of the vibration of the belt.
-_SHORTEST_AVERAGE = 0.1  # s
-# Least variance of a reading, as a share of the initial one: a signal without noise must not stop
-# the filter. Not in counts, so that the gain of the load cell does not matter.
+_SHORTEST_AVERAGE = 0.1  # s; a shorter average contains vibration of the belt
+# Least variance of a reading as a share of the initial one, so that the filter does not stop if the
+# signal has no noise.
 _LEAST_NOISE = 1e-8
 _JUMP = 4.0  # standard deviations
-# A part of a segment is an outlier if it is off the median by more than this many median
-# deviations of the parts plus this share of the initial standard deviation.
+# A part of a segment is an outlier if its distance from the median is more than this number of
+# median distances plus this share of the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # s
 _FEWEST_PARTS = 5
-_MEMORY = 0.95  # weight of the scatter seen so far at each further segment
-_EVIDENCE_MEMORY = 0.98  # the same of what tells whether there is a drift
-_DRIFT_TIME = 600.0  # s, in which a drift becomes another one: temperatures settle
+_MEMORY = 0.95  # weight of the previous scatter at each segment
+_EVIDENCE_MEMORY = 0.98  # weight of the previous likelihoods at each segment
+_DRIFT_TIME = 600.0  # s, correlation time of a drift: temperatures settle
 
 
 @dataclass(frozen=True, slots=True)
 class Zero:
-    """Reading of the empty belt and its standard deviation, counts, and whether to trust it."""
+    """Reading of the empty belt and its standard deviation in counts, and whether to trust it."""
 
     counts: float
     std_dev: float
@@ -40,17 +39,16 @@ class Zero:
 class ZeroLimits:
     """Limits of the tracking."""
 
-    range: float = math.inf  # counts; a zero further from that of calibration cannot be trusted
-    rate: float = math.inf  # counts a second; the zero is corrected no faster
-    # Counts; a segment with two parts that differ by more is no empty belt at rest.
-    stability: float = math.inf
+    range: float = math.inf  # largest distance from the zero of calibration, counts
+    rate: float = math.inf  # maximum rate of zero tracking, counts/s
+    stability: float = math.inf  # largest difference between the parts of a segment, counts
 
 
 class _Motion:
-    """Kalman filter of a zero that moves in one way: at random, and by a drift if there may be one.
+    """Kalman filter of a zero with a random walk and a drift, an Ornstein-Uhlenbeck process.
 
-    The drift is an Ornstein-Uhlenbeck process. In counts and s; the variances are those of what a
-    zero may be off at first, of a random walk in a second, and of drifts.
+    In counts and s. The variances are those of the initial zero, of the random walk in a second,
+    and of the drift.
     """
 
     def __init__(
@@ -69,11 +67,11 @@ class _Motion:
         self._covariance = 0.0  # of zero and drift
 
     def set(self, value: float, variance: float) -> None:
-        """Take a value for the zero; the drift goes on."""
+        """Set the zero. The drift continues."""
         self.value, self.variance, self._covariance = value, variance, 0.0
 
     def carry_on(self, elapsed: float) -> None:
-        """Carry the zero on for a time, s, by its drift and the doubt about both."""
+        """Predict the zero after a time, s."""
         left = math.exp(-elapsed / _DRIFT_TIME)
         reach = _DRIFT_TIME * (1 - left)
         self.value += reach * self._drift
@@ -93,14 +91,14 @@ class _Motion:
             self.variance = self._initial_variance
 
     def log_likelihood(self, reading: float, noise: float) -> float:
-        """Return how likely a reading of a variance `noise` is, but for a constant."""
+        """Return the log-likelihood of a reading of variance `noise`, except for a constant."""
         variance = self.variance + noise
         return -0.5 * ((reading - self.value) ** 2 / variance + math.log(variance))
 
     def correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> float:
-        """Correct zero and drift by a reading; return the variance that is left of the zero.
+        """Correct zero and drift by a reading. Returns the remaining variance of the zero.
 
-        Where the zero would leave what is allowed, it is held there, and no less is in doubt.
+        The zero is held at the limits of the `allowed` range. Its variance is not reduced then.
         """
         innovation, variance = reading - self.value, self.variance + noise
         gain, drift_gain = self.variance / variance, self._covariance / variance
@@ -115,24 +113,31 @@ class _Motion:
 
 
 class ZeroTracker:
-    """Follow the zero of a load cell by two Kalman filters: it walks at random, or drifts besides.
+    """Tracking of the zero of a load cell by two Kalman filters, without and with a drift.
 
-    A filter that knows no drift lags behind one by more than its readings scatter; one that looks
-    for a drift where there is none scatters more. So both run, and each counts by the likelihood of
-    the readings so far.
+    A filter without a drift lags behind a drifting zero; a filter with a drift is less certain of a
+    zero that does not drift. So both run, weighted by the likelihood of the readings so far.
 
     Each empty segment of belt is one measurement, its Hann-weighted mean. Its variance follows
-    from how far the means of the two halves of a segment are apart, pooled over the segments seen
-    so far: that holds for any mixture of lines and noise. Averaging goes on from product to
-    product, so that the moments between dense products are enough.
+    from the difference between the means of the two halves of a segment, pooled over the segments
+    so far, which is valid for any mixture of lines and noise. Averaging continues from product to
+    product, so that the short segments between dense products are enough.
 
-    A zero that has moved further than it can have drifted is believed when a second segment says
-    the same: something may have stood on the belt that no eye had seen. Until then it is not to be
-    trusted.
+    A zero that has moved further than it can have drifted is accepted when a second segment
+    confirms it, because an unseen object may have been on the belt. Until then it is not trusted.
 
-    The zero at calibration and how far it may have drifted since are in counts, the random walk is
-    in counts per square root of a second, `drift`, the standard deviation of drifts, in counts per
-    second, the sample rate in Hz. The limits are those that OIML R 51 asks for.
+    Parameters
+    ----------
+    initial, initial_std_dev : float
+        Zero of calibration, and standard deviation of its drift since then, in counts.
+    random_walk : float
+        Standard deviation of the random walk in counts/sqrt(s).
+    sample_rate : float
+        Sample rate in Hz.
+    limits : ZeroLimits
+        Limits of the tracking, as in OIML R 51.
+    drift : float
+        Standard deviation of the drift in counts/s, 0 for no filter with a drift.
 
     References
     ----------
@@ -161,20 +166,20 @@ class ZeroTracker:
         self._begin()
         self._sample_rate = sample_rate
         self._stamp: float | None = None
-        self._scatter = 0.0  # sum of the variances that the halves of the segments give
-        self._degrees = 0.0  # number of these
-        self._doubted: float | None = None  # a reading that is yet to be seen again, counts
+        self._scatter = 0.0  # weighted sum of the variances of the segments
+        self._degrees = 0.0  # sum of the weights
+        self._doubted: float | None = None  # reading that is not confirmed yet, counts
         self._has_read = False
 
     def _begin(self) -> None:
-        """Return to the uncertainty of the zero at calibration."""
+        """Reset the uncertainty to that of the zero of calibration."""
         for each in self._motions:
             each.begin()
         self._likelihoods = [0.0] * len(self._motions)  # logarithms
 
     @property
     def _shares(self) -> list[float]:
-        """How much each motion counts, 1 in all."""
+        """Weights of the motions, of sum 1."""
         most = max(self._likelihoods)
         shares = [math.exp(each - most) for each in self._likelihoods]
         return [each / sum(shares) for each in shares]
@@ -190,18 +195,17 @@ class ZeroTracker:
         return sum(share * (each.variance + (each.value - value) ** 2) for share, each in pairs)
 
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
-        """Take the samples of one empty segment, (n,), and return the zero at its end, `time` s.
+        """Update the zero by the samples of an empty segment, shape (n,), which ends at `time`, s.
 
-        With fewer than two samples, and where they are not stable, the zero is only carried on.
-        Those that have not settled count with their whole variance: what one oscillation does to
-        the mean is alike at each product, and does not average out.
+        Segments of fewer than two samples and unstable ones are ignored: the zero is predicted.
+        Segments that have not settled have the variance of their samples, because the effect of one
+        oscillation on the mean is alike at each product and does not average out.
         """
-        most = math.inf
+        allowed = -math.inf, math.inf
         if self._stamp is not None:
             elapsed = max(time - self._stamp, 0.0)
             most = self._limits.rate * elapsed if elapsed > 0 else 0.0
-        allowed = self._value - most, self._value + most
-        if self._stamp is not None:
+            allowed = self._value - most, self._value + most
             for each in self._motions:
                 each.carry_on(elapsed)
                 each.value = _within(each.value, allowed)
@@ -222,19 +226,19 @@ class ZeroTracker:
             return
         self._doubted, self._has_read = None, True
         if (reading - self._value) ** 2 > _JUMP**2 * (self._variance + noise):
-            # Something has settled on the belt, or was wiped off it.
+            # Dirt has settled on the belt, or was wiped off it.
             self._begin()
         self._correct(reading, noise, allowed)
 
     def _is_doubtful(self, reading: float, noise: float) -> bool:
-        """Tell whether a zero has moved too far to be believed at once."""
+        """Return whether a reading is too far from the zero to be accepted at once."""
         drift = self._initial_variance
         if not self._has_read or (reading - self._value) ** 2 <= _JUMP**2 * (drift + noise):
             return False
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
 
     def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
-        """Correct the zero of each motion, and how much each counts."""
+        """Correct the zero of each motion, and its likelihood."""
         likelihoods = [each.log_likelihood(reading, noise) for each in self._motions]
         left = [each.correct(reading, noise, allowed) for each in self._motions]
         self._likelihoods = [
@@ -246,7 +250,7 @@ class ZeroTracker:
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_at_rest(self, counts: NDArray[np.float64]) -> bool:
-        """Tell whether a segment is stable and nothing stood on the belt for a part of it."""
+        """Return whether a segment is stable and no part of it is an outlier."""
         means = self._parts(counts, _SHORTEST_AVERAGE)
         if max(means) - min(means) > self._limits.stability:
             return False
@@ -259,23 +263,22 @@ class ZeroTracker:
         return max(off) <= _OUTLYING * median(off) + least
 
     def _parts(self, counts: NDArray[np.float64], duration: float) -> list[float]:
-        """Return the means of parts of a segment that last `duration`, or of its halves."""
+        """Return the means of at least two parts of a segment, each of a duration, s."""
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
             return [0.0]
         parts = counts[len(counts) - number * size :].reshape(number, size)
-        means: list[float] = hann_mean(parts).tolist()
-        return means
+        return [float(mean) for mean in hann_mean(parts)]
 
     def _number(self, counts: NDArray[np.float64], duration: float) -> int:
         return max(2, int(len(counts) / (duration * self._sample_rate)))
 
     def set(self, time: float, counts: NDArray[np.int32]) -> float | None:
-        """Take the reading of an empty belt for the zero, regardless of the zero before.
+        """Set the zero by an empty segment, regardless of the previous zero.
 
-        Return the reading, counts, which is the zero from now on if it is within the range; None,
-        and nothing has changed, if the segment is not stable.
+        Returns the reading in counts, which becomes the zero if it is within the range; None if the
+        segment is not stable, so that the zero stays.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
@@ -289,7 +292,7 @@ class ZeroTracker:
         return reading
 
     def is_in_range(self, reading: float) -> bool:
-        """Tell whether a zero of `reading` counts may be."""
+        """Return whether a zero of `reading` counts is within the range."""
         return abs(reading - self._initial) <= self._limits.range
 
     def _measure(self, counts: NDArray[np.float64], settled: bool) -> tuple[float, float]:
@@ -308,7 +311,7 @@ class ZeroTracker:
 
     @property
     def zero(self) -> Zero:
-        """The zero as it stands."""
+        """Present zero."""
         trusted = not self._behind and self.is_in_range(self._value)
         return Zero(self._value, math.sqrt(self._variance), trusted)
 

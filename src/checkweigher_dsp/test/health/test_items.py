@@ -95,10 +95,9 @@ def test_estimates_that_do_not_converge_are_told_with_the_hint_of_their_reason()
 
 def verdict(number, *, reject_after=0.5, late=False, estimate_id=None):
     t3 = number * NANOSECONDS
-    return Verdict(
-        number, t3, Decision.ACCEPT, reject_at=t3 + round(reject_after * NANOSECONDS), late=late,
-        estimate_id=number if estimate_id is None else estimate_id,
-    )  # fmt: skip
+    reject_at = t3 + round(reject_after * NANOSECONDS)
+    known = {'late': late, 'estimate_id': number if estimate_id is None else estimate_id}
+    return Verdict(number, t3, Decision.ACCEPT, reject_at=reject_at, **known)
 
 
 def test_latency_and_margin_count_from_the_arrival_of_the_outfeed_edge():

@@ -104,3 +104,10 @@ def test_noise_above_the_parameter_or_its_own_past_is_warned_of():
     for second in range(63, 66):
         watch.add(second, shaking(0.001))
     assert watch.finding(66.0).level == Level.OK
+
+
+def test_noise_on_a_belt_that_had_none_is_warned_of():
+    watch = BeltNoiseWatch(960.0, 0.0)
+    for second in range(63):
+        watch.add(second, np.zeros(480) if second < 60 else shaking(0.001))
+    assert watch.finding(63.0).level == Level.WARN

@@ -55,24 +55,3 @@ def test_the_item_nearest_to_its_time_leaves_and_those_before_it_are_given_up():
     (missed,) = belt.take_finished()
     assert (missed.t1, missed.state) == (0, State.GIVEN_UP)
     assert list(missed.faults) == [Reason.MISSING_EDGE]
-
-
-def test_an_item_is_overdue_one_and_a_half_transits_and_its_length_after_its_entry():
-    belt = _belt(0, 30)
-
-    belt.give_up_overdue(159)
-    assert belt.take_finished() == []
-    belt.give_up_overdue(160)
-
-    assert [item.t1 for item in belt.take_finished()] == [0]
-
-
-def test_without_a_usual_transit_the_slowest_belt_decides():
-    belt = _belt(0, transit=None)
-
-    belt.give_up_overdue(10 * MAX_TRANSIT)
-    belt.expire(MAX_TRANSIT)
-    assert belt.take_finished() == []
-    belt.expire(MAX_TRANSIT + 1)
-
-    assert [item.given_up for item in belt.take_finished()] == [MAX_TRANSIT]

@@ -37,10 +37,13 @@ def test_an_edge_that_comes_twice_is_recognized_among_the_latest():
 @pytest.mark.parametrize(
     ('origin', 'stamp', 'state'),
     [
-        (None, 100, False), (100, 105, True), (100, 106, False), (1000, 100, True),
+        (None, 100, False),
+        (100, 105, True),
+        (100, 106, False),
+        (1000, 100, True),
         (2100, 100, False),
     ],
-)  # fmt: skip
+)
 def test_an_eye_shows_its_state_with_the_first_sample(origin, stamp, state):
     eyes = Eyes(DEBOUNCE, MAX_TRANSIT)
     eyes.origin = origin

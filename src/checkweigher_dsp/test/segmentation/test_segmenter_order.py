@@ -133,14 +133,6 @@ def test_an_edge_after_t3_changes_no_window_however_early_it_comes(make_line, ru
     _same(windows, expected)
 
 
-def test_edges_before_any_sample_are_a_fault(load_cell, run_segmenter):
-    leaves, enters = EyeEdge(0, 0, False), EyeEdge(NANOSECONDS // 200, 0, True)
-
-    windows = run_segmenter(Segmenter(load_cell, DEFAULT), [leaves, enters])
-
-    assert all(window.reasons for window in windows)
-
-
 def test_edges_at_one_and_the_same_time_are_faults_and_stop_nothing(load_cell, run_segmenter):
     at_once = [
         EyeEdge(5, eye, blocked)

@@ -197,7 +197,7 @@ def test_samples_that_never_come_are_a_fault_and_not_a_silence(make_line, load_c
     line = make_line((0.1,) * 30)
     segmenter = Segmenter(load_cell, SegmenterParameters(sample_lateness=1.0))
 
-    windows = [window for edge in line.edges() for window in segmenter.add_edge(edge)]
+    windows = [window for edge in line.edges() for window in segmenter.take(edge)]
 
     assert _reasons(windows)[:20] == [['SamplesLost']] * 20
 
@@ -240,9 +240,8 @@ def test_blocks_twice_do_nothing_and_swapped_or_late_ones_are_lost(
 ):
     line = make_line((0.1,) * 3)
     events = line.events()
-    hit = next(i for i, e in enumerate(events) if isinstance(e, SampleBlock) and
-               e.stamp > line.products[1].t2)  # fmt: skip
-    later = [i for i, e in enumerate(events) if isinstance(e, SampleBlock) and i > hit]
+    t2 = line.products[1].t2
+    hit, *later = (i for i, e in enumerate(events) if isinstance(e, SampleBlock) and e.stamp > t2)
     to = later[{'twice': 3, 'swapped': 0, 'late': 10}[change]]
     events.insert(to + 1, events[hit])
     if change != 'twice':
@@ -250,64 +249,6 @@ def test_blocks_twice_do_nothing_and_swapped_or_late_ones_are_lost(
 
     lost = [] if change == 'twice' else ['SamplesLost']
     assert _reasons(_run(run_segmenter, line, events)) == [[], lost, []]
-
-
-@st.composite
-def _spoilt(draw, count):
-    """Draw what happens to the events of a line: lost, twice, late."""
-    edge = st.tuples(st.integers(0, count - 1), st.sampled_from(NAMES))
-    lost = draw(st.sets(edge, max_size=5))
-    moves = st.lists(st.tuples(st.integers(0, 400), st.integers(1, 12)), max_size=4)
-    return lost, draw(moves), draw(moves), draw(st.sets(st.integers(0, 400), max_size=2))
-
-
-GAPS = st.sampled_from([0.15, 0.25, 0.31, 0.36, 0.42, 0.6, 1.0, 2.5])
-
-
-@settings(max_examples=EXAMPLES)
-@given(
-    st.lists(GAPS, min_size=4, max_size=4),
-    st.sampled_from([0.5, 1.0, 1.5]),
-    _spoilt(5),
-)
-def test_no_spoilt_stream_loses_an_item_or_makes_a_wrong_window(
-    make_line, run_segmenter, gaps, speed, spoilt
-):
-    line = make_line((0.1, 0.12, 0.14, 0.16, 0.18), spacing=gaps, speed=speed)
-    line.counts[::7] += 3
-    lost, doubled, delayed, lost_blocks = spoilt
-    events = line.events(lost)
-    edges_in = [event for event in events if isinstance(event, EyeEdge)]
-    for position, by in doubled:
-        if position < len(events):
-            events.insert(position + by, events[position])
-    for position, by in delayed:
-        if position < len(events):
-            events.insert(position + by, events.pop(position))
-    lost_at = [i for i in lost_blocks if i < len(events) and isinstance(events[i], SampleBlock)]
-    events = [event for i, event in enumerate(events) if i not in lost_at]
-
-    windows = _run(run_segmenter, line, events, product_length=0.1)
-
-    products = {product.t1: product for product in line.products}
-    for name in ('t1', 't2', 't3'):
-        known = [getattr(w, name) for w in windows if getattr(w, name) is not None]
-        assert len(known) == len(set(known))
-    for number, product in enumerate(line.products):
-        if (number, 't1') not in lost and (number, 't2') not in lost:
-            of_it = [w for w in windows if w.t1 == product.t1 or w.t2 == product.t2]
-            assert len(of_it) == 1
-    for window in windows:
-        if not window.reasons:
-            product = products[window.t1]
-            assert (window.t2, window.t3) == (product.t2, product.t3)
-            np.testing.assert_array_equal(
-                window.counts, line.counts[window.first_index :][: len(window.counts)]
-            )
-            begin, end = (window.first_index + i for i in (window.window_begin, window.window_end))
-            assert line.stamp_at(begin - 1) < product.t2 <= line.stamp_at(begin) + 1
-            assert line.stamp_at(end - 1) < product.t3 <= line.stamp_at(end) + 1
-    assert len(edges_in) <= 20
 
 
 @pytest.mark.parametrize('duration', [1.0, 30.0])  # within what is kept of the signal, and beyond

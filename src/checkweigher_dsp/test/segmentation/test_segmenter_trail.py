@@ -53,13 +53,9 @@ def test_but_for_what_follows_t3_a_window_is_as_it_was(run_segmenter, line):
 def test_a_window_comes_when_its_trail_is_complete_and_not_before(line):
     segmenter = Segmenter(line.load_cell, _trailing(0.05))
     for edge in line.edges():
-        segmenter.add_edge(edge)
+        segmenter.take(edge)
 
-    came = [
-        block.first_index
-        for block in line.blocks(size=1)
-        for _ in segmenter.add_samples(block)
-    ]  # fmt: skip
+    came = [block.first_index for block in line.blocks(size=1) for _ in segmenter.take(block)]
 
     assert came == [1249]
 
@@ -92,24 +88,16 @@ def test_a_trail_with_saturated_samples_is_left_out_and_the_item_weighed(
     np.testing.assert_array_equal(window.counts, counts[500 : 1200 + count])
 
 
-@pytest.mark.parametrize('end', [1200, 1201, 1230, 1249])
-def test_the_end_of_the_stream_cuts_the_trail_short_and_the_item_is_weighed(
-    run_segmenter, line, end
-):
+@pytest.mark.parametrize(
+    ('end', 'reasons'), [(1199, ('StreamEnded',)), (1200, ()), (1201, ()), (1249, ())]
+)
+def test_the_end_of_the_stream_after_t3_cuts_the_trail_short(run_segmenter, line, end, reasons):
     (block,) = line.blocks(cuts=[end])[:1]
 
     (window,) = _cut(run_segmenter, line, _trailing(0.05), [block, *line.edges()[:3]])
 
-    assert window.reasons == ()
-    np.testing.assert_array_equal(window.counts, line.counts[500:end])
-
-
-def test_the_end_of_the_stream_before_t3_is_a_fault(run_segmenter, line):
-    (block,) = line.blocks(cuts=[1199])[:1]
-
-    (window,) = _cut(run_segmenter, line, _trailing(0.05), [block, *line.edges()[:3]])
-
-    assert window.reasons == ('StreamEnded',)
+    assert window.reasons == reasons
+    np.testing.assert_array_equal(window.counts, [] if reasons else line.counts[500:end])
 
 
 def test_a_restart_of_the_source_cuts_the_trail_short_and_the_item_is_weighed(
@@ -133,14 +121,10 @@ def test_what_goes_with_a_window_is_kept_while_its_trail_is_waited_for(
 ):
     # 2 s from eye to eye, then nearly as long until the item has left; a memory for no more than
     # that, and blocks of 1 s.
-    parameters = SegmenterParameters(
-        trail_time=trail_time, lead_time=0.01, zero_time=0.0, min_belt_speed=0.099,
-        edge_lateness=0.0,
-    )  # fmt: skip
-    slow = make_line(
-        (0.2, 0.1), speed=0.1, length=0.19, spacing=0.4, first_entry=entry,
-        load_cell=line.load_cell,
-    )  # fmt: skip
+    short = {'lead_time': 0.01, 'zero_time': 0.0, 'min_belt_speed': 0.099, 'edge_lateness': 0.0}
+    parameters = _trailing(trail_time, **short)
+    belt = {'speed': 0.1, 'load_cell': line.load_cell}
+    slow = make_line((0.2, 0.1), length=0.19, spacing=0.4, first_entry=entry, **belt)
 
     fine = _cut(run_segmenter, slow, parameters, slow.events(size=20))
     coarse = _cut(run_segmenter, slow, parameters, [*slow.edges(), *slow.blocks(size=1000)])

@@ -34,15 +34,14 @@ def test_beyond_the_range_every_item_is_a_fault(make_line, load_cell, calibrated
 def test_an_idle_belt_is_zeroed_on_demand(make_line, load_cell):
     segmenter = Segmenter(replace(load_cell, zero_counts=4000.0), CAREFUL)
     line = make_line((0.1,), first_entry=8.0)
-    segmenter.request_zero()
+    segmenter.zero_keeper.request()
 
     _feed(segmenter, [event for event in line.events() if event.stamp < line.start + 5 * 10**9])
 
-    assert segmenter.zero_answer is not None
-    assert segmenter.zero_answer.done
-    assert 'zeroed at 0.001000 kg' in segmenter.zero_answer.text
-    change = segmenter.zero_answer.change
-    assert change is not None
+    answer = segmenter.zero_keeper.answer
+    assert answer.done
+    assert 'zeroed at 0.001000 kg' in answer.text
+    change = answer.change
     # It reads 5000 counts of 1e-6 kg; it was calibrated, and not corrected since, at 4000.
     assert (change.zero, change.previous) == pytest.approx((1e-3, 0.0), abs=1e-12)
     assert line.start < change.stamp < line.start + 5 * 10**9
@@ -54,11 +53,10 @@ def test_between_products_the_next_empty_belt_is_taken(make_line, load_cell):
     line = make_line((0.1,) * 6)
     events = line.events()
     _feed(segmenter, events[:40])
-    segmenter.request_zero()
+    segmenter.zero_keeper.request()
     _feed(segmenter, events[40:])
 
-    assert segmenter.zero_answer is not None
-    assert segmenter.zero_answer.done
+    assert segmenter.zero_keeper.answer.done
 
 
 @pytest.mark.parametrize(
@@ -73,14 +71,13 @@ def test_what_cannot_be_zeroed_says_why(make_line, load_cell, calibrated, after,
     # A reading that grows: halves of 0.25 s are apart by a quarter of what it does in a second.
     line.counts[:] += (noise * np.arange(len(line.counts)) / 960).astype(np.int32)
     segmenter = Segmenter(replace(load_cell, zero_counts=calibrated), CAREFUL)
-    segmenter.request_zero()
+    segmenter.zero_keeper.request()
 
     _feed(segmenter, line.events())
 
-    assert segmenter.zero_answer is not None
-    assert not segmenter.zero_answer.done
-    assert segmenter.zero_answer.change is None
-    assert why in segmenter.zero_answer.text
+    answer = segmenter.zero_keeper.answer
+    assert (answer.done, answer.change) == (False, None)
+    assert why in answer.text
 
 
 def test_a_belt_that_is_never_empty_is_not_zeroed(make_line, load_cell):
@@ -88,12 +85,11 @@ def test_a_belt_that_is_never_empty_is_not_zeroed(make_line, load_cell):
     segmenter = Segmenter(load_cell, CAREFUL)
     events = line.events()
     _feed(segmenter, events[:60])
-    segmenter.request_zero()
+    segmenter.zero_keeper.request()
 
     _feed(segmenter, events[60:])
 
-    assert segmenter.zero_answer is not None
-    assert segmenter.zero_answer.text == 'the belt was not empty within 10 s: not zeroed'
+    assert segmenter.zero_keeper.answer.text == 'the belt was not empty within 10 s: not zeroed'
 
 
 def test_with_60_ms_of_empty_belt_a_drift_of_100_g_an_hour_is_followed(make_line, load_cell):

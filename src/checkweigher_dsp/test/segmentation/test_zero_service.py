@@ -45,14 +45,13 @@ def test_without_a_load_cell_the_service_says_so(executor):
 def test_the_service_answers_when_the_belt_was_zeroed(executor, make_line):
     line = make_line((0.1,), first_entry=8.0)
     node = SegmenterNode()
-    node._load_cell = line.load_cell
-    node._start()
+    node._start(line.load_cell)
     settings = []
     topic = ZERO_SETTING
     node.create_subscription(topic.type, topic.name, settings.append, topic.qos)
     blocks = iter(line.blocks(size=96))
     # The signal goes on once the request is there.
-    node.create_timer(0.005, lambda: node._zero_requests and node._take(next(blocks)))
+    node.create_timer(0.005, lambda: node._zero_requests and node._on_event(next(blocks)))
 
     future = _call(executor, node)
 

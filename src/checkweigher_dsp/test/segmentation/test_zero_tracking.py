@@ -20,10 +20,6 @@ def _counts(*values):
     return np.array(values, np.int32)
 
 
-def test_before_any_reading_the_zero_is_that_of_calibration():
-    assert ZeroTracker(9.0, 2.0, 0.5, RATE).zero == Zero(9.0, 2.0)
-
-
 def test_two_steps_of_the_filter():
     tracker = ZeroTracker(9.0, 2.0, 0.5, RATE)
 
@@ -51,12 +47,11 @@ def test_the_ends_of_a_segment_count_less():
     assert zero.counts == pytest.approx(10 * math.sin(math.pi / 5) ** 2 / 2.5, rel=1e-6)
 
 
-def test_a_segment_too_short_to_average_counts_with_its_whole_variance():
-    tracker = ZeroTracker(0.0, 2.0, 0.0, 300.0)
+@pytest.mark.parametrize(('rate', 'settled'), [(300.0, True), (4.0, False)])
+def test_a_segment_too_short_or_not_settled_counts_with_its_whole_variance(rate, settled):
+    zero = ZeroTracker(0.0, 2.0, 0.0, rate).update(0.0, _counts(1, 5, 1, 5), settled)
 
-    zero = tracker.update(0.0, _counts(1, 5, 1, 5))
-
-    # Variance 4; gain 4 / (4 + 4).
+    # Halves alike, but a variance of 4; gain 4 / (4 + 4).
     assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
 
 
@@ -96,52 +91,43 @@ def test_a_clock_that_goes_back_takes_no_uncertainty_away():
     assert tracker.update(5.0, _counts()).std_dev == known.std_dev
 
 
-def test_a_jump_starts_the_filter_afresh():
+@pytest.fixture
+def steady():
+    """Return a tracker that has read a zero of 0 a hundred times."""
     tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
     for second in range(100):
         tracker.update(float(second), _counts(-1, -1, 1, 1))
+    return tracker
 
-    zero = tracker.update(100.0, _counts(29, 29, 31, 31))
+
+def test_a_jump_starts_the_filter_afresh(steady):
+    zero = steady.update(100.0, _counts(29, 29, 31, 31))
 
     # Halves 2 apart, a variance of 1; afresh the gain is 100 / 101, without it about 1 / 100.
     assert zero.counts == pytest.approx(30 * 100 / 101, rel=LEAST_NOISE)
     assert zero.std_dev == pytest.approx(10 * math.sqrt(1 / 101), rel=LEAST_NOISE)
 
 
-def test_a_jump_beyond_all_drift_is_believed_when_it_is_seen_again():
-    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
-    for second in range(100):
-        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
-
-    doubted = tracker.update(100.0, _counts(49, 49, 51, 51))
-    other = tracker.update(101.0, _counts(89, 89, 91, 91))
-    again = tracker.update(102.0, _counts(89, 89, 91, 91))
+def test_a_jump_beyond_all_drift_is_believed_when_it_is_seen_again(steady):
+    before = steady.zero
+    doubted = steady.update(100.0, _counts(49, 49, 51, 51))
+    other = steady.update(101.0, _counts(89, 89, 91, 91))
+    again = steady.update(102.0, _counts(89, 89, 91, 91))
 
     assert [zero.trusted for zero in (before, doubted, other, again)] == [True, False, False, True]
     assert doubted.counts == before.counts
     assert again.counts == pytest.approx(90 * 100 / 101, rel=LEAST_NOISE)
 
 
-def test_what_stood_on_the_belt_for_a_moment_changes_nothing():
-    tracker = ZeroTracker(0.0, 10.0, 0.0, RATE)
-    for second in range(100):
-        before = tracker.update(float(second), _counts(-1, -1, 1, 1))
+def test_what_stood_on_the_belt_for_a_moment_changes_nothing(steady):
+    before = steady.zero
 
-    tracker.update(100.0, _counts(49, 49, 71, 71))
-    after = tracker.update(101.0, _counts(-1, -1, 1, 1))
+    steady.update(100.0, _counts(49, 49, 71, 71))
+    after = steady.update(101.0, _counts(-1, -1, 1, 1))
 
     assert after.trusted
     assert after.counts == pytest.approx(before.counts, abs=1e-9)
     assert after.std_dev < before.std_dev
-
-
-def test_the_noise_averages_out_from_product_to_product():
-    tracker = ZeroTracker(0.0, 1000.0, 0.0, RATE)
-    for second in range(64):
-        zero = tracker.update(float(second), _counts(-3, -3, 3, 3))
-
-    # 64 readings of variance 6^2 / 4 = 9; the prior of 1e6 does not matter.
-    assert zero.std_dev == pytest.approx(math.sqrt(9 / 64), rel=1e-2)
 
 
 def test_a_drift_is_followed_with_the_lag_of_the_steady_filter():
@@ -271,15 +257,6 @@ def test_a_part_that_stands_out_is_no_empty_belt(level, read):
     zero = ZeroTracker(90.0, 20.0, 0.0, 40.0).update(0.0, counts)
 
     assert (zero != Zero(90.0, 20.0)) is read
-
-
-def test_what_has_not_settled_counts_with_its_whole_variance():
-    tracker = ZeroTracker(0.0, 2.0, 0.0, 4.0)
-
-    zero = tracker.update(0.0, _counts(1, 5, 1, 5), settled=False)
-
-    # Settled, its halves would be alike; so its variance is 4 and the gain 4 / (4 + 4).
-    assert zero.counts == pytest.approx(3 / 2, rel=LEAST_NOISE)
 
 
 def test_setting_takes_the_reading_within_the_range_alone():
