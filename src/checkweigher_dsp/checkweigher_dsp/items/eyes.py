@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photo-eyes: which edges are new, chatter, or only the state of an eye at start-up."""
 
-from collections import deque
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 from checkweigher_core.records import Eye, EyeEdge
@@ -30,7 +30,7 @@ class Eyes:
         self.origin: int | None = None  # ns, begin of the stream, when an eye may show its state
         self.newest: int | None = None  # ns, stamp of the youngest edge by the present clock
         self._max_transit = max_transit
-        self._known: deque[EyeEdge] = deque(maxlen=_REMEMBERED)
+        self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # a deque is searched edge by edge
         self.youngest: dict[Eye, EyeEdge] = {}
         self.latest: dict[Eye, EyeEdge] = {}  # by arrival, perhaps late
         self._first: dict[Eye, int] = {}
@@ -44,7 +44,9 @@ class Eyes:
         """Return whether an edge has not come before, and remember it."""
         if edge in self._known:
             return False
-        self._known.append(edge)
+        self._known[edge] = None
+        if len(self._known) > _REMEMBERED:
+            self._known.popitem(last=False)
         return True
 
     def take(self, edge: EyeEdge) -> EyeEdge | None:
