@@ -26,7 +26,6 @@ from checkweigher_bringup import line
 from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_core.ros.diagnostics import Diagnostics
 from checkweigher_driver.source_stream import SourceStream
-from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_dsp.nodes.denoise import DenoiseNode
 from checkweigher_dsp.nodes.identifier import IdentifierNode
 from checkweigher_dsp.nodes.reject import RejectNode
@@ -38,7 +37,7 @@ _SETTLED = 10.0  # s, until all have found each other and are warm
 # What is timed, and its name in the table.
 _TIMED: tuple[tuple[type, str, str], ...] = (
     (SourceStream, '_send', 'driver, all that follows'),
-    (StoppableWaits, 'until', 'driver: waits'),
+    (SourceStream, '_wait_until', 'driver: waits'),
     (SegmenterNode, '_on_event', 'segmenter'),
     (DenoiseNode, '_on_window', 'denoise'),
     (IdentifierNode, '_on_window', 'identifier'),

@@ -14,8 +14,8 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters
 from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import Machine
 
-# Name and class. A class is imported when it is asked for, so that a machine needs only what its
-# own devices need. A further source is one module with a `Source` class in it and one line here.
+# Name and class. A class is imported on request, so that a machine needs only the libraries of its
+# own devices. A further source is one module with a `Source` class and one line here.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -40,45 +40,57 @@ INPUTS = {
     'gpio': 'checkweigher_driver.line_io.gpio:GpioInputs',
 }
 
-# Returns the values of a parameter set.
+# Function that returns the values of a parameter set.
 ReadParameters = Callable[[type[Parameters]], Any]
 
 
 @dataclass(frozen=True)
 class DriverParameters(Parameters):
-    """Where samples and edges come from."""
+    """Sources of samples and edges, and devices of the outputs and inputs."""
 
     node: ClassVar[str] = 'driver'
 
     source: str = parameter('simulator', 'source of samples and edges', choices=tuple(SOURCES))
     eyes: str = parameter(
-        NONE, 'photo-eyes that are read beside the load cell; none where the source has them',
+        NONE,
+        'photo-eyes that are read beside the load cell; none where the source has them',
         choices=tuple(EYES),
-    )  # fmt: skip
+    )
     rate: float = parameter(
-        1.0, 'pace of a recorded or simulated source, seconds of signal in a second; '
-        '0 as fast as nothing is lost', minimum=0, maximum=1e6,
-    )  # fmt: skip
+        1.0,
+        'pace of a recorded or simulated source, seconds of signal in a second; '
+        '0 as fast as nothing is lost',
+        minimum=0,
+        maximum=1e6,
+    )
     lossless: bool = parameter(
-        True, 'hold a recorded or simulated source back until the segmenter has taken what was '
+        True,
+        'hold a recorded or simulated source back until the segmenter has taken what was '
         'sent; false runs it without a segmenter',
-    )  # fmt: skip
+    )
     listeners: int = parameter(
-        0, 'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
-        'a recorded or simulated source begins', minimum=0, maximum=1000,
-    )  # fmt: skip
+        0,
+        'nodes beside segmenter, such as recorders, that have to take load_cell/samples before '
+        'a recorded or simulated source begins',
+        minimum=0,
+        maximum=1000,
+    )
     block_time: float = parameter(
-        0.1, 'duration to which the blocks of a recorded or simulated source are joined, the '
+        0.1,
+        'duration to which the blocks of a recorded or simulated source are joined, the '
         'fewer the less work; an edge waits for none; 0 leaves them as they are',
-        unit='s', minimum=0, maximum=1,
-    )  # fmt: skip
+        unit='s',
+        minimum=0,
+        maximum=1,
+    )
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
     )
     inputs: str = parameter(
-        NONE, 'device to which guards, air, bins and inspection devices are connected',
+        NONE,
+        'device to which guards, air, bins and inspection devices are connected',
         choices=tuple(INPUTS),
-    )  # fmt: skip
+    )
     autostart: bool = parameter(
         True, 'configure and activate at the start; false leaves that to a lifecycle manager'
     )
@@ -145,4 +157,4 @@ def make_inputs(name: str, read: ReadParameters) -> MachineInputs:
         return MachineInputs(None)
     kind = _find('inputs', name, INPUTS)
     parameters = read(kind.parameters)
-    return MachineInputs(kind(parameters), parameters)
+    return MachineInputs(kind(parameters), parameters.bin_time)

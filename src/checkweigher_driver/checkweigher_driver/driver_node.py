@@ -42,14 +42,14 @@ from checkweigher_driver.line_io.machine_inputs import Said
 from checkweigher_driver.source_stream import SourceStream
 from checkweigher_driver.sources import Source
 
-_LOOK_PERIOD = 0.2  # s, after which trouble of the machine is reported at the latest
+_LOOK_PERIOD = 0.2  # s, longest delay of a report of trouble of the machine
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
     """Publish the events of a source: load_cell/info, load_cell/samples and photo_eyes.
 
-    The source is read in a thread of its own, by blocking reads. Each activation is a `stream` of
-    its own, sent in step with the line behind the driver.
+    The source is read in a thread of its own, by blocking reads. Each activation begins a new
+    `stream`, sent in step with the line behind the driver.
     """
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
@@ -70,7 +70,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
-            # No output: with one in its process, reject would hear no other inspection device.
+            # A plain publisher: an `Output` in its process would keep reject from hearing others.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -85,10 +85,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._outputs.exist:
             self.subscribe(ports.PERMISSION, self._outputs.take_permission)
             self.create_service(Trigger, ports.RESET_OUTPUTS, self._reset_outputs)
+        source = self.parameters.source
         self._calibration = CalibrationServices(
-            self, calibration, self.parameters.source, lambda: self.stream.sent.history(),
-            self._restart_stream,
-        )  # fmt: skip
+            self, calibration, source, lambda: self.stream.sent, self._restart_stream
+        )
         self._look_timer = self.create_timer(
             _LOOK_PERIOD, self._look_after_machine, autostart=False
         )
@@ -110,7 +110,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._inputs.open(locked(self._hear_inputs))
 
     def _declare_operation(self) -> Parameters | None:
-        """Declare what an operator sets at a simulated machine, None at a real one."""
+        """Declare the settings of an operator at a simulated machine; return None at a real one."""
         kind = source_class(self.parameters.source).operation
         if kind is None:
             return None
@@ -119,15 +119,14 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return found
 
     def _operate(self, changes: Sequence[Any]) -> None:
-        """Hand on what an operator has set; rclpy has checked it by its descriptor."""
+        """Apply settings of an operator, which rclpy has checked by their descriptors."""
         assert self._operation is not None
-        known, prefix = self._operation, f'{self._operation.node}.'
-        changed = {
-            change.name.removeprefix(prefix): change.value
-            for change in changes
-            if change.name.startswith(prefix)
-        }
-        self._operation = type(known).from_mapping({**known.as_mapping(), **changed})
+        prefix = f'{self._operation.node}.'
+        values = self._operation.as_mapping()
+        for change in changes:
+            if change.name.startswith(prefix):
+                values[change.name.removeprefix(prefix)] = change.value
+        self._operation = type(self._operation).from_mapping(values)
         if self._source is not None:
             self._source.operate(self._operation)
 
@@ -187,11 +186,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
         self._outputs.take_request(request)
-        ready = request is None or request.reason is not StopReason.NOT_READY
-        self.stream.hear_reject(ready=ready)
+        not_ready = request is not None and request.reason is StopReason.NOT_READY
+        self.stream.reject_ready = not not_ready
 
     def _note(self, event: Event) -> None:
-        """Take an event that is about to be sent."""
+        """Process an event that is about to be sent."""
         self._watch.add(time.monotonic(), event)
         if not isinstance(event, Reference):
             self._calibration.add(event)
@@ -199,14 +198,14 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._outputs.edge(event)
 
     def _hear_inputs(self, said: Said) -> None:
-        """Publish what the inputs of the machine say."""
+        """Publish an external reject, or the conditions of the machine."""
         if isinstance(said, ExternalReject):
             self._external_rejects.publish(to_message(ports.EXTERNAL_REJECT, said))
         else:
             self._conditions.send(said)
 
     def _machine_trouble(self) -> str:
-        """Return why the line cannot weigh, empty if it can; for any thread."""
+        """Return why the line cannot weigh, empty if it can. Any thread may call it."""
         source = self._source
         if source is None:
             return ''
@@ -217,7 +216,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.tell_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
     def _reset_outputs(self, request: Any, response: Any) -> Any:
-        """Forget products that the rejector can have missed."""
+        """Let the line run again after products that the rejector can have missed."""
         response.success = True
         response.message = self._outputs.reset() or 'nothing was missed'
         return response
@@ -230,12 +229,16 @@ class DriverNode(ManagedStageNode[DriverParameters]):
 
     def diagnose(self, now: float) -> list[Finding]:
         """Return the aspects of source, samples, clocks, eyes and outputs."""
-        source = self._source
+        source, trouble, figures = self._source, '', {}
         if source is not None and self.state == 'active':
-            self._watch.look(source.trouble, source.figures())
-        found = self._watch.findings(now, time.time() - time.monotonic())
-        own = self._host_clock.finding(now), self._outputs.finding(), self._inputs.finding()
-        return [*found, *own]
+            trouble, figures = source.trouble, source.figures()
+        offset = time.time() - time.monotonic()
+        return [
+            *self._watch.findings(now, offset, trouble, figures),
+            self._host_clock.finding(now),
+            self._outputs.finding(),
+            self._inputs.finding(),
+        ]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

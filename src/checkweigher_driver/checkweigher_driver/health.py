@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Health of a source: its state, samples, clock and photo-eyes."""
 
+from collections.abc import Mapping
+
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
 from checkweigher_core.health.stream import EyeWatch, SampleWatch
 from checkweigher_core.recording import Event
@@ -9,10 +11,10 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 
 class DriverWatch:
-    """State of a source and of its stream, for the diagnostics.
+    """State of the source `name` and of its stream, for the diagnostics.
 
-    Times are in s on a clock that never steps back. All but `findings` may be called from the
-    thread that reads the source, whose name is `name`.
+    Times are in s on a clock that never steps back. All methods except `findings` may be called
+    from the thread that reads the source.
     """
 
     def __init__(self, name: str) -> None:
@@ -23,24 +25,21 @@ class DriverWatch:
         self._state = 'inactive'
         self._failure = ''
         self._waits_for = ''
-        self._trouble = ''
-        self._figures: dict[str, float | str] = {}
 
     def begin(self, load_cell: LoadCell, now: float) -> None:
-        """Follow a new stream of `load_cell`, which begins at `now`."""
+        """Begin a new stream of `load_cell` at `now`."""
         self._began = now
         self._samples = SampleWatch(load_cell)
         self._eyes = EyeWatch()
         self._state, self._failure, self._waits_for = 'running', '', ''
 
     def stop(self) -> None:
-        """Note that the driver is inactive."""
+        """Set the state of the driver to inactive."""
         self._samples = None
         self._state, self._failure, self._waits_for = 'inactive', '', ''
-        self._trouble = ''
 
     def add(self, now: float, event: Event) -> None:
-        """Take an event that is sent."""
+        """Process an event that is sent."""
         self._waits_for = ''
         if self._samples is None:
             return
@@ -51,54 +50,55 @@ class DriverWatch:
             self._eyes.add(now, event)
 
     def waits_for(self, what: str) -> None:
-        """Note that the source has long been held back, and for what."""
+        """Set the condition for which the source has long been held back."""
         self._waits_for = what
 
-    def look(self, trouble: str, figures: dict[str, float]) -> None:
-        """Take trouble and figures of the source itself."""
-        self._trouble = trouble
-        self._figures = {name.replace(' ', '_'): value for name, value in figures.items()}
-
     def end(self, failure: str | None = None) -> None:
-        """Note that the source has ended, with a failure or without."""
+        """Process the end of the source, with a failure or without."""
         self._state = 'finished' if failure is None else 'failed'
         self._failure = failure or ''
         self._waits_for = ''
 
-    def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects; `offset_of_clocks` is the time of day less `now`, s."""
+    def findings(
+        self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
+    ) -> list[Finding]:
+        """Return all aspects, with the trouble and the figures of the source itself.
+
+        `offset_of_clocks` is the time of day less `now`, s.
+        """
+        source = self._source(trouble, figures)
         if self._samples is None:
-            return [self._source()]
+            return [source]
         self._samples.look(now)
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self._waits_for:  # then nothing has to come
+        if self._state != 'running' or self._waits_for:  # no samples are due then
             text = 'none now, see Source'
             samples, eyes = (
                 conclude(finding.aspect, text, (), finding.values) for finding in (samples, eyes)
             )
-        return [self._source(), samples, self._samples.clock.finding(offset_of_clocks), eyes]
+        return [source, samples, self._samples.clock.finding(offset_of_clocks), eyes]
 
-    def _source(self) -> Finding:
-        found = []
+    def _source(self, trouble: str, figures: Mapping[str, float]) -> Finding:
+        found: list[Concern] = []
         if self._state == 'failed':
             text = f'{self._name} failed: {self._failure}'
             hint = 'check its cable, power and parameters, then start the driver again'
-            found.append(Concern(Level.ERROR, text, hint))
+            found = [Concern(Level.ERROR, text, hint)]
         elif self._state == 'inactive':
             hint = 'activate it: Start on the page, or ros2 lifecycle set'
-            found.append(Concern(Level.WARN, 'the driver is inactive', hint))
-        elif self._trouble:
+            found = [Concern(Level.WARN, 'the driver is inactive', hint)]
+        elif trouble:
             hint = 'check cable and power; when it is over, call reset_stop_request'
-            found.append(Concern(Level.ERROR, self._trouble, hint))
+            found = [Concern(Level.ERROR, trouble, hint)]
         elif self._waits_for:
             text = f'{self._name} is held back, waiting for {self._waits_for}'
-            found.append(Concern(Level.WARN, text, 'check that the other nodes run'))
-        values = {
+            found = [Concern(Level.WARN, text, 'check that the other nodes run')]
+        values: dict[str, float | str] = {
             'source': self._name,
             'state': self._state,
-            'error': self._failure or self._trouble,
-            **self._figures,
+            'error': self._failure or trouble,
+            **{name.replace(' ', '_'): value for name, value in figures.items()},
         }
         return conclude('Source', f'{self._name}, {self._state}', found, values)

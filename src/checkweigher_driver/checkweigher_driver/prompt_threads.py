@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Latency of the threads that a machine waits for."""
+"""Latency of the threads of photo-eyes and outputs."""
 
 import sys
 
@@ -8,9 +8,9 @@ _SWITCH_INTERVAL = 0.0005  # s
 
 
 def shorten_switch_interval() -> None:
-    """Have the threads of this process take turns often, though each switch costs all of them.
+    """Let the threads of this process take turns more often, at the cost of more switches.
 
-    For threads that tell when a photo-eye switched, or that switch the rejector: what they wait
-    for the interpreter is added to their uncertainty.
+    This is for threads that time photo-eyes or switch the rejector: the time for which they wait
+    for the interpreter adds to their uncertainty.
     """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))

@@ -4,7 +4,6 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
 import threading
 import time
@@ -12,12 +11,7 @@ from typing import Any
 
 from checkweigher_core.pacing import FlowControl, Pacer
 from checkweigher_core.recording import Event
-from checkweigher_core.records import (
-    EyeEdge,
-    SampleBlock,
-    StreamState,
-    StreamStatus,
-)
+from checkweigher_core.records import EyeEdge, SampleBlock, StreamState, StreamStatus
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.connections import has_matched_all
 from checkweigher_core.ros.outputs import LOCK
@@ -25,24 +19,17 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
-from checkweigher_driver.stoppable_waits import StoppableWaits
 from checkweigher_recording.block_cutting import cut_for_pace
 
 _PATIENCE = 5.0  # s without the line behind it
 _END_PATIENCE = 2.0  # s, for the last read of a source
-# s from the beginning of a stream on, when its status is sent again. A reader that DDS shows to be
-# there may not know the writer yet, and hears of a stream with the next heartbeat, after 3 s: it
-# would take the first items for those of another stream.
+_PERIOD = 0.02  # s between looks at a condition whose changes are not all notified
+_REMINDER = 5.0  # s
+# Times in s from the beginning of a stream at which its status is sent again. A reader that DDS
+# shows may not know the writer yet, and would learn of the stream from the next heartbeat, after
+# 3 s. Until then it would take the first items for those of another stream.
 _REPEATS = (0.2, 0.5, 1.0)
-_MAX_EDGES = 400  # of the history: 20 s and more at five items a second
-
-
-@dataclass(frozen=True, slots=True)
-class StreamHistory:
-    """The latest edges of a stream, and the time of its last sample in ns."""
-
-    stamp: int
-    edges: tuple[EyeEdge, ...] = ()
+_MAX_EDGES = 400  # 20 s and more at five items a second
 
 
 class SentStream:
@@ -52,26 +39,27 @@ class SentStream:
         self.number = number
         self.flow = FlowControl()
         self.edges_sent = 0
-        self._stamp = 0  # ns, of the last block
+        self.stamp = 0  # of the last block, ns
         self._edges: deque[EyeEdge] = deque(maxlen=_MAX_EDGES)
 
     def add(self, event: Event) -> None:
-        """Take an event that is about to be sent."""
+        """Add an event that is about to be sent."""
         self.flow.sent(event)
         if isinstance(event, SampleBlock):
-            self._stamp = event.stamp
+            self.stamp = event.stamp
         elif isinstance(event, EyeEdge):
             self._edges.append(event)
             self.edges_sent += 1
 
-    def history(self) -> StreamHistory:
-        """Return the latest edges."""
-        return StreamHistory(self._stamp, tuple(self._edges))
+    @property
+    def latest_edges(self) -> tuple[EyeEdge, ...]:
+        """The latest edges, up to 400."""
+        return tuple(self._edges)
 
     def status(self, state: StreamState, text: str) -> StreamStatus:
-        """Return how far the stream is."""
+        """Return the progress of the stream."""
         return StreamStatus(
-            self._stamp, self.number, state, self.flow.samples_sent, self.edges_sent, text=text
+            self.stamp, self.number, state, self.flow.samples_sent, self.edges_sent, text=text
         )
 
 
@@ -80,8 +68,9 @@ class SourceStream:
 
     The thread has the lock of the process while it sends, in one process until all that follows
     from an event has been done, and never while it waits or reads. `note` is called with each event
-    before it is sent; `machine_ready` tells whether the outputs of the machine can be switched.
-    `sent` is the latest stream, `failure` how its source failed, empty if it did not.
+    before it is sent; `machine_ready` returns whether the outputs of the machine can be switched.
+    `sent` is the latest stream, `failure` the error that ended its source, empty without one.
+    `reject_ready` is to be set while the reject node reports that it is active.
     """
 
     def __init__(
@@ -97,47 +86,49 @@ class SourceStream:
         self._eyes = node.output(ports.PHOTO_EYES)
         self._references = node.output(ports.REFERENCE_MASS)
         self.status = node.output(ports.DRIVER_STATUS)
-        self._reject_ready = False
+        self.reject_ready = False
         self._node = node
         self._parameters = parameters
         self._watch = watch
         self._note = note
         self._machine_ready = machine_ready
-        self._waits = StoppableWaits(LOCK)
+        self._changed = threading.Condition(LOCK)
         self._running = False
         self._announce(0)
 
     def _announce(self, number: int) -> None:
-        self._waits.stopping = False
+        self._stopping = False
         self.sent = SentStream(number)
         self._answered = False
         self.failure = self._trouble = ''
-        self._flows = False  # whether samples do, so that trouble of the machine is of interest
-        self._repeats: list[float] = []  # when the status is sent again, s
+        self._flows = False  # whether samples flow, so that trouble of the machine matters
+        self._repeats: list[float] = []  # times at which the status is sent again, s
 
     def begin(self, source: Source) -> None:
         """Begin a new stream."""
-        with self._waits.change():
-            self._announce(time.time_ns())  # no other driver's number
+        with LOCK:
+            self._announce(time.time_ns())  # a number that no other driver has used
             self._running = True
         threading.Thread(target=self._run, args=(source,), name='source', daemon=True).start()
 
     def end(self, close: Callable[[], None] | None = None) -> bool:
-        """End the stream; return whether it was still going on.
+        """End the stream; return whether it was still running.
 
         `close` closes the source, where only that ends a read that blocks.
         """
-        going_on = self._running
-        with self._waits.change():
-            self._waits.stopping = True
+        was_running = self._running
+        with self._changed:
+            self._stopping = True
+            self._changed.notify_all()
         if close is not None:
             close()
-        if not self._waits.for_end(lambda: not self._running, _END_PATIENCE):
-            self._node.warn(f'source {self._parameters.source}: a read does not end')
-        return going_on
+        with self._changed:
+            if not self._changed.wait_for(lambda: not self._running, _END_PATIENCE):
+                self._node.warn(f'source {self._parameters.source}: a read does not end')
+        return was_running
 
     def report(self, state: StreamState, text: str = '') -> None:
-        """Send how far the stream is; once it has ended, no trouble any more."""
+        """Send the progress of the stream; trouble only while it runs."""
         with LOCK:
             if text and state == StreamState.RUNNING and not self._flows:
                 return
@@ -145,7 +136,7 @@ class SourceStream:
             self.status.send(self.sent.status(state, text))
 
     def tell_trouble(self, trouble: str) -> None:
-        """Report what is wrong with the machine, empty for nothing, if that has changed."""
+        """Report the trouble of the machine, empty for none, if it has changed."""
         if trouble != self._trouble and self._flows:
             self._trouble = trouble
             self.report(StreamState.RUNNING, trouble)
@@ -153,8 +144,8 @@ class SourceStream:
                 self._node.warn(trouble)
 
     def hear_segmenter(self, status: StreamStatus) -> None:
-        """Take how far the segmenter is."""
-        with self._waits.change():
+        """Process the progress of the segmenter."""
+        with self._changed:
             if status.stream != self.sent.number:
                 return
             flow = self.sent.flow
@@ -162,16 +153,13 @@ class SourceStream:
                 self._answered = True
                 flow.items_judged = status.items
             flow.taken(status.samples, status.edges, status.items)
+            self._changed.notify_all()
 
     def hear_verdict(self) -> None:
         """Count a verdict."""
-        with self._waits.change():
+        with self._changed:
             self.sent.flow.judged()
-
-    def hear_reject(self, *, ready: bool) -> None:
-        """Take whether the reject node says that it is active."""
-        with self._waits.change():
-            self._reject_ready = ready
+            self._changed.notify_all()
 
     def _run(self, source: Source) -> None:
         """Send until the source ends, and report how it ended."""
@@ -180,9 +168,9 @@ class SourceStream:
             self._send_all(source)
         except Exception as error:
             failure = str(error)
-        with self._waits.change():
-            if not self._waits.stopping:
-                # If the source broke, the line must hear of it: items on the belt are faults.
+        with self._changed:
+            if not self._stopping:
+                # The line has to learn that the source broke: items on the belt are faults.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)
@@ -192,6 +180,7 @@ class SourceStream:
                     self._node.get_logger().error(text)
                     self.report(StreamState.FAILED, failure)
             self._running = False
+            self._changed.notify_all()
 
     def _send_all(self, source: Source) -> None:
         self._load_cell.send(source.load_cell, stamp=source.start_stamp)
@@ -206,12 +195,12 @@ class SourceStream:
         events = cut_for_pace(source, rate, pace, self._parameters.block_time)
         for event in events if source.paced else source:
             pacer = pacer or Pacer(pace, rate, time.monotonic())  # a simulation begins late
-            if source.paced and not self._waits.until(pacer.due(event)):
-                return
+            if source.paced:
+                self._wait_until(pacer.due(event))
             if lossless and not self._line_has_come_so_far(event, rate):
                 return
             with LOCK:
-                if self._waits.stopping:
+                if self._stopping:
                     return
                 if self._repeats and time.monotonic() > self._repeats[0]:
                     del self._repeats[0]
@@ -235,7 +224,7 @@ class SourceStream:
         flow = self.sent.flow
 
         def ask(waited: float) -> None:
-            # The segmenter tells of edges with the samples. If none come, it has to be asked.
+            # The segmenter reports edges with the samples. Without samples it has to be asked.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
@@ -248,8 +237,8 @@ class SourceStream:
     def _line_is_there(self, source: Source) -> bool:
         """Wait for the line behind the driver; return whether to go on.
 
-        A recording waits for a segmenter, and for the listeners that were asked for, as long as it
-        takes. The wait for the reject node ends, for a graph that only cuts windows has none.
+        A recording waits without a limit for a segmenter and for the `listeners`. The wait for the
+        reject node is limited, because a graph that only cuts windows has none.
         """
         if source.paced and not self._parameters.lossless:
             return True
@@ -264,36 +253,38 @@ class SourceStream:
 
     def _missing(self) -> list[str]:
         """Return the parts of the line that are not there yet."""
+        outputs = self._load_cell, self._samples, self._eyes, self._references, self.status
         there = {
             'a segmenter': self.has_listeners,
             'an active reject node': self._has_reject,
             'outputs that can be switched': self._machine_ready,
-            # A recorder gets all, too.
-            'some of the subscribers that DDS shows': self._has_matched_all,
+            # So that a recorder gets all.
+            'some of the subscribers that DDS shows': lambda: has_matched_all(self._node, *outputs),
         }
         return [what for what, is_there in there.items() if not is_there()]
 
-    def _has_matched_all(self) -> bool:
-        outputs = self._load_cell, self._samples, self._eyes, self._references, self.status
-        return has_matched_all(self._node, *outputs)
-
     def _has_reject(self) -> bool:
-        """Tell whether a reject node reports that it is active, and takes the edges."""
+        """Return whether a reject node reports that it is active, and takes the edges."""
         requests = self._node.resolve_topic_name(ports.STOP_REQUEST.name)
         return (
-            self._reject_ready
+            self.reject_ready
             and self._node.count_publishers(requests) > 0
             and has_matched_all(self._node, self._eyes)
         )
 
     def has_listeners(self, others: int = 0) -> bool:
-        """Tell whether driver and segmenter have found each other, and others the samples."""
+        """Return whether the segmenter and other readers of the samples are connected."""
         return (
             self._answered
             and self._samples.count() > others
             and self._eyes.count() > 0
             and self.status.count() > 0
         )
+
+    def _wait_until(self, due: float) -> None:
+        """Wait until a time of the monotonic clock, s, or until the stream is ended."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._stopping, max(due - time.monotonic(), 0.0))
 
     def _wait_for(
         self,
@@ -302,10 +293,22 @@ class SourceStream:
         patience: float = math.inf,
         ask: Callable[[float], None] | None = None,
     ) -> bool:
-        """Wait until a condition holds or `patience` s are over; return whether to go on."""
+        """Wait until a condition holds or `patience` s are over; return whether to go on.
 
-        def remind() -> None:
-            self._watch.waits_for(what)
-            self._node.warn(f'the source is held back: waiting for {what}')
-
-        return self._waits.for_condition(condition, patience, ask, remind if what else None)
+        Before each wait `ask` is called with the time waited so far, in s. If `what` is not empty,
+        a warning names it every 5 s.
+        """
+        began = reminded = time.monotonic()
+        with self._changed:
+            while not (self._stopping or condition()):
+                now = time.monotonic()
+                if now - began > patience:
+                    break
+                if ask is not None:
+                    ask(now - began)
+                if what and now - reminded > _REMINDER:
+                    reminded = now
+                    self._watch.waits_for(what)
+                    self._node.warn(f'the source is held back: waiting for {what}')
+                self._changed.wait(_PERIOD)
+            return not self._stopping

@@ -17,21 +17,13 @@ from checkweigher_recording.bags.writing import write_bag
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 
 
-@pytest.mark.parametrize('name', SOURCES)
-def test_every_registered_source_keeps_the_interface(name):
-    found = source_class(name)
-
-    assert issubclass(found, Source)
-    assert issubclass(found.parameters, Parameters)
-    assert found.parameters.node == name
-    assert isinstance(found.paced, bool)
-
-
-@pytest.mark.parametrize('name', [name for name in EYES if name != 'none'])
-def test_all_registered_eyes_keep_the_interface(name):
-    found = eyes_class(name)
-
-    assert issubclass(found, EdgeSource)
+@pytest.mark.parametrize(
+    ('name', 'found', 'kind'),
+    [(name, source_class(name), Source) for name in SOURCES]
+    + [(name, eyes_class(name), EdgeSource) for name in EYES if name != 'none'],
+)
+def test_every_registered_source_keeps_the_interface(name, found, kind):
+    assert issubclass(found, kind)
     assert issubclass(found.parameters, Parameters)
     assert found.parameters.node == name
 
@@ -45,9 +37,6 @@ def test_a_source_with_eyes_of_its_own_takes_no_others(tmp_path):
         source_maker('simulator', 'replayed', read)
     with pytest.raises(ParameterError, match=r"eyes: 'laser' is not one of .*replayed"):
         source_maker('aed', 'laser', read)
-
-
-def test_an_unknown_source_is_refused_with_the_list_of_known_ones():
     with pytest.raises(ParameterError, match="'adc' is not one of simulator, bag, aed, ascii"):
         source_class('adc')
 

@@ -23,14 +23,18 @@ def running():
     return watch, now
 
 
+def findings(watch, now, trouble='', **figures):
+    return watch.findings(now, 0.0, trouble, figures)
+
+
 def levels(watch, now):
-    return {finding.aspect: finding.level for finding in watch.findings(now, 0.0)}
+    return {finding.aspect: finding.level for finding in findings(watch, now)}
 
 
 def test_a_source_that_runs_is_well_and_has_its_figures(running):
     watch, now = running
     assert set(levels(watch, now).values()) == {Level.OK}
-    source, samples, _, eyes = watch.findings(now, 0.0)
+    source, samples, _, eyes = findings(watch, now)
     assert (source.values['source'], source.values['state']) == ('simulator', 'running')
     assert samples.values['received_samples_per_s'] == pytest.approx(960.0, rel=1e-3)
     assert (eyes.values['infeed_edges'], eyes.values['outfeed_edges']) == (6, 6)
@@ -51,28 +55,24 @@ def test_a_source_that_is_held_back_or_has_ended_owes_no_samples(running):
     assert (later['Source'], later['Samples']) == (Level.OK, Level.OK)
 
 
-def test_a_source_that_failed_says_why(running):
+@pytest.mark.parametrize(
+    ('change', 'level', 'text'),
+    [
+        (lambda watch: watch.end('gone'), Level.ERROR, 'simulator failed: gone'),
+        (lambda watch: watch.stop(), Level.WARN, 'the driver is inactive'),
+    ],
+)
+def test_a_source_that_failed_or_was_stopped_says_so(running, change, level, text):
     watch, now = running
-    watch.end('the port is gone')
-    source = watch.findings(now + 60.0, 0.0)[0]
-    assert (source.level, source.text) == (Level.ERROR, 'simulator failed: the port is gone')
-    assert source.hint
-
-
-def test_an_inactive_driver_says_so_and_owes_nothing(running):
-    watch, now = running
-    watch.stop()
-    (source,) = watch.findings(now + 60.0, 0.0)
-    assert (source.level, source.text) == (Level.WARN, 'the driver is inactive')
+    change(watch)
+    source = findings(watch, now + 60.0)[0]
+    assert (source.level, source.text) == (level, text)
     assert source.hint
 
 
 def test_trouble_of_a_source_is_an_error_with_its_figures(running):
     watch, now = running
-    watch.look('the port is gone', {'samples lost': 7})
-    source = watch.findings(now, 0.0)[0]
+    source = findings(watch, now, 'the port is gone', samples_lost=7)[0]
     assert (source.level, source.text) == (Level.ERROR, 'the port is gone')
     assert 'reset_stop_request' in source.hint
     assert source.values['samples_lost'] == 7
-    watch.look('', {})
-    assert watch.findings(now, 0.0)[0].level == Level.OK

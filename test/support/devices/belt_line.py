@@ -44,7 +44,7 @@ PARAMETERS = """
     outputs: modbus
     aed: {{port: {link}, sample_rate: 600.0, counts_per_kg: 5.0e+5, zero_counts: 100000.0,
           capacity: 7.2, weigh_length: 0.2}}
-    modbus: {{host: 127.0.0.1, port: {port}, poll_period: 0.005, max_uncertainty: 0.02,
+    modbus: {{host: 127.0.0.1, port: {port}, poll_period: 0.005, max_uncertainty: 0.006,
              longest_gap: 0.4}}
     modbus_outputs: {{host: 127.0.0.1, port: {port}, stop: 1, watchdog: 0 {outputs}}}
     rejector: {{pulse: 0.15, late_tolerance: 0.1, watchdog_time: {watchdog} {rejector}}}
@@ -55,9 +55,17 @@ class BeltLine:
     """The machine, the line, and what was heard of it."""
 
     def __init__(
-        self, folder: Path, node: Node, *, processes: bool, wiring: str = 'reject',
-        outputs: str = '', rejector: str = '', watchdog: float = 0.6, spacing: float = 0.25,
-    ) -> None:  # fmt: skip
+        self,
+        folder: Path,
+        node: Node,
+        *,
+        processes: bool,
+        wiring: str = 'reject',
+        outputs: str = '',
+        rejector: str = '',
+        watchdog: float = 0.6,
+        spacing: float = 0.25,
+    ) -> None:
         with socket.socket() as probe:
             probe.bind(('127.0.0.1', 0))
             self.port = probe.getsockname()[1]
@@ -71,14 +79,15 @@ class BeltLine:
                 *('--log', str(self.events_file), '--wiring', wiring),
                 *('--watchdog', str(watchdog), '--spacing', str(spacing)),
             ],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         assert self.machine.stdout.readline() == 'ready\n'
-        values = {
-            'link': link, 'port': self.port, 'outputs': outputs, 'rejector': rejector,
-            'watchdog': watchdog,
-        }  # fmt: skip
-        (folder / 'line.yaml').write_text(PARAMETERS.format(**values), encoding='utf-8')
+        text = PARAMETERS.format(
+            link=link, port=self.port, outputs=outputs, rejector=rejector, watchdog=watchdog
+        )
+        (folder / 'line.yaml').write_text(text, encoding='utf-8')
         self.log = folder / 'log'
         self.stops: list[Any] = []
         self.verdicts: list[Any] = []
@@ -120,10 +129,6 @@ class BeltLine:
         """Return what the machine has noted: [ns, event, product, mass]."""
         lines = self.events_file.read_text(encoding='utf-8').splitlines()
         return [json.loads(line) for line in lines]
-
-    def fates(self, event: str) -> list[float]:
-        """Return the masses of the products that `passed` or were `ejected`."""
-        return [entry[3] for entry in self.events() if entry[1] == event]
 
     def recorded(self) -> list[str]:
         """Return what is on the belt by the record of the driver."""

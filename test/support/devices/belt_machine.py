@@ -36,7 +36,7 @@ import time
 from modbus_plc import modbus_device
 import numpy as np
 from pymodbus.server import ModbusTcpServer
-from serial_device import Device
+from serial_device import Device, options
 
 RATE, COUNTS_PER_KG, ZERO = 600.0, 5e5, 100_000
 WEIGH_LENGTH, REJECTOR = 0.2, 0.7  # m, places of outfeed eye and rejector behind the infeed eye
@@ -136,13 +136,8 @@ class Machine(Device):
     """Belt and load cell, at the pace of the samples, with the PLC's program beside them."""
 
     def __init__(self, given: argparse.Namespace) -> None:
-        super().__init__(
-            argparse.Namespace(
-                link=given.link, protocol='aed', rate=RATE, baud=115_200, trailer='crlf', status=8,
-                signal='slow', bag=None, begin=None, burst=0.0, identity='HBM,FIT/5,0123456,P72',
-                late=0.0, refuse=[], mute=False, reset_time=3.0,
-            )
-        )  # fmt: skip
+        words = (given.link, '--rate', RATE, '--signal', 'slow', '--status', 8)
+        super().__init__(options().parse_args([str(word) for word in words]))
         self.belt = Belt(given.speed, given.spacing, given.log)
         self.plc = Plc(self.belt, given.wiring, given.watchdog)
         self.lock = threading.Lock()

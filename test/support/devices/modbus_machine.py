@@ -107,6 +107,21 @@ def switching(plc, port_parameters=None, held=lambda: False, **parameters):
         outputs.close()
 
 
+def outputs_of(plc):
+    """Return parameters of the driver for its outputs, however busy the host is."""
+    return {
+        'outputs': 'modbus',
+        'modbus_outputs.host': '127.0.0.1',
+        'modbus_outputs.port': plc.port,
+        'modbus_outputs.stop': RELEASE,
+        'modbus_outputs.watchdog': 0,
+        'modbus_outputs.belt': 2,  # it never stops: a bag goes on whatever the line asks for
+        'modbus_outputs.timeout': 2.0,
+        'rejector.late_tolerance': 2.0,
+        'rejector.watchdog_time': 5.0,
+    }
+
+
 def permit(outputs):
     """Give the permission to run, again and again; return what ends that, as a dead reject does."""
     ended = threading.Event()

@@ -236,7 +236,7 @@ class Device:
                 self.obey(line)
 
 
-def main() -> None:
+def options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('link', type=Path)
     parser.add_argument('--protocol', choices=('aed', 'ascii'), default='aed')
@@ -253,7 +253,11 @@ def main() -> None:
     parser.add_argument('--refuse', nargs='*', default=[], help='commands that are replied to by ?')
     parser.add_argument('--mute', action='store_true', help='reply to nothing')
     parser.add_argument('--reset-time', type=float, default=3.0)
-    device = Device(parser.parse_args())
+    return parser
+
+
+def main() -> None:
+    device = Device(options().parse_args())
     try:
         device.run()
     finally:

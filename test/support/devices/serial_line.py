@@ -34,6 +34,13 @@ def make(name, link, **values):
     return kind(kind.parameters.from_mapping(given))
 
 
+def aed_on(port, cell):
+    """Return parameters of the driver for a load cell on a port."""
+    names = ('sample_rate', 'counts_per_kg', 'zero_counts', 'capacity', 'weigh_length')
+    values = {f'aed.{name}': getattr(cell, name) for name in names}
+    return {'source': 'aed', 'aed.port': str(port), **values}
+
+
 class SerialDevice:
     """A device program and the port that it makes."""
 

@@ -118,20 +118,19 @@ def told(name: str, *choices: str) -> Fault:
     return Fault(name, happen)
 
 
-IN_PROCESSES = [
-    *(killed(node) for node in NODES),
-    *(halted(node) for node in NODES),
+OF_ALL = [
     deactivated('driver'),
     deactivated('reject'),
     Fault('supervisor killed', supervisor_killed, stops=True),
     Fault('line interrupted', interrupted, stops=True),
+]
+IN_ONE_PROCESS = [killed('line'), halted('line'), *OF_ALL]
+IN_PROCESSES = [
+    *(killed(node) for node in NODES),
+    *(halted(node) for node in NODES),
+    *OF_ALL,
     Fault('driver killed, then reject', killed_in_turn, stops=True),
 ]
-IN_ONE_PROCESS = [
-    killed('line'), halted('line'), deactivated('driver'), deactivated('reject'),
-    Fault('supervisor killed', supervisor_killed, stops=True),
-    Fault('line interrupted', interrupted, stops=True),
-]  # fmt: skip
 DEVICES = [
     told('PLC does not answer', 'mute {}'),
     told('PLC answers late', 'late 0.03', 'late 0.1'),
@@ -269,9 +268,14 @@ class Trials:
 
 
 def hold(
-    folder: Path, faults: list[Fault], *, processes: bool, wiring: str, seed: int = 1,
+    folder: Path,
+    faults: list[Fault],
+    *,
+    processes: bool,
+    wiring: str,
+    seed: int = 1,
     again: bool = False,
-) -> None:  # fmt: skip
+) -> None:
     """Let each of the faults happen, and print what became of it.
 
     With `again`, end with an empty belt and start `again`, for which no person is needed.
@@ -298,10 +302,8 @@ def hold(
 
 
 def test_the_machine_shows_its_eyes_as_they_are_at_the_request(tmp_path: Path):
-    given = Namespace(
-        link=tmp_path / 'cell', log=tmp_path / 'events', wiring='reject', watchdog=60.0, speed=0.02,
-        spacing=0.25,
-    )  # fmt: skip
+    files = {'link': tmp_path / 'cell', 'log': tmp_path / 'events'}
+    given = Namespace(**files, wiring='reject', watchdog=60.0, speed=0.02, spacing=0.25)
     machine = Machine(given)  # which has no turn
     machine.plc.coils[RELEASE], machine.plc.heartbeat = True, 1
     machine.belt.products.append(Product(1, GOOD, -0.001))

@@ -16,12 +16,13 @@ from statistics import median
 import time
 from typing import Any
 
-from modbus_machine import MS, REJECTOR, RELEASE, Plc, wait_for
+from graph import call
+from modbus_machine import MS, REJECTOR, RELEASE, Plc, outputs_of, wait_for
 import numpy as np
 import pytest
 from rclpy.node import Node
 from running import BAGS, PATIENCE
-from serial_line import SerialDevice
+from serial_line import SerialDevice, aed_on
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.line import STAGE_NODES
@@ -41,10 +42,7 @@ _OF_CLOCK = 0.1  # of a mass, by which it is off where the clock is off by 1 dur
 UNCERTAINTY = {'modbus': 1.3e-3, 'replayed': 0.0}  # s, of a poll each 2 ms
 LIMITS = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 0.6}
 # However busy the machine is on which the test runs.
-PATIENT = {
-    'modbus.timeout': 2.0, 'modbus.longest_gap': 1.0, 'modbus.max_uncertainty': 0.2,
-    'modbus_outputs.timeout': 2.0, 'rejector.late_tolerance': 2.0, 'rejector.watchdog_time': 5.0,
-}  # fmt: skip
+PATIENT = {'modbus.timeout': 2.0, 'modbus.longest_gap': 1.0, 'modbus.max_uncertainty': 0.2}
 
 
 @dataclass
@@ -65,11 +63,7 @@ class Line:
         return [to_record(ports.VERDICT, self.verdicts.get(timeout=PATIENCE)) for _ in range(count)]
 
     def reset(self) -> bool:
-        client = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
-        assert client.wait_for_service(10.0)
-        done = client.call_async(Trigger.Request())
-        wait_for(done.done, 'the answer to the reset')
-        return bool(done.result().success)
+        return bool(call(self.node, Trigger, ports.RESET_STOP_REQUEST).success)
 
 
 @contextmanager
@@ -96,18 +90,15 @@ def machine(folder: Path, bag: Path, recording: Recording, eyes: str) -> Iterato
                 spinner.add(make(own.get(name)))
             driver = DriverNode(
                 {
-                    'source': 'aed', 'eyes': eyes, 'outputs': 'modbus',
-                    'aed.port': str(port), 'aed.sample_rate': cell.sample_rate,
-                    'aed.counts_per_kg': cell.counts_per_kg, 'aed.zero_counts': cell.zero_counts,
-                    'aed.capacity': cell.capacity, 'aed.weigh_length': cell.weigh_length,
-                    'modbus.host': '127.0.0.1', 'modbus.port': plc.port,
-                    'replayed.path': str(bag),
-                    'modbus_outputs.host': '127.0.0.1', 'modbus_outputs.port': plc.port,
-                    'modbus_outputs.stop': RELEASE, 'modbus_outputs.watchdog': 0,
-                    'modbus_outputs.belt': 2,
+                    **aed_on(port, cell),
+                    **outputs_of(plc),
                     **PATIENT,
+                    'eyes': eyes,
+                    'modbus.host': '127.0.0.1',
+                    'modbus.port': plc.port,
+                    'replayed.path': str(bag),
                 }
-            )  # fmt: skip
+            )
             spinner.add(driver)
             yield Line(spinner, node, device, plc, driver, heard, stops, blocks, edges)
     finally:
@@ -159,9 +150,8 @@ def seen_by(line: Line, recording: Recording) -> tuple[list[EyeEdge], list[float
         abs((late.stamp - early.stamp) / ((late.first_index - early.first_index) * period) - 1)
         for early, late in zip(blocks, blocks[step:], strict=False)
     ]
-    settled = [drift for drift, block in zip(drifts, blocks, strict=False)
-               if block.first_index > _SETTLED * rate]  # fmt: skip
-    return edges, errors, max(drifts), max(settled, default=math.nan)
+    begun = sum(block.first_index <= _SETTLED * rate for block in blocks)
+    return edges, errors, max(drifts), max(drifts[begun:], default=math.nan)
 
 
 def weighed(recording: Recording, edges: Sequence[EyeEdge], uncertainty: float) -> list[float]:
@@ -237,17 +227,14 @@ def run(folder: Path, bag: Path, count: int, eyes: str) -> None:
     # A sample for the clock, which is fitted within the first seconds.
     doubt = figures.get('largest edge uncertainty ms', 0.0) + 1e3 / cell.sample_rate
     assert max(map(abs, off)) <= doubt
-    wanted = [
-        Decision.FAULT
-        if math.isnan(mass)
-        else Decision.UNDER
-        if mass < LIMITS['lower_limit']
-        else Decision.OVER
-        if mass > LIMITS['upper_limit']
-        else Decision.ACCEPT
-        for mass in expected
-    ]
-    assert [each.decision for each in verdicts] == wanted
+    assert [each.decision for each in verdicts] == [decided(mass) for mass in expected]
+
+
+def decided(mass: float) -> Decision:
+    if math.isnan(mass):
+        return Decision.FAULT
+    over = Decision.OVER if mass > LIMITS['upper_limit'] else Decision.ACCEPT
+    return Decision.UNDER if mass < LIMITS['lower_limit'] else over
 
 
 # It holds devices, DDS and clocks to milliseconds of real time: not beside other work.

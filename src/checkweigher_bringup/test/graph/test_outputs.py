@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole graph with its rejector over Modbus TCP."""
 
+from collections.abc import Iterator
 from pathlib import Path
 import queue
 import time
@@ -9,7 +10,8 @@ from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.msg import Verdict as VerdictMessage
-from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, wait_for
+from graph import call
+from modbus_machine import BAG, MS, REJECTOR, RELEASE, Plc, outputs_of, wait_for
 import pytest
 from rclpy.node import Node
 from running import PATIENCE
@@ -28,20 +30,12 @@ from checkweigher_dsp.nodes.reject import RejectNode
 ITEMS = 8
 
 
-def outputs_of(plc: Plc) -> dict[str, object]:
-    return {
-        'outputs': 'modbus',
-        'modbus_outputs.host': '127.0.0.1',
-        'modbus_outputs.port': plc.port,
-        'modbus_outputs.stop': RELEASE,
-        'modbus_outputs.watchdog': 0,
-        'modbus_outputs.belt': 2,  # which never stops: the bag goes on whatever the line asks for
-        # However busy the machine is on which the test runs.
-        'modbus_outputs.timeout': 2.0,
-        'rejector.late_tolerance': 2.0,
-        'rejector.watchdog_time': 5.0,
-        'rejector.verdict_timeout': 5.0,
-    }
+@pytest.fixture
+def plc(tmp_path: Path) -> Iterator[Plc]:
+    made = Plc(tmp_path)
+    made.start()
+    yield made
+    made.kill()
 
 
 class Line:
@@ -53,16 +47,15 @@ class Line:
         self._node = Node('listener')
         self._heard: queue.SimpleQueue[VerdictMessage] = queue.SimpleQueue()
         self.stops: list[StopRequest] = []
-        for topic, take in (
-            (ports.VERDICT, self._heard.put), (ports.STOP_REQUEST, self.stops.append)
-        ):  # fmt: skip
+        heard = {ports.VERDICT: self._heard.put, ports.STOP_REQUEST: self.stops.append}
+        for topic, take in heard.items():
             self._node.create_subscription(topic.type, topic.name, take, topic.stage_qos)
         spinner.add(self._node)
         self.reject = RejectNode(overrides=limits)
         spinner.add(self.reject)
         for name in ('identifier', 'denoise', 'segmenter'):
             spinner.add(STAGE_NODES[name]())
-        source = {'source': 'simulator', 'live.path': str(BAG)}
+        source = {'source': 'simulator', 'live.path': str(BAG), 'rejector.verdict_timeout': 5.0}
         self.driver = DriverNode({**source, **outputs_of(plc)})
         spinner.add(self.driver)
 
@@ -76,41 +69,29 @@ class Line:
         return verdict
 
     def reset(self) -> bool:
-        client = self._node.create_client(Trigger, ports.RESET_STOP_REQUEST)
-        assert client.wait_for_service(10.0)
-        done = client.call_async(Trigger.Request())
-        wait_for(done.done, 'the answer to the reset')
-        return bool(done.result().success)
+        return bool(call(self._node, Trigger, ports.RESET_STOP_REQUEST).success)
 
 
 def test_the_line_rejects_over_modbus_and_stops_when_no_node_gives_verdicts(
-    tmp_path: Path, monkeypatch: Any
+    plc: Plc, monkeypatch: Any
 ):
-    plc = Plc(tmp_path)
-    plc.start()
-    try:
-        with spinning('ejecting') as spinner:
-            # The rejector is 1.5 s behind the outfeed eye, for a machine that is busy.
-            limits = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 2.25}
-            line = Line(spinner, plc, monkeypatch, **limits)
-            verdicts = [line.verdict() for _ in range(ITEMS)]
-            last = max(due for each in verdicts if (due := each.reject_at) is not None)
-            wait_for(lambda: time.time_ns() > last + 150 * MS, 'the last item')
-            assert plc.state(RELEASE) is True
-            figures = line.driver._outputs.figures()
-            spinner.remove(line.reject)
-            wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
-    finally:
-        plc.kill()
+    with spinning('ejecting') as spinner:
+        # The rejector is 1.5 s behind the outfeed eye, for a machine that is busy.
+        limits = {'lower_limit': 0.12, 'upper_limit': 0.2, 'rejector_distance': 2.25}
+        line = Line(spinner, plc, monkeypatch, **limits)
+        verdicts = [line.verdict() for _ in range(ITEMS)]
+        last = max(due for each in verdicts if (due := each.reject_at) is not None)
+        wait_for(lambda: time.time_ns() > last + 150 * MS, 'the last item')
+        assert plc.state(RELEASE) is True
+        figures = line.driver._outputs.figures()
+        spinner.remove(line.reject)
+        wait_for(lambda: plc.state(RELEASE) is False, 'the stop')
     _check(plc, verdicts, figures)
 
 
 def _check(plc: Plc, verdicts: list[Verdict], figures: dict[str, float]) -> None:
     # 74.5, 134.5, 164.5, 194.5 and 254.5 g in turn.
-    assert [each.decision for each in verdicts] == [
-        Decision.UNDER, Decision.ACCEPT, Decision.ACCEPT, Decision.ACCEPT, Decision.OVER,
-        Decision.UNDER, Decision.ACCEPT, Decision.ACCEPT,
-    ]  # fmt: skip
+    assert ''.join(each.decision.name[0] for each in verdicts) == 'UAAAOUAA'
     dues = [each.reject_at for each in verdicts if each.decision != Decision.ACCEPT]
     # The first one ends the safe state.
     ons = [when for when, on in plc.switches(REJECTOR) if on][1 : 1 + len(dues)]
@@ -121,50 +102,40 @@ def _check(plc: Plc, verdicts: list[Verdict], figures: dict[str, float]) -> None
 
 
 def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
-    tmp_path: Path, monkeypatch: Any
+    plc: Plc, monkeypatch: Any
 ):
-    plc = Plc(tmp_path)
-    plc.start()
-    try:
-        with spinning('missing') as spinner:
-            # All are rejected, far enough behind the belt for a busy machine.
-            line = Line(spinner, plc, monkeypatch, upper_limit=0.01, rejector_distance=1.5)
-            line.verdict()
-            wait_for(lambda: plc.state(RELEASE) is True, 'the release')
-            plc.kill()
-            wait_for(lambda: 'not reached' in line.stops[-1].hint, 'the stop request')
-            assert line.stops[-1].reason == 'DriverTrouble'
-            assert not line.reset()  # they still are not reached
-            down = line.verdict()
-            wait_for(lambda: time.time_ns() > down.reject_at, 'the reject time')
-
-            plc.start()
-
-            wait_for(
-                lambda: 'behind the rejector' in line.stops[-1].hint, 'the product that was missed'
-            )
-            assert line.stops[-1].state == StopRequest.STOP
-            found = {each.aspect: each.level for each in line.driver.diagnose(time.monotonic())}
-            assert found['Outputs'] == Level.ERROR
-            wait_for(lambda: plc.state(RELEASE) is False, 'the outputs')
-            wait_for(lambda: line.driver._outputs.ready, 'the end of the trouble')
-            line.verdict_after(time.time_ns())  # nothing changes by itself
-            assert plc.state(RELEASE) is False
-            wait_for(line.reset, 'the reset')  # it is refused while a trouble lasts
-            wait_for(lambda: plc.state(RELEASE) is True, 'the release after the reset')
-            wait_for(lambda: line.stops[-1].state == StopRequest.RUN, 'the end of the request')
-            verdict = line.verdict_after(time.time_ns())
-            wait_for(
-                lambda: any(on and when >= verdict.reject_at
-                            for when, on in plc.switches(REJECTOR)),
-                'the next reject',
-            )  # fmt: skip
-            assert plc.state(RELEASE) is True
-    finally:
+    with spinning('missing') as spinner:
+        # All are rejected, far enough behind the belt for a busy machine.
+        line = Line(spinner, plc, monkeypatch, upper_limit=0.01, rejector_distance=1.5)
+        line.verdict()
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release')
         plc.kill()
+        wait_for(lambda: 'not reached' in line.stops[-1].hint, 'the stop request')
+        assert line.stops[-1].reason == 'DriverTrouble'
+        assert not line.reset()  # they still are not reached
+        down = line.verdict()
+        wait_for(lambda: time.time_ns() > down.reject_at, 'the reject time')
+        plc.start()
+        wait_for(lambda: 'behind the rejector' in line.stops[-1].hint, 'the missed product')
+        assert line.stops[-1].state == StopRequest.STOP
+        found = {each.aspect: each.level for each in line.driver.diagnose(time.monotonic())}
+        assert found['Outputs'] == Level.ERROR
+        wait_for(lambda: plc.state(RELEASE) is False, 'the outputs')
+        wait_for(lambda: line.driver._outputs.ready, 'the end of the trouble')
+        line.verdict_after(time.time_ns())  # nothing changes by itself
+        assert plc.state(RELEASE) is False
+        wait_for(line.reset, 'the reset')  # it is refused while a trouble lasts
+        wait_for(lambda: plc.state(RELEASE) is True, 'the release after the reset')
+        wait_for(lambda: line.stops[-1].state == StopRequest.RUN, 'the end of the request')
+        due = line.verdict_after(time.time_ns()).reject_at
+
+        def rejected() -> bool:
+            return any(on and when >= due for when, on in plc.switches(REJECTOR))
+
+        wait_for(rejected, 'the next reject')
+        assert plc.state(RELEASE) is True
 
 
-def test_a_bad_output_parameter_is_refused(tmp_path: Path):
-    plc = Plc(tmp_path)
+def test_a_bad_output_parameter_is_refused(plc: Plc):
     with spinning('refused'), pytest.raises(ValueError, match='coil 0 is the rejector as well'):
         DriverNode({**outputs_of(plc), 'modbus_outputs.stop': 0})

@@ -7,7 +7,7 @@ from pathlib import Path
 from checkweigher_msgs.msg import Verdict
 import pytest
 from running import PATIENCE, ROOT  # noqa: F401  sets the domain
-from serial_line import SerialDevice
+from serial_line import SerialDevice, aed_on
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.listening import ResultListener
@@ -35,19 +35,8 @@ def test_the_graph_weighs_over_a_port_what_weigh_does_from_the_bag(tmp_path: Pat
             for name, make in STAGE_NODES.items():
                 # However long a busy machine takes for a mass.
                 spinner.add(make({'deadlines': False} if name == 'reject' else None))
-            driver = DriverNode(
-                {
-                    'source': 'aed',
-                    'eyes': 'replayed',
-                    'aed.port': str(port),
-                    'aed.counts_per_kg': cell.counts_per_kg,
-                    'aed.zero_counts': cell.zero_counts,
-                    'aed.capacity': cell.capacity,
-                    'aed.weigh_length': cell.weigh_length,
-                    'replayed.path': str(bag),
-                }
-            )
-            spinner.add(driver)
+            eyes = {'eyes': 'replayed', 'replayed.path': str(bag)}
+            spinner.add(DriverNode({**aed_on(port, cell), **eyes}))
             weighings = [listener.weighings.get(timeout=PATIENCE) for _ in range(COUNT)]
     finally:
         device.end()

@@ -64,10 +64,9 @@ def read_version(path: Path) -> int:
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
-    except OSError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error.strerror or error}') from None
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error}') from None
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, 'strerror', None) or error
+        raise CalibrationError(f'{path}: cannot be read: {why}') from None
     found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
     if found is None:
         raise CalibrationError(
@@ -130,9 +129,9 @@ def write_version(
 
 
 def replace_version(path: Path, new: Path) -> int:
-    """Put a new file in place of one that is kept as ``NAME.vN.yaml``; return its version.
+    """Replace a file, which is kept as ``NAME.vN.yaml``; return the version of the new file.
 
-    Raises OutputError if the old one cannot be kept; it stays then.
+    Raises OutputError, without a change, if the old file cannot be kept.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():

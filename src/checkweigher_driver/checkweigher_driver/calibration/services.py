@@ -32,7 +32,7 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticCalibration,
     StaticReading,
 )
-from checkweigher_driver.source_stream import StreamHistory
+from checkweigher_driver.source_stream import SentStream
 
 _LOOK_PERIOD = 0.05  # s
 _SILENCE = 5.0  # s beyond the patience of a reading, after which no samples come
@@ -43,19 +43,10 @@ _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_un
 _Answer = tuple[bool, str, StaticReading | None]  # success, message, and the reading if any
 
 
-class _Wait:
-    """A service call that waits while a load is read, and the events that came meanwhile."""
-
-    def __init__(self, patience: float) -> None:
-        self.answer = Future()
-        self.until = time.monotonic() + patience + _SILENCE
-        self.events: queue.SimpleQueue[SampleBlock | EyeEdge] = queue.SimpleQueue()
-
-
 class CalibrationServices:
     """Services that read loads at rest, calibrate, write the file and restart the stream with it.
 
-    `history` returns the latest of the stream. `restart` begins a new stream; it returns why that
+    `sent` returns the latest stream. `restart` begins a new stream; it returns why that
     could not be done, else an empty string.
     """
 
@@ -64,19 +55,22 @@ class CalibrationServices:
         node: StageNode[Any],
         parameters: CalibrationParameters,
         source: str,
-        history: Callable[[], StreamHistory],
+        sent: Callable[[], SentStream],
         restart: Callable[[], str],
     ) -> None:
         self._node = node
         self._parameters = parameters
         self._source = source
-        self._history = history
+        self._sent = sent
         self._restart = restart
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        self._wait: _Wait | None = None  # while a load is read
+        # Of a call that waits while a load is read: answer, deadline and events to process.
+        self._waiting: Future | None = None
+        self._until = 0.0  # s
+        self._events: queue.SimpleQueue[SampleBlock | EyeEdge] = queue.SimpleQueue()
         self._timer = node.create_timer(_LOOK_PERIOD, self._look)
         self._timer.cancel()
-        # A group of its own: samples go on while an answer waits for them.
+        # A separate group, so that samples go on while an answer waits for them.
         group = ReentrantCallbackGroup()
         node.create_service(Trigger, ports.CALIBRATE_ZERO, self._on_zero, callback_group=group)
         node.create_service(
@@ -105,18 +99,18 @@ class CalibrationServices:
             raise ParameterError(f'calibration.file: {error}') from None
 
     def begin(self, load_cell: LoadCell) -> None:
-        """Note that a stream of a load cell begins."""
+        """Begin a session with a new stream of a load cell."""
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """Note that the stream has ended; its points are forgotten."""
+        """End the session with the stream; its points are lost."""
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Take an event that was published; from any thread."""
-        if wait := self._wait:
-            wait.events.put(event)
+        """Process an event that was published. Any thread may call it."""
+        if self._waiting is not None:
+            self._events.put(event)
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return session and file of a driver that can be calibrated."""
@@ -152,48 +146,49 @@ class CalibrationServices:
         """Read a load."""
         try:
             session, _ = self._checked()
-            session.begin(mass, uncertainty, self._history().edges)
+            session.begin(mass, uncertainty, self._sent().latest_edges)
         except ValueError as error:
             self._node.warn(f'calibration: {error}')
             return False, str(error), None
-        wait = self._wait = _Wait(self._parameters.patience)
+        self._until = time.monotonic() + self._parameters.patience + _SILENCE
+        self._events = queue.SimpleQueue()
+        self._waiting = Future()
         self._timer.reset()
-        answer: _Answer = await wait.answer
+        answer: _Answer = await self._waiting
         return answer
 
     def _look(self) -> None:
-        """Take the events that have come of the load that is being read."""
-        session, wait = self._session, self._wait
-        if session is None or wait is None:
+        """Process the events that have come while a load is read."""
+        session = self._session
+        if session is None or self._waiting is None:
             return
         try:
-            while not wait.events.empty():
-                found = session.add(wait.events.get(), time.monotonic())
+            while not self._events.empty():
+                found = session.add(self._events.get(), time.monotonic())
                 if found is not None:
-                    text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-                    text += f'; {len(session.points)} read by now'
-                    self._answer((True, text, found))
+                    reading = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+                    self._answer((True, f'{reading}; {len(session.points)} read by now', found))
                     return
-            if time.monotonic() > wait.until:
+            if time.monotonic() > self._until:
                 raise CalibrationError('no samples come; check cable and power of the load cell')
         except CalibrationError as error:
             session.cancel()
             self._refuse(str(error))
 
     def _refuse(self, text: str) -> None:
-        """Answer that the load was not read, if a call waits for that."""
-        if self._wait is not None:
+        """Answer a call that waits for a load that was not read."""
+        if self._waiting is not None:
             self._node.warn(f'calibration: {text}')
             self._answer((False, text, None))
 
     def _answer(self, answer: _Answer) -> None:
         self._timer.cancel()
-        wait, self._wait = self._wait, None
-        if wait is not None:
-            wait.answer.set_result(answer)
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            waiting.set_result(answer)
 
     def _on_cancel(self, request: Any, response: Any) -> Any:
-        """Forget all points."""
+        """Remove all points."""
         session = self._session
         self._refuse('cancelled')
         if session is not None:
@@ -209,10 +204,8 @@ class CalibrationServices:
             setattr(response, name, math.nan)
         try:
             session, path = self._checked()
-            history = self._history()
-            found = session.finish(
-                float(request.max_residual), history.edges, history.stamp, time.monotonic()
-            )
+            sent, now = self._sent(), time.monotonic()
+            found = session.finish(float(request.max_residual), sent.latest_edges, sent.stamp, now)
             version = await self._write(session, path, found)
         except ValueError as error:
             response.message = str(error)

@@ -32,9 +32,10 @@ class CalibrationParameters(Parameters):
     node: ClassVar[str] = 'calibration'
 
     file: str = parameter(
-        '', 'calibration of this machine: its values override the parameters of the source, and '
+        '',
+        'calibration of this machine: its values override the parameters of the source, and '
         'the services write it; empty for none',
-    )  # fmt: skip
+    )
     duration: float = parameter(
         5.0, 'time for which each mass is read', unit='s', minimum=0.5, maximum=600
     )
@@ -42,9 +43,12 @@ class CalibrationParameters(Parameters):
         1e-4, 'largest change of a load at rest', unit='kg', minimum=1e-9, maximum=1e6
     )
     patience: float = parameter(
-        30.0, 'time after which a load that does not come to rest is given up', unit='s',
-        minimum=1, maximum=3600,
-    )  # fmt: skip
+        30.0,
+        'time after which a load that does not come to rest is given up',
+        unit='s',
+        minimum=1,
+        maximum=3600,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -72,10 +76,10 @@ class _LoadReading:
     mass: float  # kg
     uncertainty: float  # kg
     rest: RestReading
-    next_index: int | None = None  # of the sample that has to come next
+    next_index: int | None = None  # index of the next sample if none is lost
 
     def take(self, event: SampleBlock | EyeEdge) -> StaticReading | None:
-        """Take an event of the stream; return the reading once it is complete."""
+        """Process an event of the stream; return the reading if it is complete."""
         if isinstance(event, EyeEdge):
             raise CalibrationError(
                 f'the {Eye(event.eye).name.lower()} eye has switched while the load was read; '
@@ -118,30 +122,26 @@ class CalibrationSession:
         self.reading = _LoadReading(mass, uncertainty, rest)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
-        """Take an event of the stream, and return the reading of the point that it completes.
+        """Process an event of the stream, and return the reading of the point that it completes.
 
         `now` is in s, on a clock that never steps back. Raises CalibrationError if the load cannot
         be read; there is no point then.
         """
-        load = self.reading
+        load, self.reading = self.reading, None
         if load is None:
             return None
-        try:
-            found = load.take(event)
-        except CalibrationError:
-            self.reading = None
-            raise
-        if found is not None:
-            self.reading = None
-            if not self.points:
-                self._began = now
-            self.points.append(
-                CalibrationPoint(load.mass, found.mean, found.std_error, load.uncertainty)
-            )
+        found = load.take(event)  # an error ends the reading
+        if found is None:
+            self.reading = load
+            return None
+        if not self.points:
+            self._began = now
+        point = CalibrationPoint(load.mass, found.mean, found.std_error, load.uncertainty)
+        self.points.append(point)
         return found
 
     def cancel(self) -> None:
-        """Give up the reading."""
+        """Cancel the reading."""
         self.reading = None
 
     def finish(
@@ -149,8 +149,8 @@ class CalibrationSession:
     ) -> StaticCalibration:
         """Return the calibration of the points; they are kept.
 
-        A mass may be off the line by `max_residual`, kg; 0 for any. `edges` are the latest of the
-        line, `stamp` is how far its stream has come, ns, and `now` in s on the clock of `add`.
+        `max_residual` is the largest residual of a mass in kg, 0 for any. `edges` are the latest of
+        the line, `stamp` is that of its last block, ns, and `now` is in s on the clock of `add`.
         Raises CalibrationError if the points make no calibration, or a product may be on the belt.
         """
         if self.reading is not None:

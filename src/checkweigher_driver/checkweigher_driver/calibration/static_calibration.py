@@ -6,9 +6,8 @@
 
 is fitted by weighted least squares. The variance of a point is that of its reading and that of its
 mass, carried over by the sensitivity (effective variance: Orear, Am. J. Phys. 50, 912 (1982)).
-Where the points scatter more than these two explain, the uncertainties are enlarged by the square
-root of chi-squared over its degrees of freedom (Birge ratio): a cell that is not straight is not
-known better than it is straight.
+Where the points scatter more than these two explain, the uncertainties are multiplied by the square
+root of chi-squared over its degrees of freedom (Birge ratio), because the cell is not linear.
 """
 
 from collections.abc import Sequence
@@ -23,9 +22,9 @@ from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
 _ITERATIONS = 10  # the variances depend on the sensitivity only weakly
-_LOOK_PERIOD = 0.5  # s of signal, after which a load is judged again
-_LEAST_SPAN = 100.0  # of the sensitivity over its uncertainty
-# counts; a reading that does not move at all still stands for a step of the converter.
+_LOOK_PERIOD = 0.5  # s of signal between two checks of a load
+_LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
+# Standard uncertainty of a constant reading, by the step of the converter, in counts.
 _QUANTISATION = 1 / math.sqrt(12)
 
 
@@ -43,7 +42,7 @@ class StaticReading:
     noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
-        """Tell whether the halves agree to within `tolerance` counts, and the mean is known to."""
+        """Return whether drift and standard error are within `tolerance`, in counts."""
         return abs(self.drift) <= tolerance and self.std_error <= tolerance
 
 
@@ -70,18 +69,18 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """Limits within which a load counts as being at rest."""
+    """Limits of a load at rest."""
 
-    duration: float = 5.0  # s, for which the load is read
-    tolerance: float = 1e-4  # kg, by which the two halves of the reading may differ
-    patience: float = 60.0  # s, after which the reading is given up
+    duration: float = 5.0  # duration of the reading, s
+    tolerance: float = 1e-4  # largest difference of the two halves of the reading, kg
+    patience: float = 60.0  # time after which the reading is cancelled, s
 
 
 class RestReading:
-    """Reading of a load, taken as soon as it has been at rest for long enough.
+    """Reading of a load that has been at rest for long enough.
 
-    The present sensitivity of `load_cell` turns the tolerance of `steadiness` into counts. `latest`
-    is the reading of the latest samples, at rest or not, None before the first.
+    The present sensitivity of `load_cell` converts the tolerance of `steadiness` to counts.
+    `latest` is the reading of the latest samples, at rest or not, None before the first.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -93,11 +92,11 @@ class RestReading:
         self.latest: StaticReading | None = None
 
     def add(self, counts: NDArray[np.int32], *, whole: bool = True) -> StaticReading | None:
-        """Take samples, (n,), and return the reading if the load has been at rest long enough.
+        """Add samples, (n,), and return the reading if the load has been at rest long enough.
 
-        `whole` tells whether they follow on the samples before: the reading begins again after a
-        loss, which may hide a movement. Raises CalibrationError if the converter is at its limit,
-        or the load has not come to rest in time.
+        `whole` is false after a loss of samples, which may hide a movement: the reading begins
+        again. Raises CalibrationError if the converter is at its limit, or the load has not come to
+        rest in time.
         """
         rate, wanted = self._load_cell.sample_rate, self._steadiness
         self._gaps += not whole
@@ -122,7 +121,7 @@ class RestReading:
 
     @property
     def duration(self) -> float:
-        """Time for which the load has been read, s, at most that of `Steadiness`."""
+        """Duration of the samples in the reading, s, at most that of `Steadiness`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
     def _why_not(self) -> str:
@@ -160,24 +159,13 @@ class StaticCalibration:
     counts_per_kg: float
     zero_uncertainty: float
     counts_per_kg_uncertainty: float
-    correlation: float  # of zero and sensitivity
-    # kg, of each point: the mass that the calibration gives its reading, less its true mass.
+    # Mass by the calibration less true mass of each point, kg.
     residuals: tuple[float, ...]
-    # Scatter of the points over the scatter that their uncertainties explain; NaN where there are
-    # no more points than unknowns.
-    birge_ratio: float
 
     @property
     def largest_residual(self) -> float:
         """Largest residual, kg, without its sign."""
         return max(map(abs, self.residuals))
-
-    def mass_uncertainty(self, mass: float) -> float:
-        """Return the standard uncertainty that the calibration gives a mass, kg."""
-        zero, slope = self.zero_uncertainty, mass * self.counts_per_kg_uncertainty
-        # A sum of squares: where the two cancel, zero^2 + 2 c zero slope + slope^2 may be negative.
-        apart = slope * math.sqrt(max(1 - self.correlation**2, 0.0))
-        return math.hypot(zero + self.correlation * slope, apart) / abs(self.counts_per_kg)
 
 
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
@@ -200,10 +188,9 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = len(points) - 2
-    birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom) if freedom else math.nan
-    deviations = np.sqrt(np.diag(covariance))
-    slope_uncertainty, zero_uncertainty = deviations * (birge if birge > 1 else 1.0)
+    freedom = max(len(points) - 2, 1)  # two points have no misfits
+    birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
+    slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:
         raise CalibrationError(
             'the readings hardly differ between the masses; check that they rest on the belt, and '
@@ -214,23 +201,19 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         counts_per_kg=float(slope),
         zero_uncertainty=float(zero_uncertainty),
         counts_per_kg_uncertainty=float(slope_uncertainty),
-        correlation=float(covariance[0, 1] / np.prod(deviations)),
         residuals=tuple((misfits / slope).tolist()),
-        birge_ratio=birge,
     )
 
 
 def zero_only(empty: CalibrationPoint, counts_per_kg: float) -> StaticCalibration:
-    """Return a calibration with a new reading of the empty belt and a sensitivity that stays.
+    """Return a calibration with a new reading of the empty belt and the old sensitivity.
 
-    The uncertainty of that sensitivity is not known: NaN.
+    The uncertainty of the sensitivity is not known and is NaN.
     """
     return StaticCalibration(
         zero_counts=empty.reading,
         counts_per_kg=counts_per_kg,
         zero_uncertainty=max(empty.reading_uncertainty, _QUANTISATION),
         counts_per_kg_uncertainty=math.nan,
-        correlation=0.0,
         residuals=(0.0,),
-        birge_ratio=math.nan,
     )

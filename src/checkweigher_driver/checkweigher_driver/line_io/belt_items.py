@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Items between the infeed eye and the rejector, with what is known of them."""
+"""Items between the infeed eye and the rejector."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ import time
 from checkweigher_core.records import NANOSECONDS, Decision, Eye, EyeEdge, Item, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-_MAX_ITEMS = 200  # more are on no belt
+_MAX_ITEMS = 200  # no belt carries more
 _MAX_NAMES = 10
 
 
 @dataclass(slots=True)
 class BeltItem:
-    """One item: its stamps at the infeed eye, its verdict if it has one, and where it is gone.
+    """One item with its stamps at the infeed eye.
 
-    `number` is 0 before it is announced or judged. `end` is the time of the belt at which it has
-    passed the rejector, ns, None before its verdict.
+    `number` is 0 before it is announced or judged. `end` is the time of the belt when it has
+    passed the rejector, ns, None before its verdict. `told` is true if the line was stopped for it.
     """
 
     entered: int | None
@@ -26,25 +26,23 @@ class BeltItem:
     number: int = 0
     decision: Decision | None = None
     end: int | None = None
-    told: bool = False  # that the line has to be stopped for it
+    told: bool = False
 
     @property
     def passage(self) -> int | None:
-        """Time for which it blocked the infeed eye, ns; None if that is not known."""
+        """Time for which the item blocked the infeed eye, ns; None if it is not known."""
         if self.entered is None or self.cleared is None:
             return None
         return self.cleared - self.entered
 
     def __str__(self) -> str:
         name = f'item {self.number}' if self.number else 'a product'
-        known = f'{name} without a verdict'
-        if self.decision is not None:
-            known = f'{name} {self.decision.name}'
+        judged = 'without a verdict' if self.decision is None else self.decision.name
         if self.entered is None:
-            return known
+            return f'{name} {judged}'
         second, rest = divmod(self.entered, NANOSECONDS)
         clock = time.strftime('%H:%M:%S', time.localtime(second))
-        return f'{known} (entered {clock}.{10 * rest // NANOSECONDS})'
+        return f'{name} {judged} (entered {clock}.{10 * rest // NANOSECONDS})'
 
 
 class BeltItems:
@@ -60,22 +58,18 @@ class BeltItems:
         return bool(self._items)
 
     def edge(self, edge: EyeEdge) -> None:
-        """Take an edge of the photo-eyes."""
+        """Process an edge of the photo-eyes."""
         if edge.eye != Eye.INFEED:
             return
-        last = self._items[-1] if self._items else None
+        last = self._items[-1] if self._items else BeltItem(None)
         if not edge.blocked:
-            if last is not None:
-                last.cleared = edge.stamp
-            return
-        cleared = None if last is None else last.cleared
-        if cleared is not None and 0 <= edge.stamp - cleared < FLICKER:
-            return  # the same product
-        self._items.append(BeltItem(edge.stamp))
-        del self._items[:-_MAX_ITEMS]
+            last.cleared = edge.stamp
+        elif last.cleared is None or not 0 <= edge.stamp - last.cleared < FLICKER:
+            self._items.append(BeltItem(edge.stamp))
+            del self._items[:-_MAX_ITEMS]
 
     def announce(self, item: Item) -> None:
-        """Add number and t2 of an announced item that the infeed eye showed, before its verdict."""
+        """Set number and t2 of an item that the infeed eye has seen and that has no verdict yet."""
         found = self._find(item.t1)
         if found is not None and found.decision is None:
             found.number, found.cleared = item.item_id, item.t2 or found.cleared
@@ -84,10 +78,10 @@ class BeltItems:
         return next((each for each in self._items if each.entered == t1 is not None), None)
 
     def judge(self, verdict: Verdict, end: int | None) -> BeltItem:
-        """Take a verdict, and `end`; return the item. One whose place is not known is forgotten."""
+        """Set verdict and `end` of an item and return it; it is removed if its place is unknown."""
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # first, so that its leaving drops no other item
+            item = BeltItem(verdict.t1)  # in front, so that its leaving removes no other item
             self._items.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:
@@ -95,22 +89,21 @@ class BeltItems:
         return item
 
     def leave(self, here: int) -> None:
-        """Forget what has passed the rejector, with all that is in front of it."""
-        ends = [each.end is not None and each.end <= here for each in self._items]
-        if any(ends):
-            gone = len(ends) - ends[::-1].index(True)
-            self._items = [
-                each
-                for place, each in enumerate(self._items)
-                if place >= gone or (each.end is not None and each.end > here)
-            ]
+        """Remove the items that have passed the rejector, and all in front of them."""
+        passed = [each.end is not None and each.end <= here for each in self._items]
+        gone = max((place for place, is_gone in enumerate(passed, 1) if is_gone), default=0)
+        self._items = [
+            each
+            for place, each in enumerate(self._items)
+            if place >= gone or (each.end is not None and not passed[place])
+        ]
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all items."""
         self._items.clear()
 
     def names(self) -> tuple[str, ...]:
-        """Return what a person has to look for."""
+        """Return the names of the items for a person who looks for them."""
         names = tuple(str(each) for each in self._items[:_MAX_NAMES])
         more = len(self._items) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names

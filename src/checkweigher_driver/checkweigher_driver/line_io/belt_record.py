@@ -1,32 +1,32 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Memory of what is on the belt, in a file that outlives a driver which is killed.
+"""State of the belt in a file that outlives a driver which is killed.
 
-That the belt may run is on the disk before it does, so that any end but an orderly one is seen at
-the next start, after a power cut as well. The names of the items follow in a thread of their own,
-and need no power cut to be survived: nobody waits for a disk.
+The file says that the belt may run before it does, on the disk. So the next start notices any end
+that was not orderly, also a power cut. The names of the items are written by a thread of their own
+and need not outlive a power cut, so that the outputs never wait for a disk.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 import fcntl
 import json
 import os
 from pathlib import Path
-import threading
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file
 
-_SIZE = 16_384  # bytes, which the file has from the start: a full disk is no trouble later
+_SIZE = 16_384  # bytes, allocated at the start, so that a full disk does no harm later
 _NAME = 'rejector.record'
 
 
 @dataclass(frozen=True)
 class OnBelt:
-    """What a start has to know of the run before it.
+    """State of the belt at the end of a run.
 
-    `released` tells whether the belt may have run since it was known to be empty, `items` names
-    what was on it, `doubts` has what a person had not looked for yet.
+    `released` is true if the belt may have run since it was known to be empty, `items` are the
+    names of the items on it, `doubts` the texts of missed products that no person has looked for.
     """
 
     released: bool = False
@@ -34,7 +34,7 @@ class OnBelt:
     doubts: tuple[str, ...] = ()
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return what is in doubt at a start, in words; empty after an orderly end."""
+        """Return texts of all that is in doubt at a start; empty after an orderly end."""
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
@@ -45,15 +45,13 @@ class OnBelt:
 
 
 class BeltRecord:
-    """The file of one machine, locked for one driver at a time."""
+    """The file of one machine, locked for one driver at a time.
+
+    `found` is the state at the end of the run before.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._changed = threading.Condition()
-        self._writing = threading.Lock()
-        self._wanted = self._written = OnBelt()
-        self._failure = ''
-        self._closing = False
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -64,8 +62,9 @@ class BeltRecord:
         except OSError as error:
             os.close(self._file)
             raise self._refusal(error) from None
-        self._thread = threading.Thread(target=self._follow, name='belt record', daemon=True)
-        self._thread.start()
+        self._kept = OnBelt()
+        self._writer = ThreadPoolExecutor(1, 'belt record')
+        self._writing = self._writer.submit(lambda: None)  # the last write
 
     def _refusal(self, error: OSError) -> ParameterError:
         why = error.strerror or str(error)
@@ -87,46 +86,31 @@ class BeltRecord:
         return _parse(data) if data else OnBelt()
 
     def keep(self, belt: OnBelt) -> None:
-        """Keep what is on the belt; before it may run that is on the disk, else it is soon.
+        """Write the state of the belt: to the disk before it is released, else soon.
 
-        Raises OSError where it cannot be written: then the belt must not run.
+        Raises OSError if it cannot be written; the belt must not run then.
         """
-        if belt.released and self._failure:
-            raise OSError(self._failure)
-        if belt.released and not self._wanted.released:
-            self._write(belt)
+        if belt.released and self._writing.done():
+            self._writing.result()
+        if belt == self._kept:
+            return
+        released, self._kept = self._kept.released, belt
+        self._writing = self._writer.submit(self._write, belt)
+        if belt.released and not released:
+            self._writing.result()
             os.fsync(self._file)
-        elif belt != self._wanted:
-            with self._changed:
-                self._wanted = belt
-                self._changed.notify_all()
 
-    def _write(self, belt: OnBelt | None = None) -> None:
-        """Write what is to be kept, and take it from now on if it is given."""
-        with self._writing:
-            self._wanted = belt = belt or self._wanted
-            data = json.dumps([belt.released, belt.items, belt.doubts]).encode()
+    def _write(self, belt: OnBelt) -> None:
+        data = json.dumps([belt.released, belt.items, belt.doubts]).encode()
+        try:
             os.pwrite(self._file, data[: _SIZE - 1] + b'\n', 0)
-            self._written = belt
-
-    def _follow(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closing or self._wanted != self._written)
-                if self._closing:
-                    return
-            try:
-                self._write()
-            except OSError as error:
-                self._failure = f'{_NAME}: {str(self._path)!r}: {error.strerror or error}'
-                return
+        except OSError as error:
+            why = error.strerror or error
+            raise OSError(f'{_NAME}: {str(self._path)!r}: {why}') from None
 
     def close(self, belt: OnBelt) -> None:
-        """Keep what is on the belt at the end, on the disk."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
-        self._thread.join()
+        """Write the state of the belt at the end to the disk."""
+        self._writer.shutdown()
         try:
             self._write(belt)
             os.fsync(self._file)
@@ -135,7 +119,7 @@ class BeltRecord:
 
 
 def _parse(data: bytes) -> OnBelt:
-    """Return what a file says; one that cannot be read says that the belt may have run."""
+    """Return the content of a file; if it is damaged, the belt may have run."""
     try:
         released, items, doubts = json.loads(data.split(b'\n', 1)[0])
         return OnBelt(bool(released), tuple(map(str, items)), tuple(map(str, doubts)))
@@ -144,7 +128,7 @@ def _parse(data: bytes) -> OnBelt:
 
 
 def record_path(wanted: str, machine: str) -> Path:
-    """Return where the record of a machine is kept, by the name of its outputs if none is given."""
+    """Return the path of the record of a machine, by the name of its outputs if none is given."""
     if wanted:
         return Path(wanted)
     try:

@@ -3,8 +3,9 @@
 """Edges of photo-eyes whose state is polled.
 
 A poll reads both eyes at one unknown moment between its begin and its end. So an edge lies between
-the begin of the last poll that saw the old state and the end of the first one that saw the new:
-its stamp is the middle, its uncertainty half of that, which is half of period and round trip.
+the begin of the last poll with the old state and the end of the first poll with the new state. Its
+stamp is the middle of this interval, and its uncertainty is half of the interval, which is half of
+period and round trip.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from checkweigher_driver.sources import EyeEvent, EyesBack, EyesLost
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """State of the eyes (infeed, outfeed), read between two times, ns on a clock without steps."""
+    """State of the eyes (infeed, outfeed), read between two times of a clock without steps, ns."""
 
     begin: int
     end: int
@@ -23,12 +24,12 @@ class Poll:
 
 
 class EdgePolling:
-    """Find the edges in polls; all times in ns.
+    """Edges found in polls; all times in ns.
 
-    An edge that is less certain than `max_uncertainty` counts as a loss of the eyes, and so does a
-    time without a poll in which a product may have passed unseen: `longest_gap`, or what the last
-    product covered an eye for, if that is shorter and more than twice `max_uncertainty`. `delay` is
-    that from an eye to the state that a poll reads.
+    An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. So does a time
+    without a poll in which a product may have passed unseen: `longest_gap`, or the time for which
+    the last product covered an eye, if that is shorter and more than twice `max_uncertainty`.
+    `delay` is the time from an eye to the state that a poll reads.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -38,12 +39,13 @@ class EdgePolling:
         self._last: Poll | None = None
         self._lost = False
         self._blocked_at: dict[Eye, int] = {}
-        self._covered: dict[Eye, int] = {}  # ns, by the last product
-        self.uncertainty = self.worst_uncertainty = 0  # of the last edge, of all that were taken
+        self._covered: dict[Eye, int] = {}  # time for which the last product covered an eye
+        self.uncertainty = self.worst_uncertainty = 0  # of the last edge, of all accepted edges
         self.losses = 0
+        self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Take a poll and return the edges or the loss that it shows.
+        """Add a poll and return the edges or the loss that it shows.
 
         `to_stamp` is stamp less time of the polls, ns.
         """
@@ -54,39 +56,44 @@ class EdgePolling:
             return [EyesBack(poll.end + to_stamp)]
         if last is None:
             return []
-        uncertainty = (poll.end - last.begin) // 2
-        edge_in_doubt = poll.blocked != last.blocked and uncertainty > self._max_uncertainty
-        if edge_in_doubt or poll.end - last.begin > self._unseen:
+        self._count(last, poll)
+        changed = [eye for eye in Eye if poll.blocked[eye] != last.blocked[eye]]
+        unseen = poll.end - last.begin
+        uncertainty = unseen // 2
+        if unseen > self._longest_unseen or (changed and uncertainty > self._max_uncertainty):
             self.losses += 1
             self._blocked_at.clear()
-            text = f'the photo-eyes were not read for {1e-6 * (poll.end - last.begin):.1f} ms'
+            text = f'the photo-eyes were not read for {1e-6 * unseen:.1f} ms'
             return [EyesLost(last.begin + to_stamp, text), EyesBack(poll.end + to_stamp)]
-        if poll.blocked == last.blocked:
-            return []
-        self.uncertainty = uncertainty
-        self.worst_uncertainty = max(self.worst_uncertainty, uncertainty)
-        stamp = last.begin + uncertainty + to_stamp
-        changed = [
-            eye for eye in (Eye.INFEED, Eye.OUTFEED) if poll.blocked[eye] != last.blocked[eye]
-        ]
+        middle = last.begin + uncertainty
         for eye in changed:
-            middle = last.begin + uncertainty
-            if poll.blocked[eye]:
-                self._blocked_at[eye] = middle
-            elif eye in self._blocked_at:
-                self._covered[eye] = middle - self._blocked_at.pop(eye)
-        return [EyeEdge(stamp, eye, poll.blocked[eye]) for eye in changed]
+            self.uncertainty = uncertainty
+            self.worst_uncertainty = max(self.worst_uncertainty, uncertainty)
+            self._cover(eye, poll.blocked[eye], middle)
+        return [EyeEdge(middle + to_stamp, eye, poll.blocked[eye]) for eye in changed]
+
+    def _count(self, last: Poll, poll: Poll) -> None:
+        """Add a poll to the figures."""
+        self._polls += 1
+        self._periods += poll.begin - last.begin
+        self._round_trips += poll.end - poll.begin
+        self._longest_round_trip = max(self._longest_round_trip, poll.end - poll.begin)
+
+    def _cover(self, eye: Eye, blocked: bool, time: int) -> None:
+        """Update the time for which the last product covered an eye."""
+        if blocked:
+            self._blocked_at[eye] = time
+        elif eye in self._blocked_at:
+            self._covered[eye] = time - self._blocked_at.pop(eye)
 
     @property
-    def _unseen(self) -> int:
-        """Time without a poll from which on a product may have passed unseen, ns."""
-        covered = max(
-            min(self._covered.values(), default=self._longest_gap), 2 * self._max_uncertainty
-        )
-        return min(self._longest_gap, covered)
+    def _longest_unseen(self) -> int:
+        """Longest time without a poll in which no product can have passed unseen, ns."""
+        covered = min(self._covered.values(), default=self._longest_gap)
+        return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Note that polls fail; return the loss once, until a poll succeeds."""
+        """Process a failed poll; return the loss once, until a poll succeeds."""
         if self._lost:
             return []
         self._lost = True
@@ -94,3 +101,21 @@ class EdgePolling:
         self._blocked_at.clear()
         since = now if self._last is None else self._last.begin
         return [EyesLost(since + to_stamp - self._delay, text)]
+
+    def figures(self) -> dict[str, float]:
+        """Return the figures for /diagnostics; times in ms.
+
+        ``edge uncertainty`` is that of a typical edge, by the mean period and round trip,
+        ``largest edge uncertainty`` that of the worst accepted edge.
+        """
+        polls = max(self._polls, 1)
+        period, round_trip = 1e-6 * self._periods / polls, 1e-6 * self._round_trips / polls
+        return {
+            'polls': self._polls,
+            'poll period ms': period,
+            'round trip ms': round_trip,
+            'longest round trip ms': 1e-6 * self._longest_round_trip,
+            'edge uncertainty ms': (period + round_trip) / 2,
+            'largest edge uncertainty ms': 1e-6 * self.worst_uncertainty,
+            'eye losses': self.losses,
+        }

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photo-eyes and rejector on GPIO lines of a Linux machine, with the time stamps of the kernel."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import timedelta
+from functools import partial
 import threading
 import time
 from typing import ClassVar
@@ -16,12 +18,12 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_driver.line_io.machine_inputs import InputParameters, InputPort, Reading
 from checkweigher_driver.line_io.outputs import OutputPort
+from checkweigher_driver.line_io.rejector_control import Levels
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 
 _CONSUMER = 'checkweigher'
-_BUFFER_SIZE = 1024  # events that the kernel keeps
+_BUFFER_SIZE = 1024  # events in the buffer of the kernel
 _WAIT = 0.2  # s, after which `close` is noticed
-_CLOSE_TIME = 1.0  # s
 _Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 _BIASES = {
     'as_is': Bias.AS_IS,
@@ -29,11 +31,12 @@ _BIASES = {
     'pull_up': Bias.PULL_UP,
     'pull_down': Bias.PULL_DOWN,
 }
+_line = partial(parameter, -1, minimum=-1)
 
 
 @dataclass(frozen=True)
 class GpioEyesParameters(Parameters):
-    """Which lines the photo-eyes are."""
+    """Lines of the photo-eyes."""
 
     node: ClassVar[str] = 'gpio'
 
@@ -44,9 +47,12 @@ class GpioEyesParameters(Parameters):
     outfeed_active_low: bool = parameter(False, 'the line is low while the eye is blocked')
     bias: str = parameter('as_is', 'bias of both lines', choices=tuple(_BIASES))
     debounce: float = parameter(
-        0.0, 'for which a line has to keep its state, done by the kernel; edges come later by it',
-        unit='s', minimum=0, maximum=1,
-    )  # fmt: skip
+        0.0,
+        'for which a line has to keep its state, done by the kernel; edges come later by it',
+        unit='s',
+        minimum=0,
+        maximum=1,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,9 +61,9 @@ class GpioEyesParameters(Parameters):
 
 
 class EdgeOrder:
-    """Make edges of the kernel's events, and notice those that were lost.
+    """Edges from the events of the kernel, in which lost events are noticed.
 
-    The kernel numbers the events of a request from 1; when its buffer is full it drops the oldest.
+    The kernel numbers the events of a request from 1 and drops the oldest if its buffer is full.
     `eyes` are by the offset of their lines.
     """
 
@@ -68,12 +74,11 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event, after the loss that it shows, if any."""
+        """Return the edge of an event, after the loss of events before it, if any."""
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
-        rising = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
-        edge = EyeEdge(event.timestamp_ns, self._eyes[event.line_offset], rising)
+        edge = EyeEdge(event.timestamp_ns, self._eyes[event.line_offset], _is_rising(event))
         if missing <= 0:
             return [edge]
         self.lost += missing
@@ -88,82 +93,66 @@ class GpioEyes(EdgeSource):
     trouble = ''
 
     def __init__(self, parameters: GpioEyesParameters) -> None:
-        lines = {
-            parameters.infeed: (Eye.INFEED, parameters.infeed_active_low),
-            parameters.outfeed: (Eye.OUTFEED, parameters.outfeed_active_low),
+        active_low = {
+            parameters.infeed: parameters.infeed_active_low,
+            parameters.outfeed: parameters.outfeed_active_low,
         }
+        debounce = timedelta(seconds=parameters.debounce)
         settings: _Settings = {
-            offset: gpiod.LineSettings(
-                direction=Direction.INPUT,
-                edge_detection=Edge.BOTH,
-                bias=_BIASES[parameters.bias],
-                active_low=active_low,
-                debounce_period=timedelta(seconds=parameters.debounce),
-                event_clock=Clock.REALTIME,  # that of all stamps
-            )
-            for offset, (_, active_low) in lines.items()
+            offset: _edges_of(parameters.bias, inverted, debounce)
+            for offset, inverted in active_low.items()
         }
         self._request = _request(parameters.chip, settings, 'gpio')
-        self._order = EdgeOrder({offset: eye for offset, (eye, _) in lines.items()})
+        self._order = EdgeOrder({parameters.infeed: Eye.INFEED, parameters.outfeed: Eye.OUTFEED})
         self._closing = threading.Event()
-        self._ended = threading.Event()
-        self._ended.set()
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
-        """Return what /diagnostics shows."""
+        """Return the figures for /diagnostics."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
         """Yield edges until `close`; `OSError` if the chip is gone, until a new start."""
-        self._ended.clear()
-        try:
+        with self._request:
             while not self._closing.is_set():
-                if not self._request.wait_edge_events(_WAIT):
-                    continue
-                for event in self._request.read_edge_events():
+                try:
+                    ready = self._request.wait_edge_events(_WAIT)
+                    events = self._request.read_edge_events() if ready else []
+                except OSError as error:
+                    self.trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
+                    raise
+                for event in events:
                     self._edges += 1
                     yield from self._order.take(event)
-        except OSError as error:
-            self.trouble = f'the photo-eyes are not read: gpio: {error.strerror or error}'
-            raise
-        finally:
-            self._request.release()
-            self._ended.set()
 
     def close(self) -> None:
-        """End `events`."""
+        """End `events` within some tenths of a second."""
         self._closing.set()
-        self._ended.wait(_WAIT + _CLOSE_TIME)
 
 
 @dataclass(frozen=True)
 class GpioOutputParameters(Parameters):
-    """Which lines rejector, stop and belt are."""
+    """Lines of rejector, stop, permit, stations, heartbeat and belt."""
 
     node: ClassVar[str] = 'gpio_outputs'
 
     chip: str = parameter('/dev/gpiochip0', 'device of the chip')
     reject: int = parameter(2, 'offset of the line of the rejector', minimum=0)
     reject_active_low: bool = parameter(False, 'the line is low while the rejector acts')
-    stop: int = parameter(-1, 'offset of the line of the stop request; -1 for none', minimum=-1)
+    stop: int = _line('offset of the line of the stop request; -1 for none')
     stop_active_low: bool = parameter(
         True, 'the line is high while the line may run, so that a dead wire stops it'
     )
-    permit: int = parameter(
-        -1, 'offset of the line that is high while an accepted product passes the rejector; -1 for '
-        'none', minimum=-1,
-    )  # fmt: skip
+    permit: int = _line(
+        'offset of the line that is high while an accepted product passes the rejector; -1 for none'
+    )
     stations: tuple[float, ...] = parameter(
-        (), 'offsets of the lines of the stations beside the rejector, in the order of '
-        'reject.stations', minimum=0,
-    )  # fmt: skip
-    heartbeat: int = parameter(
-        -1, 'offset of the line that changes with each cycle; -1 for none', minimum=-1
+        (),
+        'offsets of the lines of the stations beside the rejector, in the order of reject.stations',
+        minimum=0,
     )
-    belt: int = parameter(
-        -1, 'offset of an input that is on while the belt runs; -1 for none', minimum=-1
-    )
+    heartbeat: int = _line('offset of the line that changes with each cycle; -1 for none')
+    belt: int = _line('offset of an input that is on while the belt runs; -1 for none')
     belt_active_low: bool = parameter(False, 'that input is low while the belt runs')
 
     def __post_init__(self) -> None:
@@ -192,13 +181,12 @@ class GpioOutputs(OutputPort):
         self.name = f'gpio-{parameters.chip}-{parameters.reject}'
         self.permits = parameters.permit >= 0
         self.stations = len(parameters.stations)
-        self._request: gpiod.LineRequest | None = None
+        self._opened = ExitStack()
+        self._lines: gpiod.LineRequest
         self._beat = False
 
-    def open(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> None:
-        """Ask the kernel for the lines, and have it set them at once."""
+    def open(self, levels: Levels) -> None:
+        """Request the lines from the kernel with their levels."""
         wanted = self._parameters
         inverted: dict[int | str, bool] = {
             wanted.reject: wanted.reject_active_low,
@@ -210,59 +198,46 @@ class GpioOutputs(OutputPort):
                 active_low=inverted.get(offset, False),
                 output_value=value,
             )
-            for offset, value in self._values(reject, stop, permit, stations).items()
+            for offset, value in self._values(levels).items()
         }
         if wanted.belt >= 0:
             settings[wanted.belt] = gpiod.LineSettings(
                 direction=Direction.INPUT, active_low=wanted.belt_active_low
             )
-        self._request = _request(wanted.chip, settings, 'gpio_outputs')
+        lines = _request(wanted.chip, settings, 'gpio_outputs')
+        self._lines = self._opened.enter_context(lines)
 
-    def switch(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> None:
+    def switch(self, levels: Levels) -> None:
         """Set the lines."""
-        self._lines.set_values(self._values(reject, stop, permit, stations))
+        self._lines.set_values(self._values(levels))
 
-    def refresh(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> bool | None:
+    def refresh(self, levels: Levels) -> bool | None:
         """Set the lines and change the heartbeat, and read the belt."""
         self._beat = not self._beat
-        self.switch(reject=reject, stop=stop, permit=permit, stations=stations)
+        self.switch(levels)
         if self._parameters.belt < 0:
             return None
         return self._lines.get_value(self._parameters.belt) is Value.ACTIVE
 
-    def _values(
-        self, reject: bool, stop: bool, permit: bool, stations: Sequence[bool]
-    ) -> dict[int | str, Value]:
+    def _values(self, levels: Levels) -> dict[int | str, Value]:
         wanted = self._parameters
-        levels = (
-            (wanted.reject, reject),
-            (wanted.stop, stop),
-            (wanted.permit, permit),
+        of_lines = (
+            (wanted.reject, levels.reject),
+            (wanted.stop, levels.stop),
+            (wanted.permit, levels.permit),
             (wanted.heartbeat, self._beat),
-            *zip(wanted.station_lines, stations, strict=True),
+            *zip(wanted.station_lines, levels.stations, strict=True),
         )
-        return {offset: Value(int(level)) for offset, level in levels if offset >= 0}
-
-    @property
-    def _lines(self) -> gpiod.LineRequest:
-        if self._request is None:
-            raise OSError(f'gpio_outputs.chip: {self._parameters.chip}: the lines are not open')
-        return self._request
+        return {offset: Value(int(level)) for offset, level in of_lines if offset >= 0}
 
     def close(self) -> None:
-        """Give the lines back to the kernel."""
-        if self._request is not None:
-            self._request.release()
-            self._request = None
+        """Release the lines."""
+        self._opened.close()
 
 
 @dataclass(frozen=True)
 class GpioInputParameters(InputParameters):
-    """Which inputs the machine has."""
+    """Lines of the inputs of the machine."""
 
     node: ClassVar[str] = 'gpio_inputs'
 
@@ -283,46 +258,54 @@ class GpioInputs(InputPort):
     def __init__(self, parameters: GpioInputParameters) -> None:
         self._parameters = parameters
         self._names = {address: name for name, address in parameters.wiring().items()}
-        self._request: gpiod.LineRequest | None = None
+        self._opened = ExitStack()
+        self._lines: gpiod.LineRequest
         self._levels: dict[str, bool] = {}
 
     def open(self) -> None:
-        """Ask the kernel for the lines."""
+        """Request the lines from the kernel."""
+        wanted = self._parameters
         settings: _Settings = {
-            offset: gpiod.LineSettings(
-                direction=Direction.INPUT,
-                edge_detection=Edge.BOTH,
-                bias=_BIASES[self._parameters.bias],
-                active_low=self._parameters.is_inverted(name),
-                event_clock=Clock.REALTIME,
-            )
+            offset: _edges_of(wanted.bias, wanted.is_inverted(name))
             for offset, name in self._names.items()
         }
-        self._request = _request(self._parameters.chip, settings, 'gpio_inputs')
+        self._lines = self._opened.enter_context(_request(wanted.chip, settings, 'gpio_inputs'))
         self._levels = {}
 
     def read(self) -> list[Reading]:
-        """Return the edges that have come, and after them the lines as they are now."""
-        if self._request is None:
-            raise OSError(f'gpio_inputs.chip: {self._parameters.chip}: the lines are not open')
+        """Return the readings of the edges since the last call; without edges, the present one."""
+        if not self._levels or not self._lines.wait_edge_events(_WAIT):
+            values = self._lines.get_values(list(self._names))
+            levels = zip(self._names.values(), values, strict=True)
+            self._levels = {name: value is Value.ACTIVE for name, value in levels}
+            return [Reading(time.time_ns(), dict(self._levels))]
         found = []
-        if self._levels and self._request.wait_edge_events(_WAIT):
-            for event in self._request.read_edge_events():
-                name = self._names[event.line_offset]
-                self._levels[name] = event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
-                found.append(Reading(event.timestamp_ns, dict(self._levels)))
-        else:
-            values = self._request.get_values(list(self._names))
-            now = {n: v is Value.ACTIVE for n, v in zip(self._names.values(), values, strict=True)}
-            self._levels = now
-            found.append(Reading(time.time_ns(), dict(now)))
+        for event in self._lines.read_edge_events():
+            self._levels[self._names[event.line_offset]] = _is_rising(event)
+            found.append(Reading(event.timestamp_ns, dict(self._levels)))
         return found
 
     def close(self) -> None:
-        """Give the lines back to the kernel."""
-        if self._request is not None:
-            self._request.release()
-            self._request = None
+        """Release the lines."""
+        self._opened.close()
+
+
+def _is_rising(event: gpiod.EdgeEvent) -> bool:
+    return event.event_type is gpiod.EdgeEvent.Type.RISING_EDGE
+
+
+def _edges_of(
+    bias: str, active_low: bool, debounce: timedelta = timedelta(0)
+) -> gpiod.LineSettings:
+    """Return the settings of an input with edges, stamped on the clock of all stamps."""
+    return gpiod.LineSettings(
+        direction=Direction.INPUT,
+        edge_detection=Edge.BOTH,
+        bias=_BIASES[bias],
+        active_low=active_low,
+        debounce_period=debounce,
+        event_clock=Clock.REALTIME,
+    )
 
 
 def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
@@ -332,13 +315,10 @@ def _request(chip: str, settings: _Settings, node: str) -> gpiod.LineRequest:
             chip, config=settings, consumer=_CONSUMER, event_buffer_size=_BUFFER_SIZE
         )
     except PermissionError:
-        raise ParameterError(
-            f'{node}.chip: {chip}: no permission; add the user to the group that owns the device'
-        ) from None
+        why = 'no permission; add the user to the group that owns the device'
     except OSError as error:
-        why = error.strerror or str(error)
-        raise ParameterError(
-            f'{node}.chip: {chip}: {why}; gpiodetect and gpioinfo show chips and lines in use'
-        ) from None
+        reason = error.strerror or str(error)
+        why = f'{reason}; gpiodetect and gpioinfo show chips and lines in use'
     except ValueError as error:
-        raise ParameterError(f'{node}.chip: {chip}: {error}') from None
+        why = str(error)
+    raise ParameterError(f'{node}.chip: {chip}: {why}')

@@ -1,15 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Products that the rejector can have missed, until a person has looked for them."""
+"""Products that the rejector can have missed, kept until a person has looked for them."""
 
 from enum import Enum, auto
 
-_MAX_MISSED = 3  # that are told of
+_MAX_MISSED = 3  # products that are named
 _MORE = 'and others'
 
 
 class Latch(Enum):
-    """How far the line knows of a missed product, which keeps it stopped."""
+    """State of a missed product, which keeps the line stopped until it is cleared."""
 
     CLEAR = auto()
     UNTOLD = auto()  # missed, and the stop request does not show it yet
@@ -17,7 +17,7 @@ class Latch(Enum):
 
 
 class LatchEvent(Enum):
-    """What moves the latch."""
+    """Events that change the latch."""
 
     MISS = auto()
     SHOW = auto()  # the stop request shows all that was missed
@@ -26,9 +26,8 @@ class LatchEvent(Enum):
     RESET = auto()
 
 
-# Once the request that showed a product is taken back, a person has looked for it. A request that
-# is taken back before it showed the product says nothing of it. Pairs that are not here change
-# nothing.
+# A person has looked for a product when the request that showed it is taken back. A request that is
+# taken back before it showed the product had another reason. All other pairs change nothing.
 _TRANSITIONS = {
     (Latch.CLEAR, LatchEvent.MISS): Latch.UNTOLD,
     (Latch.UNTOLD, LatchEvent.SHOW): Latch.SHOWN,
@@ -41,7 +40,7 @@ _TRANSITIONS = {
 
 
 class MissedProducts:
-    """The state of the latch, and what to look for."""
+    """The latch, and the texts of the missed products."""
 
     def __init__(self) -> None:
         self.state = Latch.CLEAR
@@ -49,16 +48,16 @@ class MissedProducts:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """The missed products, one after the other."""
+        """The texts of the missed products."""
         return tuple(self._texts)
 
     @property
     def text(self) -> str:
-        """The missed products in one line, empty if there are none."""
+        """The texts in one line, empty if there are none."""
         return '; '.join(self._texts)
 
     def add(self, text: str) -> None:
-        """Latch that a product can have been missed; the first ones are told of."""
+        """Add the text of a product that can have been missed; only the first texts are kept."""
         if text in self._texts:
             return
         if len(self._texts) < _MAX_MISSED:

@@ -2,27 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Requests to a Modbus TCP device, each with one answer or an error in words."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 import logging
 from typing import Any
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# It logs every refused connection, which the error that is raised reports.
+# It logs every refused connection, which the raised error reports anyway.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 
 class ModbusLinkError(ValueError):
-    """A request that was not answered as it should be; one line that says which and why."""
+    """A request without a valid answer, and the reason, in one line."""
 
 
 class ModbusLink:
     """A connection to one device. Only one thread uses it.
 
-    After an error the connection is closed: a late answer must not pass for that to the next
-    question. `device_id` is the unit of the device behind a gateway; `timeout`, in s, is for
-    connecting and for each answer. All requests raise ModbusLinkError.
+    After an error the connection is closed, because a late answer could be taken for the answer to
+    the next request. `device_id` is the unit of the device behind a gateway; `timeout`, in s, is
+    for connecting and for each answer. All requests raise ModbusLinkError.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -50,6 +50,12 @@ class ModbusLink:
             raise ModbusLinkError(f'{self._name}: {what}: {len(bits)} bits came, not {count}')
         return list(bits[:count])
 
+    def read_inputs(self, kind: str, addresses: Collection[int]) -> dict[int, bool]:
+        """Return the states of discrete inputs or coils by their addresses, read in one request."""
+        first = min(addresses)
+        bits = self.read_bits(kind, first, max(addresses) - first + 1)
+        return {address: bits[address - first] for address in addresses}
+
     def write_coil(self, address: int, value: bool) -> None:
         """Set a coil."""
         what = f'coil {address} cannot be written'
@@ -68,7 +74,7 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             self.close()
             raise ModbusLinkError(
-                # Without the text of pymodbus, which has addresses in memory.
+                # Without the text of pymodbus, which contains memory addresses.
                 f'{self._name}: {what}: no answer within {self._timeout:g} s '
                 f'({type(error).__name__})'
             ) from None

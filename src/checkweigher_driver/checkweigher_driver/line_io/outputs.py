@@ -1,22 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rejector and stop output of the line, switched by a thread at the time they are due."""
+"""Rejector and stop output of the line, switched by a thread at the time when they are due."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import threading
 import time
 
 from checkweigher_core.health.findings import Concern, Finding, Level, conclude
-from checkweigher_core.records import (
-    NANOSECONDS,
-    EyeEdge,
-    Item,
-    Permission,
-    StopRequest,
-    Verdict,
-)
+from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
 from checkweigher_driver.line_io.missed_products import Latch, LatchEvent
 from checkweigher_driver.line_io.rejector_control import (
@@ -26,18 +19,18 @@ from checkweigher_driver.line_io.rejector_control import (
     Switches,
 )
 from checkweigher_driver.prompt_threads import shorten_switch_interval
+from checkweigher_driver.sources import RETRY_TIME
 
-_FIRST_BACKOFF, _LONGEST_BACKOFF = 0.1, 2.0  # s
 _CLOSE_TIME = 3.0  # s
-_REFRESH_TIME = 5_000_000  # ns without a refresh before the rejector is due
+_REFRESH_TIME = 5_000_000  # longest duration of a refresh, ns
 
 
 class OutputPort(ABC):
     """The outputs and the belt input of a machine. Only one thread uses it.
 
-    All methods but `close` raise OSError or ValueError if the port cannot be reached. `name` is
-    that of these outputs, the same at each start; `permits` tells whether the permit is wired,
-    `stations` how many stations beside the rejector are.
+    All methods except `close` raise OSError or ValueError if the port cannot be reached. `name`
+    identifies these outputs and is the same at each start; `permits` is true if the permit is
+    wired; `stations` is the number of stations beside the rejector.
     """
 
     name: str
@@ -45,21 +38,15 @@ class OutputPort(ABC):
     stations: int
 
     @abstractmethod
-    def open(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> None:
+    def open(self, levels: Levels) -> None:
         """Connect and set all outputs."""
 
     @abstractmethod
-    def switch(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> None:
+    def switch(self, levels: Levels) -> None:
         """Set all outputs, and return when they are set."""
 
     @abstractmethod
-    def refresh(
-        self, *, reject: bool, stop: bool, permit: bool = False, stations: Sequence[bool] = ()
-    ) -> bool | None:
+    def refresh(self, levels: Levels) -> bool | None:
         """Write all outputs with a sign of life; return whether the belt runs.
 
         None without a belt input.
@@ -67,20 +54,20 @@ class OutputPort(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close what is open."""
+        """Close the port."""
 
 
 class MachineOutputs:
-    """Reject at the time that a verdict names, and stop the line when it has to.
+    """Outputs that reject at the time that a verdict names, and stop the line.
 
     The outputs are safe from `open` until `activate`, and after `safe` or `close`: the rejector in
-    its safe state, the stop output set. The stop output is set without a fresh permission to run. A
-    rejected product that the rejector can have missed sets it as well,
-    until a stop request that showed the product is taken back, or `reset`; so does what a run
-    before this one has left on the belt, by the record that each keeps.
+    its safe state, the stop output set. The stop output is also set without a fresh permission to
+    run. A rejected product that the rejector can have missed sets it too, until `reset` or until a
+    stop request that showed the product is taken back; so do items that an earlier run has left on
+    the belt according to the record.
 
-    The thread of this object opens the port, again when it is lost. A `port` of None is that of a
-    machine without outputs, which then are never open, and never in trouble.
+    A thread of this object opens the port, and opens it again after a loss. With a `port` of None
+    the machine has no outputs: they are never open, and never in trouble.
     """
 
     def __init__(self, port: OutputPort | None, parameters: OutputParameters) -> None:
@@ -107,28 +94,20 @@ class MachineOutputs:
 
     @property
     def trouble(self) -> str:
-        """One line while the outputs do not do their work or a product was missed, else empty."""
-        with self._changed:
-            return self._port_trouble or self._control.missed.text
-
-    @property
-    def belt_runs(self) -> bool | None:
-        """Whether the belt runs, None where no input says so."""
-        with self._changed:
-            return self._control.belt_runs
+        """One line while the outputs do not work or a product was missed, else empty."""
+        return self._port_trouble or self._control.missed.text
 
     @property
     def ready(self) -> bool:
-        """Whether they can be switched, if there are any."""
-        with self._changed:
-            return not self._port_trouble
+        """Whether the outputs can be switched, if there are any."""
+        return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:
-        """Return what the line does not know yet or what still is wrong, in one line, else empty.
+        """Return new or lasting trouble for the stop request in one line, empty if there is none.
 
-        `source` is the trouble of load cell and photo-eyes. A product that is missed while
-        something else is wrong is told for as long as that: the stop request shows what it was
-        told last, and has to show it still when only that remains.
+        `source` is the trouble of load cell and photo-eyes. A missed product is repeated as long as
+        there is other trouble: the stop request shows only the latest text, and has to show the
+        product when that trouble is over.
         """
         with self._changed:
             missed = self._control.missed
@@ -137,28 +116,25 @@ class MachineOutputs:
             return '; '.join(filter(None, (source, self._port_trouble, missed.text)))
 
     def figures(self) -> dict[str, float]:
-        """Return what /diagnostics shows."""
-        with self._changed:
-            return {**self._control.figures.shown(), 'clock steps': self._control.clock.steps}
+        """Return the figures for /diagnostics."""
+        return {**self._control.figures, 'clock steps': self._control.clock.steps}
 
     def finding(self) -> Finding:
         """Return the aspect Outputs of the diagnostics."""
         if self._closed:
             return conclude('Outputs', 'not open' if self.exist else 'none', [])
-        with self._changed:
-            port, missed = self._port_trouble, self._control.missed.text
         found = []
-        if port:
-            hint = 'check power, cable and address of the outputs; then call reset_stop_request'
-            found.append(Concern(Level.ERROR, port, hint))
-        elif missed:
+        if trouble := self.trouble:
             hint = 'look for the product; then call reset_stop_request'
-            found.append(Concern(Level.ERROR, missed, hint))
-        belt = {None: 'unknown', True: 'yes', False: 'no'}[self.belt_runs]
+            if not self.ready:
+                hint = 'check power, cable and address of the outputs; then call reset_stop_request'
+            found.append(Concern(Level.ERROR, trouble, hint))
         values: dict[str, float | str] = {
             name.replace(' ', '_'): value for name, value in self.figures().items()
         }
-        return conclude('Outputs', 'switched as told', found, {**values, 'belt_runs': belt})
+        belt_runs = self._control.belt_runs
+        values['belt_runs'] = {None: 'unknown', True: 'yes', False: 'no'}[belt_runs]
+        return conclude('Outputs', 'switched as told', found, values)
 
     def activate(self) -> None:
         """Leave the safe state."""
@@ -166,29 +142,29 @@ class MachineOutputs:
             control.active = True
 
     def safe(self) -> None:
-        """Take the safe state, and forget all pulses."""
+        """Enter the safe state, and cancel all pulses."""
         with self._change() as control:
             control.make_safe()
 
     def take_permission(self, permission: Permission) -> None:
         """Process a permission of reject."""
         with self._change() as control:
-            control.take_permission(permission, time.monotonic_ns())
+            control.reject_word.take_permission(permission, time.monotonic_ns())
 
     def take_request(self, request: StopRequest | None) -> None:
         """Process a stop request, None if it says that the line may run."""
         with self._change() as control:
-            control.take_request(request)
+            control.reject_word.take_request(request)
 
     def reset(self) -> str:
-        """Let the line run again after a product that can have been missed; return which."""
+        """Let the line run again after missed products; return their text."""
         with self._change() as control:
             missed = control.missed.text
             control.missed.take(LatchEvent.RESET)
             return missed
 
     def edge(self, edge: EyeEdge) -> None:
-        """Take an edge that was published."""
+        """Process an edge that was published."""
         with self._changed:
             if not self._closed:
                 self._control.edge(edge, time.monotonic_ns())
@@ -200,17 +176,17 @@ class MachineOutputs:
                 self._control.announce(item)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Take a verdict; of one that accepts, only that it has come matters."""
+        """Process a verdict."""
         with self._change() as control:
             if not self._closed:
                 control.verdict(verdict, time.monotonic_ns())
 
     def open(self, held: Callable[[], bool] = lambda: False) -> None:
-        """Connect, safe until `activate`; a device that is not there is waited for.
+        """Connect, safe until `activate`; a device that is missing is waited for.
 
-        `held` is asked each cycle, in the thread of the outputs: whether the line has to stop
-        because its load cell or photo-eyes do not work. `ParameterError` if there can be no record
-        of what is on the belt.
+        `held` is called each cycle in the thread of the outputs. It returns whether the line has to
+        stop because its load cell or photo-eyes do not work. Raises `ParameterError` if the record
+        of the belt cannot be kept.
         """
         if not self._closed or self._port is None:
             return
@@ -233,7 +209,7 @@ class MachineOutputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Take the safe state and disconnect."""
+        """Enter the safe state and disconnect."""
         if self._closed or self._thread is None:
             return
         with self._change() as control:
@@ -243,23 +219,21 @@ class MachineOutputs:
 
     def _run(self, port: OutputPort, record: BeltRecord) -> None:
         """Connect, serve, and connect again after a loss, until the outputs are closed."""
-        backoff, safe = _FIRST_BACKOFF, self._control.safe_levels
+        safe = self._control.safe_levels
         while not self._closed:
             try:
-                # The device may have kept what was written before: first the safe state.
-                port.open(**safe._asdict())
-                backoff = _FIRST_BACKOFF
+                # The device may have kept older levels, so write the safe state first.
+                port.open(safe)
                 self._serve(port, record)
-                port.switch(**safe._asdict())
-            except Exception as error:  # every failure of the port must be told to the line
+                port.switch(safe)
+            except Exception as error:  # the line has to learn of every failure of the port
                 with self._changed:
                     self._control.disconnect()
                     self._written = None
                     self._port_trouble = f'the rejector is not reached: {error}'
                 port.close()
                 with self._changed:
-                    self._changed.wait_for(lambda: self._closed, timeout=backoff)
-                backoff = min(2 * backoff, _LONGEST_BACKOFF)
+                    self._changed.wait_for(lambda: self._closed, RETRY_TIME)
         port.close()
         record.close(self._control.on_belt())
 
@@ -267,7 +241,7 @@ class MachineOutputs:
         """Switch and refresh until the outputs are closed."""
         next_refresh = time.monotonic_ns()
         cycle = round(self._parameters.cycle * NANOSECONDS)
-        dues = Switches(None, None)
+        dues = Switches()
         with self._changed:
             self._control.connect(next_refresh)
             self._port_trouble = ''
@@ -276,33 +250,29 @@ class MachineOutputs:
                 if self._closed:
                     return
                 now = time.monotonic_ns()
-                self._control.clock.look()
                 were_due, wanted = dues, self._control.levels(now)
                 dues = self._control.next_switches(now)
-                due = min((each for each in dues if each is not None), default=None)
-                # A refresh must not be under way when the rejector is due.
-                soon = due is not None and due - next_refresh < _REFRESH_TIME
-                next_event = due if due is not None and soon else next_refresh
+                next_event = min(dues)
+                # No refresh may be under way when the rejector is due.
+                if next_event - next_refresh >= _REFRESH_TIME:
+                    next_event = next_refresh
                 if wanted == self._written and now < next_event:
                     self._changed.wait((next_event - now) / NANOSECONDS)
                     continue
                 on_belt = self._control.on_belt()
-            record.keep(on_belt)  # that the belt may run, before it does
+            record.keep(on_belt)  # before the belt may run
             if wanted != self._written:
-                self._switch(port, wanted, were_due, now)
+                port.switch(wanted)
+                done = time.monotonic_ns()
+                with self._changed:
+                    before, self._written = self._written, wanted
+                    if before:
+                        self._control.switched(before, wanted, were_due, now, done)
             if now >= next_refresh:
-                running, held = port.refresh(**wanted._asdict()), self._held()
+                running, held = port.refresh(wanted), self._held()
                 with self._changed:
                     self._control.held = held
                     done = time.monotonic_ns()
                     self._control.belt(running, done)
                     self._control.alive(now, done)
                 next_refresh = max(next_refresh + cycle, time.monotonic_ns())
-
-    def _switch(self, port: OutputPort, wanted: Levels, due: Switches, begun: int) -> None:
-        port.switch(**wanted._asdict())
-        done = time.monotonic_ns()
-        with self._changed:
-            before, self._written = self._written, wanted
-            if before:
-                self._control.switched(before, wanted, due, begun, done)

@@ -3,19 +3,20 @@
 """Permits to pass the rejector: one for each accepted item, on the time of the belt.
 
 A permit begins shortly before the leading edge of its item is at the rejector, and ends
-shortly after the trailing edge. No two of them touch: each begins by a rising edge of its own, so
-that a PLC can take one for one product.
+shortly after the trailing edge. Permits never touch: each begins with a rising edge of its own, so
+that a PLC can assign it to one product.
 """
 
 from bisect import insort
+import math
 
 from checkweigher_driver.line_io.reject_pulses import BeltTime
 
 
 class Permits:
-    """The permits; `margin` at both ends and the shortest `pause` between them in ns.
+    """The permits, with a `margin` at both ends and a shortest `pause` between them, in ns.
 
-    One that was not given before its item is there is not given at all: it would be the next one's.
+    A permit that has not begun when its item arrives is dropped: the next item would use it.
     """
 
     def __init__(self, belt: BeltTime, margin: int, pause: int) -> None:
@@ -26,9 +27,9 @@ class Permits:
         self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:
-        """Let an item pass that is at the rejector from `arrival` on; False if it is there already.
+        """Add the permit of an item; return False if the item is at the rejector already.
 
-        `arrival` and `passage`, ns, are of the belt.
+        `arrival` at the rejector and `passage` by it are in ns of the time of the belt.
         """
         if arrival < self._belt.at(now):
             return False
@@ -41,31 +42,29 @@ class Permits:
         return True
 
     def deny(self, arrival: int) -> None:
-        """End by `arrival` what would let a rejected item pass with the one before it."""
+        """End the permits of earlier items before a rejected item arrives."""
         last = arrival - self._pause
         self._windows = [
             (begin, min(end, last) if begin < arrival else end) for begin, end in self._windows
         ]
 
     def given(self, now: int) -> bool:
-        """Tell whether an item may pass."""
+        """Return whether an item may pass."""
         here = self._belt.at(now)
-        self._windows = [(begin, end) for begin, end in self._windows if end > here]
-        current = next((begin for begin, _ in self._windows if begin <= here), None)
-        if current is None:
-            self._given = False
-        elif not self._given:
-            self._given = here <= current + self._margin
-            if not self._given:
-                self._windows = [each for each in self._windows if each[0] != current]
+        self._windows = [
+            (begin, end)
+            for begin, end in self._windows
+            if end > here and (self._given or here <= begin + self._margin)
+        ]
+        self._given = any(begin <= here for begin, _ in self._windows)
         return self._given
 
-    def next_change(self, now: int) -> int | None:
-        """Return when `given` changes next, ns; None if nothing is to come."""
+    def next_change(self, now: int) -> float:
+        """Return the time of the next change of `given`, ns, infinite if there is none."""
         here = self._belt.at(now)
         times = [each for window in self._windows for each in window if each > here]
-        return self._belt.when(min(times)) if times else None
+        return self._belt.when(min(times)) if times else math.inf
 
     def clear(self) -> None:
-        """Let nothing pass."""
+        """Withdraw all permits."""
         self._windows = []

@@ -1,44 +1,44 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The time by which each product that leaves the weigh belt must have its verdict."""
+"""Deadline of the verdict on each product that leaves the weigh belt."""
+
+import math
 
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-# Until a first product has shown how long it takes to the rejector.
+# Before the first product with a reject time.
 _FIRST_TIMEOUT = NANOSECONDS
 
 
 class VerdictWatch:
-    """Notice that a verdict is overdue: the node that gives verdicts hangs.
+    """Check whether a verdict is overdue because the node that gives verdicts hangs.
 
     All times are in ns. Those of the edges are their stamps; `now` is on any clock that never
-    steps back. From a product at the outfeed eye to the next verdict there is `timeout` at most; 0
-    for as long as the product before took from the outfeed eye to the moment at which the rejector
-    had to be told.
+    steps back. `timeout` is the longest time from a product at the outfeed eye to the next verdict;
+    with 0 it is the time of the previous product from the outfeed eye to its reject time.
     """
 
     def __init__(self, timeout: int) -> None:
         self._timeout = timeout
         self._travel = _FIRST_TIMEOUT
-        self._infeed_blocked: int | None = None
-        self._outfeed_clear: int | None = None
-        self._length = 0  # for which the last product blocked the infeed eye
-        self._last: int | None = None  # stamp of the last product at the outfeed eye
-        self._since: int | None = None  # when the first product without a verdict was there
+        self._infeed_blocked = math.inf
+        self._outfeed_clear = -math.inf
+        self._length = 0.0  # time for which the last product blocked the infeed eye
+        self._last = -math.inf  # stamp of the last product at the outfeed eye
+        self._since: int | None = None  # when the first product without a verdict came
 
     @property
     def timeout(self) -> int:
-        """The time that is allowed now."""
+        """Longest time to a verdict at present, ns."""
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
-        """Take an edge of the photo-eyes."""
+        """Process an edge of the photo-eyes."""
         if edge.eye == Eye.INFEED and edge.blocked:
             self._infeed_blocked = edge.stamp
         elif edge.eye == Eye.INFEED:
-            if self._infeed_blocked is not None:
-                self._length = max(edge.stamp - self._infeed_blocked, 0)
+            self._length = max(edge.stamp - self._infeed_blocked, 0)
         elif not edge.blocked:
             self._outfeed_clear = edge.stamp
         elif self._is_product(edge.stamp):
@@ -47,25 +47,24 @@ class VerdictWatch:
                 self._since = now
 
     def _is_product(self, stamp: int) -> bool:
-        """Tell whether the outfeed eye sees another product, and no hole or flicker of the last."""
-        if self._last is None or stamp < self._last:
+        """Return whether the outfeed eye sees a new product, not a hole or flicker of the last."""
+        if stamp < self._last:
             return True
         within = stamp - self._last < self._length
-        clear = self._outfeed_clear
-        return not within and (clear is None or not 0 <= stamp - clear < FLICKER)
+        return not within and not 0 <= stamp - self._outfeed_clear < FLICKER
 
     def verdict(self, verdict: Verdict) -> None:
-        """Take a verdict, which shows that verdicts come."""
+        """Process a verdict, which shows that its node works."""
         self._since = None
         if verdict.t3 is not None and verdict.reject_at is not None:
             self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
 
     def clear(self) -> None:
-        """Wait for no verdict any more."""
+        """Stop waiting for a verdict."""
         self._since = None
 
     def is_overdue(self, now: int) -> bool:
-        """Tell, once for a product, whether its verdict is overdue."""
+        """Return whether a verdict is overdue, once for each product."""
         if self._since is None or now - self._since <= self.timeout:
             return False
         self._since = None

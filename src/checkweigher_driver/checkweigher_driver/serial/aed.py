@@ -3,6 +3,7 @@
 """Digital load cells of the AED family on RS-485 or RS-232: HBM/HBK AED, FIT and AD."""
 
 from dataclasses import dataclass
+from functools import partial
 import time
 from typing import ClassVar
 
@@ -20,17 +21,16 @@ _STOP_PAUSE = 0.01  # s that the device takes to stop; it does not reply
 _ATTEMPTS = 3
 _RESET_TIME = 3.0  # s that the device takes to come back; it does not reply
 _LONGEST_REPLY = 256  # bytes
+_setting = partial(parameter, _AS_IT_IS, minimum=_AS_IT_IS, maximum=99)
 
 
 @dataclass(frozen=True)
 class AedParameters(SerialParameters):
-    """The port, the device and its settings at the start."""
+    """Parameters of the port, the device and its start-up."""
 
     node: ClassVar[str] = 'aed'
 
-    address: int = parameter(
-        -1, 'address on the bus (S command); -1: the only device', minimum=-1, maximum=31
-    )
+    address: int = _setting('address on the bus (S command); -1: the only device', maximum=31)
     trailer: str = parameter(
         'auto', 'whether CR LF ends each frame; auto finds out', choices=TRAILERS
     )
@@ -38,13 +38,11 @@ class AedParameters(SerialParameters):
         True, 'XOR in each frame (CSM 1); false: the status of the device, disturbances pass'
     )
     termination: bool = parameter(True, 'termination of the bus in the device (STR)')
-    filter: int = parameter(-1, 'ASF: the filter; -1 leaves it as it is', minimum=-1, maximum=99)
+    filter: int = _setting('ASF: the filter; -1 leaves it as it is')
     filter_mode: int = parameter(
         1, 'FMD: the kind of filter; -1 leaves it as it is', minimum=-1, maximum=99
     )
-    output_rate: int = parameter(
-        -1, 'ICR: the code of the output rate; -1 leaves it as it is', minimum=-1, maximum=99
-    )
+    output_rate: int = _setting('ICR: the code of the output rate; -1 leaves it as it is')
     reset: bool = parameter(False, 'restart the device before (RES), which takes 3 s')
 
     def __post_init__(self) -> None:
@@ -70,12 +68,10 @@ class AedSource(SerialSource):
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
         wanted, device = self._aed, AedDialogue(port)
         device.stop()
-        if wanted.address >= 0:
-            device.select(wanted.address)
+        device.select(wanted.address)
         if wanted.reset:
             device.reset()
-            if wanted.address >= 0:
-                device.select(wanted.address)
+            device.select(wanted.address)
         identity = device.identify()
         device.order(f'STR {int(wanted.termination)}', 'aed.termination')
         rate = device.ask('BDR').split(',')[0].strip()
@@ -122,7 +118,7 @@ class AedDialogue:
         self._drain()
 
     def _drain(self) -> None:
-        """Read until nothing comes: adapters deliver bytes late that were sent long before."""
+        """Read until the port is quiet, because adapters deliver bytes late."""
         begin = last = time.monotonic()
         while (now := time.monotonic()) - last < _QUIET and now - begin < self._patience:
             if self._port.in_waiting:
@@ -132,10 +128,11 @@ class AedDialogue:
                 time.sleep(_QUIET / 10)
 
     def select(self, address: int) -> None:
-        """Address one device of a bus; the others are silent from then on."""
-        self.send(f'S{address:02d}')
-        self._port.flush()
-        self._drain()
+        """Address one device of a bus and silence the others; -1 for the only device."""
+        if address >= 0:
+            self.send(f'S{address:02d}')
+            self._port.flush()
+            self._drain()
 
     def reset(self) -> None:
         """Restart the device and wait until it replies again; `SerialError` if it does not."""
@@ -183,7 +180,7 @@ class AedDialogue:
             fields = [field.strip(' "') for field in reply.split(',')]
             if len(fields) >= 3 and all(field.isprintable() and field for field in fields[:3]):
                 while attempt and self._line():
-                    attempt -= 1  # a late reply would pass for that to the next query
+                    attempt -= 1  # a late reply could be taken for the reply to the next query
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
             f'{self._port.name}: replied {reply!r} to IDN?, which is no load cell of the AED '

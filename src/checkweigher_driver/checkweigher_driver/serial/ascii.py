@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load-cell amplifiers that send a line of text for each value, unasked."""
+"""Load-cell amplifiers that send a line of text for each value without a request."""
 
 from dataclasses import dataclass
 import math
@@ -14,14 +14,14 @@ from checkweigher_core.parameters import ParameterError, parameter
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.source import SerialParameters, SerialSource
 
-_LONGEST_LINE = 256  # bytes, beyond which it is none
+_LONGEST_LINE = 256  # bytes
 _ENDS = re.compile(rb'[\r\n]+')
 _INT32 = np.iinfo(np.int32)
 
 
 @dataclass(frozen=True)
 class AsciiParameters(SerialParameters):
-    """The port and the form of a line."""
+    """Parameters of the port and the format of a line."""
 
     node: ClassVar[str] = 'ascii'
 
@@ -32,9 +32,11 @@ class AsciiParameters(SerialParameters):
         0, 'digits after the point: one of the last of them is a count', minimum=0, maximum=9
     )
     line_bytes: int = parameter(
-        11, 'length of a line with its end, to see whether baud_rate is enough', minimum=2,
+        11,
+        'length of a line with its end, to see whether baud_rate is enough',
+        minimum=2,
         maximum=256,
-    )  # fmt: skip
+    )
     start_command: str = parameter('', 'command to begin; empty if the device sends unasked')
     stop_command: str = parameter('', 'command at the end')
 
@@ -72,18 +74,18 @@ def _command(text: str) -> bytes:
 
 
 class LineDecoder:
-    """Find the readings in a stream of lines; any cut of the stream gives the same.
+    """Readings from a stream of lines; any cut of the stream gives the same readings.
 
     `pattern` is the regular expression of a whole line without its end; its first group is the
-    number. There is no checksum, so only what the pattern refuses is noticed: let it fix the number
-    of digits, or a lost digit makes another number. Of the last of the `decimals` digits after the
-    point 1 is 1 count. Raises ValueError if the pattern is no regular expression or has no group.
+    number. There is no checksum, so the pattern should fix the number of digits: otherwise a line
+    that has lost a digit is another number. One count is 1 in the last of the `decimals` digits
+    after the point. Raises ValueError if the pattern is not a regular expression or has no group.
 
-    Lines end with CR, LF or both. A line that is no reading counts as one lost value, or as so many
-    as it is longer than the lines before. What comes before the first end of a line is passed over.
+    Lines end with CR, LF or both. A line that is not a reading counts as one lost value, or as
+    several if it is longer than the line before. Bytes before the first end of a line are skipped.
     """
 
-    waiting = 0  # readings that have come but are not returned yet
+    waiting = 0  # a line is returned as soon as it is complete
 
     def __init__(self, pattern: str, decimals: int = 0) -> None:
         try:
@@ -102,23 +104,21 @@ class LineDecoder:
 
     @property
     def missing(self) -> int:
-        """Bytes to come until the next line is whole, if it is as long as the one before."""
+        """Number of bytes until the next line is complete, if it is as long as the line before."""
         return max(self.frame_bytes - len(self._data), 1)
 
     def feed(self, data: bytes) -> Decoded:
-        """Take the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream and return the readings that they complete."""
         self._data += data
         *lines, rest = _ENDS.split(self._data)
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Of a line that is too long only its begin is kept, to be refused when it ends.
+        # Only the beginning of a line that is too long is kept; it is refused when it ends.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []
-        for line in lines:
-            if not line:
-                continue
+        for line in filter(None, lines):
             count = self._count(line)
             if count is None:
                 self.skipped_bytes += len(line)

@@ -15,25 +15,25 @@ class Decoded:
 
     counts: NDArray[np.int32]
     overflow: NDArray[np.bool_]  # the device reports that its converter or scale was exceeded
-    # Values that are missing between each reading and the one before it, at least 1 wherever bytes
-    # were skipped.
+    # Number of values lost between each reading and the one before it, at least 1 if bytes were
+    # skipped there.
     lost: NDArray[np.int64]
 
 
 class Decoder(Protocol):
-    """A stream of bytes in, readings out; any cut of the stream gives the same readings."""
+    """Decoder of a stream of bytes; any cut of the stream gives the same readings."""
 
-    frame_bytes: int  # size of a reading on the wire, 0 while that is not known
-    skipped_bytes: int  # part of no reading, so far
-    bad_frames: int  # readings that were refused where one was expected, so far
+    frame_bytes: int  # size of a reading on the wire, 0 while it is not known
+    skipped_bytes: int  # bytes so far that belong to no reading
+    bad_frames: int  # readings so far that were refused
 
     def feed(self, data: bytes) -> Decoded:
-        """Take the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream and return the readings that they complete."""
 
     @property
     def waiting(self) -> int:
-        """Whole readings that have come but are not returned yet."""
+        """Number of complete readings that are not returned yet."""
 
     @property
     def missing(self) -> int:
-        """Bytes to come until the next reading is whole, or an estimate of that; at least 1."""
+        """Number of bytes until the next reading is complete, at least 1; it may be an estimate."""

@@ -6,15 +6,14 @@ A frame is a 24-bit two's complement number, most significant byte first, then t
 or a status byte, then CR LF on some models. CR and LF occur inside frames as well, so newlines
 divide nothing.
 
-Without CR LF the XOR does not tell where a frame begins. Of a signal that changes slowly three of
+Without CR LF the XOR does not show where a frame begins. For a signal that changes slowly three of
 four places look right: in A B C X A B C X with X = A ^ B ^ C each byte is the XOR of the three
-before it, and the place one byte on is wrong only where A changes. But read from a wrong place a
-change d of the count becomes 256 d or more, give or take 255: of the places at which all is right
-over some frames, the true one is that with the smallest change from frame to frame. So a frame
-without CR LF is returned only when it and the four after it are good and no other place has smaller
-changes; a disturbed byte costs the frames before it as well. A wrong place passes only while the
-signal stands still for four frames. Frames with CR LF both inside and at their end are treated the
-same way.
+before it, and the place one byte on is wrong only where A changes. But at a wrong place a change d
+of the count becomes 256 d or more, give or take 255. So of the places that look right over some
+frames, the true one has the smallest changes from frame to frame. A frame without CR LF is returned
+only if it and the four after it are good and no other place has smaller changes; a disturbed byte
+costs the frames before it as well. A wrong place passes only while the signal does not change for
+four frames. Frames with CR LF both inside and at their end are treated the same way.
 """
 
 import math
@@ -27,9 +26,9 @@ from checkweigher_driver.serial.decoder import Decoded
 TRAILERS = ('auto', 'crlf', 'none')
 
 _WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame
-_RUN = 5  # good frames in a row that make a place the true one
-_CLEARLY, _TINY = 8, 64  # by how much smoother another place must be, and counts
-_AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # bytes that finding the size looks at
+_RUN = 5  # good frames in a row at the true place
+_CLEARLY, _TINY = 8, 64  # ratio and counts by which another place must be smoother
+_AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # bytes needed to find the size
 _OVERFLOW = 0b0111  # net, gross and converter overflow
 _UNUSED = 0b1100_0000  # bits of the status byte
 
@@ -50,15 +49,15 @@ class _Places:
         self.overflow: NDArray[np.bool_] = (
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
-        # Of the run of frames that begins at each byte: whether all are good, and how much they
-        # change. Other places are looked at only within this run: where it is whole,
-        # their bytes are.
+        # For the run of frames from each byte: whether all are good, and the sum of their changes.
+        # Other places are checked only within this run, because their bytes have come then.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # Two measures. To begin, all changes, also those at the true place: in doubt
-        # it is put off. To go on, only what a wrong place makes of them: 256 times as much.
+        # Two measures. A beginning is put off while another place changes as little or less. After
+        # that only a place with much smaller changes counts, because a slip makes them 256 times
+        # as large.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(
             self.counts[last] - self.counts[size * (_RUN - 2) : size * (_RUN - 2) + k]
@@ -68,7 +67,7 @@ class _Places:
             self.slipped |= run[other] & (_CLEARLY * change[other] + _TINY < change[:k])
             unsure |= run[other] & (change[other] <= all_change)
         self.begins = self.run & ~unsure
-        # Whether a frame could be misplaced and still good: where CR LF is inside it.
+        # A frame with CR LF inside can be misplaced and still look good.
         if size == _WITH_TRAILER:
             inside = (data[: n + 2] == ord('\r')) & (data[1 : n + 3] == ord('\n'))
             self.doubtful = inside[:n] | inside[1 : n + 1] | inside[2 : n + 2]
@@ -78,7 +77,7 @@ class _Places:
     def _runs(
         self, size: int, frames: int, places: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Return whether so many frames in a row are good, and the sum of their changes."""
+        """Return whether a number of frames in a row are good, and the sum of their changes."""
         starts = range(0, size * frames, size)
         run = np.logical_and.reduce([self.good[i : i + places] for i in starts])
         change = np.zeros(places, np.int64)
@@ -90,17 +89,17 @@ class _Places:
 class FrameDecoder:
     """Readings from frames; any cut of the stream gives the same readings.
 
-    With `checksum` the fourth byte is the XOR of the three before it; else it is the status, and a
-    disturbed byte inside a frame cannot be noticed. `trailer` tells whether CR LF follows: 'crlf',
-    'none', or 'auto' for finding out. Raises ValueError without either: frames could not be told
+    With `checksum` the fourth byte is the XOR of the three before it. Otherwise it is the status,
+    and a disturbed byte inside a frame cannot be noticed. `trailer` is 'crlf' if CR LF follows,
+    'none', or 'auto' to find out. Raises ValueError without both, because frames could not be told
     apart.
 
-    Where a frame is bad, the search goes on from its second byte. Frames are found again from the
-    first place on at which five in a row are good.
+    After a bad frame the search continues from its second byte, up to the first place at which five
+    frames in a row are good.
 
-    The number of values lost is that of the bytes skipped, rounded up to whole frames: right for
-    disturbed bytes and for the loss of less than a frame, else too small. Whole frames that are
-    missing leave no trace here; only the clock of the samples shows them.
+    The number of lost values is the number of skipped bytes, rounded up to whole frames. It is
+    right for disturbed bytes and for the loss of less than a frame, and too small otherwise. The
+    loss of whole frames cannot be seen here, only by the clock of the samples.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
@@ -109,31 +108,28 @@ class FrameDecoder:
         if not checksum and trailer == 'none':
             raise ValueError('neither a checksum nor CR LF: frames could not be told apart')
         self._checksum = checksum
-        self.frame_bytes = 0
-        if trailer == 'none':
-            self.frame_bytes = _WITHOUT
-        elif trailer == 'crlf' or not checksum:
-            self.frame_bytes = _WITH_TRAILER
+        unknown = 0 if checksum else _WITH_TRAILER
+        self.frame_bytes = {'none': _WITHOUT, 'crlf': _WITH_TRAILER, 'auto': unknown}[trailer]
         self._data = np.zeros(0, np.uint8)
         self._synchronised = False
         self._since_frame = 0  # bytes skipped since the last frame
-        self._begun = False  # whether there was one
+        self._begun = False  # whether there was a frame
         self.skipped_bytes = 0
         self.bad_frames = 0
 
     @property
     def waiting(self) -> int:
-        """Whole frames that have come but wait for what follows them."""
+        """Number of whole frames that wait for the frames after them."""
         return len(self._data) // (self.frame_bytes or _WITH_TRAILER)
 
     @property
     def missing(self) -> int:
-        """Bytes to come until the next frame is whole."""
+        """Number of bytes until the next frame is complete."""
         size = self.frame_bytes or _WITH_TRAILER
         return size - len(self._data) % size
 
     def feed(self, data: bytes) -> Decoded:
-        """Take the next bytes of the stream and return the readings that they complete."""
+        """Process the next bytes of the stream and return the readings that they complete."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
         position = 0 if self.frame_bytes else self._find_size()
         found: list[tuple[int, int]] = []  # first byte and number of the frames
@@ -149,8 +145,8 @@ class FrameDecoder:
                 self._synchronised = True
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
-                    # Where bytes are lost within this run, it may begin at a wrong place and
-                    # still be good: the place is the true one only from then on.
+                    # If bytes are lost within this run, it may look good at a wrong place. The
+                    # place is the true one only after it.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)
@@ -169,7 +165,7 @@ class FrameDecoder:
         return self._decoded(places, found, lost)
 
     def _find_size(self) -> int:
-        """Try both sizes; return the bytes that are then passed over."""
+        """Set the frame size if it is clear, and return the number of bytes that are skipped."""
         with_trailer, without = (
             _Places(self._data, size, True) for size in (_WITH_TRAILER, _WITHOUT)
         )
@@ -189,7 +185,7 @@ class FrameDecoder:
 
     @staticmethod
     def _first(mask: NDArray[np.bool_], begin: int) -> int:
-        """Return the first position from `begin` on that is set, or the end."""
+        """Return the first true position from `begin` on, or the end."""
         rest = mask[begin:]
         return begin + int(rest.argmax()) if rest.any() else max(len(mask), begin)
 
@@ -198,7 +194,7 @@ class FrameDecoder:
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return how many good frames follow, and whether a bad one ends them."""
+        """Return the number of good frames that follow, and whether a bad frame ends them."""
         k = len(places.run)
         good = places.good.copy()
         good[:k] &= ~places.doubtful[:k] | (places.run & ~places.slipped)
@@ -214,10 +210,10 @@ class FrameDecoder:
 
     def _decoded(self, places: _Places, found: list[tuple[int, int]], lost: list[int]) -> Decoded:
         size = self.frame_bytes or _WITHOUT
-        at = np.concatenate(
-            [np.zeros(0, np.intp), *(first + size * np.arange(n) for first, n in found)]
-        ).astype(np.intp)
-        missing = np.zeros(len(at), np.int64)
-        if found:
-            missing[np.cumsum([0] + [n for _, n in found[:-1]])] = lost
-        return Decoded(places.counts[at], places.overflow[at], missing)
+        at = [first + size * np.arange(number) for first, number in found]
+        missing = [
+            np.r_[before, np.zeros(len(run) - 1)] for run, before in zip(at, lost, strict=True)
+        ]
+        rows = np.concatenate([np.zeros(0), *at]).astype(np.intp)
+        counts, overflow = places.counts[rows], places.overflow[rows]
+        return Decoded(counts, overflow, np.concatenate([np.zeros(0), *missing]).astype(np.int64))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Opening a serial port, and saying in words why that cannot be done."""
+"""Opening of a serial port, with the reason of a failure in words."""
 
 import errno
 import grp
@@ -10,14 +10,24 @@ import serial
 
 _READ_TIMEOUT = 0.1  # s, after which a read returns what has come
 _WRITE_TIMEOUT = 1.0  # s
+_NO_PORT = 'there is no such port; is the device plugged in?'
+_IN_USE = 'another program has the port open'
+_REASONS: dict[int | None, str] = {
+    errno.ENOENT: _NO_PORT,
+    errno.ENXIO: _NO_PORT,
+    errno.ENODEV: _NO_PORT,
+    errno.EAGAIN: _IN_USE,
+    errno.EBUSY: _IN_USE,
+    errno.ENOTTY: 'is no serial port',
+}
 
 
 class SerialError(ValueError):
-    """What a port or the device on it does not do; the message is one line for a technician."""
+    """Error of a port or of the device on it; the message is one line for a technician."""
 
 
 def open_port(name: str, baud_rate: int) -> serial.Serial:
-    """Open a serial port for this process alone; `SerialError` says why that is not possible."""
+    """Open a serial port for this process alone; `SerialError` names the reason of a failure."""
     try:
         return serial.Serial(
             name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
@@ -27,19 +37,13 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 
 def reason_of(name: str, error: Exception) -> str:
-    """Return what an error of a port means to a technician."""
-    # pyserial hands some on as what it was raised from.
+    """Return the reason of an error of a port, for a technician."""
+    # pyserial raises some errors as another error from the first one.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]
-    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return 'there is no such port; is the device plugged in?'
     if number in (errno.EACCES, errno.EPERM):
         try:
             group = grp.getgrgid(Path(name).stat().st_gid).gr_name
         except (OSError, KeyError):
             group = 'dialout'
         return f'no permission; add the user to the group {group} and log in again'
-    if number in (errno.EAGAIN, errno.EBUSY):
-        return 'another program has the port open'
-    if number == errno.ENOTTY:
-        return 'is no serial port'
-    return ' '.join(str(error).split())
+    return _REASONS.get(number, ' '.join(str(error).split()))

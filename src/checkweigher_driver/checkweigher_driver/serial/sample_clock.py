@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The time of each sample, from its index and from the times of the reads.
 
-A read comes late by what bus, operating system and scheduler add, never early. So the true line of
-time over index lies below all points (index of the last sample of a read, time of the read), and
-the highest line that stays below them is its estimate: of the edges of their lower convex hull
-the one over the middle of the window (Zhang, Liu and Xia, INFOCOM 2002), which is the line with
-the smallest mean distance. A delay that every read has, such as the time of a frame on the wire,
-cannot be seen this way: it is `latency`.
+Bus, operating system and scheduler make a read late, never early. So the true line of time over
+index lies below all points (index of the last sample of a read, time of the read), and the highest
+line below them is its estimate: of the edges of their lower convex hull the one over the middle of
+the window (Zhang, Liu and Xia, INFOCOM 2002), which is the line with the smallest mean distance. A
+delay that every read has, such as the time of a frame on the wire, cannot be seen this way: it is
+`latency`.
 
-Two things break the line. A read that is early by more than reads ever are means that the clock of
-the host stepped back or that the index ran ahead: a new line begins at once. When for a while even
-the earliest read is late, samples were lost unnoticed or the clock of the host stepped forward: a
-new line begins with the late reads. In between the stamps are in doubt, and `settled` is false.
+Two events break the line. A read that is too early means that the clock of the host stepped back or
+that the index ran ahead: a new line begins at once. If even the earliest read is late for a while,
+samples were lost unnoticed or the clock of the host stepped forward: a new line begins with the
+late reads. In between the stamps are in doubt, and `settled` is false.
 """
 
 from collections import deque
@@ -25,26 +25,26 @@ from numpy.typing import NDArray
 
 from checkweigher_core.records import NANOSECONDS, SampleBlock
 
-_WINDOW = 60.0  # s of signal that the line is fitted to
-_BUCKET = 1.0  # s; only the hull of its points is kept
+_WINDOW = 60.0  # s of signal for the fit of the line
+_BUCKET = 1.0  # s of points of which only the hull is kept
 _REFIT = 0.25  # s
-_WARM_UP = 1.0  # s, and reads, before the line is trusted; as long may late reads leave it in doubt
+_WARM_UP = 1.0  # s before the line is trusted, and longest time in doubt after late reads
 _WARM_UP_READS = 20
-_MAX_DRIFT = 0.02  # of the rate that the device is said to have
-_KNOWN_DRIFT = 300e-6  # that the rate changes by, once it is known
+_MAX_DRIFT = 0.02  # relative error of the nominal rate
+_KNOWN_DRIFT = 300e-6  # relative change of the rate once it is known
 _KNOWN_AFTER = 20.0  # s
-_SHIFT = 5_000_000  # ns, by which no read is early, and not every one late
-# As the segmenter's clock_tolerance: beyond it an item on the belt becomes a fault, ClockJump.
+_SHIFT = 5_000_000  # ns; no read is earlier, and not all reads are later than this
+# As the segmenter's clock_tolerance, beyond which an item on the belt is a fault, ClockJump.
 _STEP = 20_000_000  # ns
-_SLEW = 2e-3  # of time, by which stamps approach the line
+_SLEW = 2e-3  # relative rate at which stamps approach the line
 _WARM_UP_SLEW = 0.5
 
-_Point = tuple[int, float]  # samples; ns later than the nominal rate says
+_Point = tuple[int, float]  # index; lateness against the nominal rate, ns
 
 
 @dataclass(slots=True)
 class _Line:
-    """ns later than the nominal rate says, over the index."""
+    """Lateness against the nominal rate, in ns, over the index."""
 
     index: int
     offset: float
@@ -68,14 +68,14 @@ def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
 
 
 class SampleClock:
-    """Stamp samples by a line that is fitted to the times of their reads.
+    """Stamps of samples from a line that is fitted to the times of their reads.
 
     The true rate may be off by 2 % from `sample_rate`, Hz; `latency`, s, is the time from a sample
     to the earliest moment at which a read can return it.
 
-    Causal: a stamp rests on the reads up to then. Asked in order of the index, stamps grow: they
-    follow the line at 0.2 % at most, but for a step beyond 20 ms, which they make at once. `add`
-    comes before `stamp` of what was read.
+    The clock is causal: a stamp depends on the reads so far. Stamps grow with the index, in order
+    of the calls: they follow the line by at most 0.2 %, except for a step beyond 20 ms, which they
+    make at once. `add` has to be called before `stamp`, with indices that grow.
     """
 
     def __init__(self, sample_rate: float, *, latency: float = 0.0) -> None:
@@ -83,10 +83,10 @@ class SampleClock:
         self._period = NANOSECONDS / sample_rate
         self._latency = round(latency * NANOSECONDS)
         self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
-        self._origin: tuple[int, int] | None = None  # index and time that all else is relative to
+        self._origin = 0, 0  # index and time of the first read
         self._steps = 0
         self._shifts = 0
-        self._lateness = (0.0, 0.0)  # of the last whole bucket, ns: mean and maximum
+        self._lateness = (0.0, 0.0)  # mean and maximum of the last bucket, ns
         self._out: _Line | None = None
         self._begin(())
 
@@ -107,7 +107,7 @@ class SampleClock:
 
     @property
     def settled(self) -> bool:
-        """Whether stamps may be used: the line has begun long enough ago and is not in doubt."""
+        """Whether stamps may be used: the line is old enough and not in doubt."""
         return (
             self._fit is not None
             and not self._in_doubt
@@ -116,17 +116,9 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Take a read of some samples that returned at `host_ns`, on the clock of the stamps.
-
-        An index that goes back starts the clock again.
-        """
-        if count < 1:
-            return
-        if self._origin is None or first_index - self._origin[0] <= self._end:
+        """Add a read of samples that returned at `host_ns`, on the clock of the stamps."""
+        if self._out is None:
             self._origin = first_index, host_ns
-            self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
-            self._out = None
-            self._begin(())
         index = first_index - self._origin[0]
         last = index + count - 1
         point = last, host_ns - self._origin[1] - self._period * last
@@ -150,7 +142,7 @@ class SampleClock:
         self._extend(point, late)
 
     def _extend(self, point: _Point, late: float) -> None:
-        """Take a point into the line."""
+        """Add a point to the line."""
         self._bucket_lateness.append(max(late, 0.0))
         if not self._reads:
             self._from = point[0]
@@ -163,7 +155,7 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Tell whether late reads are more than a stall, after which many come at one moment."""
+        """Return whether late reads last longer than a stall, which ends with many at one time."""
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (
@@ -206,7 +198,7 @@ class SampleClock:
         self._next_fit = hull[-1][0] + round(_REFIT * self._rate)
 
     def _follow(self, index: int) -> None:
-        """Let the stamps approach the line, from a sample on."""
+        """Move the stamps from a sample on towards the line."""
         assert self._fit is not None
         target = self._fit.at(index)
         if self._out is None or abs(target - self._out.at(index)) > _STEP:
@@ -218,18 +210,17 @@ class SampleClock:
         self._out = _Line(index, now, self._fit.slope + min(max(pull, -limit), limit))
 
     def stamp(self, index: int) -> int:
-        """Return when a sample was taken, ns; `ValueError` before the first read."""
-        if self._origin is None or self._out is None:
-            raise ValueError('no sample was read yet: there is no clock')
+        """Return the time of a sample, ns; a read must have come before."""
+        assert self._out is not None
         x = index - self._origin[0]
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
 
     def figures(self) -> dict[str, float]:
-        """Return what /diagnostics shows.
+        """Return the figures for /diagnostics.
 
-        ``clock drift ppm`` is how much slower the device's clock is than it is said to be,
-        ``clock offset ms`` how far the stamps are behind the line, ``read jitter ms`` and ``latest
-        read ms`` the mean and the maximum lateness of a read in the last second.
+        ``clock drift ppm`` is the relative slowness of the device's clock, ``clock offset ms`` the
+        distance of the stamps from the line, ``read jitter ms`` and ``latest read ms`` the mean and
+        the maximum lateness of a read in the last second.
         """
         drift = offset = 0.0
         if self._fit is not None and self._out is not None:
@@ -246,12 +237,11 @@ class SampleClock:
 
 
 class SampleStamper:
-    """Make blocks of reads, and hold them back for as long as their stamps are in doubt.
+    """Blocks from reads, held back while their stamps are in doubt.
 
-    At the start that is a second; an item that is then on the belt waits for its samples. When
-    reads come late it ends with the next one that does not. After a step of the host's clock or an
-    unnoticed loss of samples it takes a second: an item on the belt gets no mass in time, and is a
-    fault.
+    At the start that takes a second; an item on the belt then waits for its samples. After late
+    reads it ends with the next read in time. After a step of the host's clock or an unnoticed loss
+    of samples it takes a second: an item on the belt gets no mass in time, and is a fault.
     """
 
     def __init__(self, clock: SampleClock) -> None:
@@ -259,7 +249,7 @@ class SampleStamper:
         self._held: list[tuple[int, NDArray[np.int32]]] = []
 
     def add(self, first_index: int, counts: NDArray[np.int32], host_ns: int) -> list[SampleBlock]:
-        """Take a read and return the blocks that can be sent now, in order."""
+        """Add a read and return the blocks that can be sent now, in order."""
         if len(counts):
             self._clock.add(first_index, len(counts), host_ns)
             self._held.append((first_index, counts))

@@ -4,7 +4,10 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 import math
 import termios
 import threading
@@ -20,14 +23,14 @@ from checkweigher_core.records import MAX_SAMPLE_RATE, NANOSECONDS, LoadCell, Sa
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError, open_port, reason_of
 from checkweigher_driver.serial.sample_clock import SampleClock, SampleStamper
-from checkweigher_driver.sources import Source
+from checkweigher_driver.sources import RETRY_TIME, Source
 
 BITS_PER_BYTE = 10  # 8N1: a start bit, eight of data, a stop bit
-_BROKEN = (OSError, termios.error)  # raised by a port that is gone; the latter is no OSError
-_RATE_PERIOD = 5.0  # s over which the rate is measured; a stall of the machine is shorter
+_BROKEN = (OSError, termios.error)  # errors of a port that is gone
+_RATE_PERIOD = 5.0  # s over which the rate is measured, longer than a stall of the machine
 _RATE_TOLERANCE = 0.05
-_RESUMING = 0.1  # s of signal after a break, from which the index is found
-_FIRST_WAIT, _LONGEST_WAIT = 0.1, 2.0  # s between attempts to open the port again
+_RESUMING = 0.1  # s of signal after a break that determine the index
+_reading = partial(parameter, minimum=-(2**31), maximum=2**31 - 1)
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,19 @@ class SerialParameters(Parameters):
 
     port: str = parameter('', 'device file, best one of /dev/serial/by-id')
     baud_rate: int = parameter(
-        115_200, 'baud rate of the device, with 8 data bits, no parity, 1 stop bit', unit='Bd',
-        minimum=300, maximum=4_000_000,
-    )  # fmt: skip
+        115_200,
+        'baud rate of the device, with 8 data bits, no parity, 1 stop bit',
+        unit='Bd',
+        minimum=300,
+        maximum=4_000_000,
+    )
     sample_rate: float = parameter(
-        960.0, 'values a second, as the device is set', unit='Hz', minimum=1.0,
+        960.0,
+        'values a second, as the device is set',
+        unit='Hz',
+        minimum=1.0,
         maximum=MAX_SAMPLE_RATE,
-    )  # fmt: skip
+    )
     block_duration: float = parameter(
         0.01, 'signal in one block', unit='s', minimum=0.001, maximum=1.0
     )
@@ -55,24 +64,19 @@ class SerialParameters(Parameters):
     counts_per_kg: float = parameter(
         0.0, 'static sensitivity, must be given', unit='1/kg', minimum=-1e9, maximum=1e9
     )
-    zero_counts: float = parameter(
-        0.0, 'reading of the empty belt', minimum=-(2**31), maximum=2**31 - 1
-    )
-    min_counts: int = parameter(
-        -(2**23), 'reading at or below which the converter is at its limit', minimum=-(2**31),
-        maximum=2**31 - 1,
-    )  # fmt: skip
-    max_counts: int = parameter(
-        2**23 - 1, 'reading at or above which the converter is at its limit', minimum=-(2**31),
-        maximum=2**31 - 1,
-    )  # fmt: skip
+    zero_counts: float = _reading(0.0, 'reading of the empty belt')
+    min_counts: int = _reading(-(2**23), 'reading at or below which the converter is at its limit')
+    max_counts: int = _reading(2**23 - 1, 'reading at or above which the converter is at its limit')
     capacity: float = parameter(
         0.0, 'capacity of the load cell, must be given', unit='kg', minimum=0.0, maximum=1e6
     )
     weigh_length: float = parameter(
-        0.0, 'distance between infeed and outfeed eye, must be given', unit='m', minimum=0.0,
+        0.0,
+        'distance between infeed and outfeed eye, must be given',
+        unit='m',
+        minimum=0.0,
         maximum=100.0,
-    )  # fmt: skip
+    )
 
     def check_complete(self, bytes_per_value: int) -> None:
         """Raise ParameterError if a parameter is missing or the line too slow for the values."""
@@ -90,7 +94,7 @@ class SerialParameters(Parameters):
 
 
 class _RateCheck:
-    """Notice a device that is set to another rate than its parameter says."""
+    """Check of the rate of the device against its parameter; `text` is the difference, if any."""
 
     def __init__(self, parameters: SerialParameters) -> None:
         self._name, self._rate = f'{parameters.node}.sample_rate', parameters.sample_rate
@@ -99,18 +103,19 @@ class _RateCheck:
         self.text = ''
 
     def add(self, number: int) -> None:
-        """Take a number of values that have come by now."""
+        """Add a number of values that have come by now."""
         now = time.monotonic()
         if self._begin is None:
             self._begin = now
             return
         self._number += number
-        if (elapsed := now - self._begin) >= _RATE_PERIOD:
+        elapsed = now - self._begin
+        if elapsed >= _RATE_PERIOD:
             found = self._number / elapsed
-            well = abs(found / self._rate - 1) < _RATE_TOLERANCE
-            self.text = '' if well else (
-                f'the device sends {found:.0f} values a second, {self._name} is {self._rate:g}'
-            )  # fmt: skip
+            self.text = ''
+            if abs(found / self._rate - 1) >= _RATE_TOLERANCE:
+                sent = f'the device sends {found:.0f} values a second'
+                self.text = f'{sent}, {self._name} is {self._rate:g}'
             self._begin, self._number = now, 0
 
 
@@ -125,9 +130,9 @@ class _Read(NamedTuple):
 class SerialSource(Source):
     """Values that a device streams over a serial port.
 
-    Opening it includes the start-up of the device, so that a wrong set-up is reported then. Later
-    the port may go and come back: the source opens it again, starts the device again, and the
-    samples go on with the index that the time says. An item that was on the belt has lost samples.
+    Opening it includes the start-up of the device, so that a wrong set-up is reported then. If the
+    port goes and comes back later, the source opens it again, starts the device again, and
+    continues with the index that belongs to the time. An item on the belt has lost samples then.
     """
 
     paced = False
@@ -138,7 +143,6 @@ class SerialSource(Source):
         self._frame_time = bytes_per_value * BITS_PER_BYTE / parameters.baud_rate
         self._closed = threading.Event()
         self._reading = False
-        self._lock = threading.Lock()
         self._port: serial.Serial | None = None
         self._trouble = ''
         self._rate = _RateCheck(parameters)
@@ -149,13 +153,12 @@ class SerialSource(Source):
         )
         self._stamper = SampleStamper(self._clock)
         self._index = 0  # of the next sample
-        self._identity = self._open()
         try:
-            model, serial_number = self._identity
-            self.load_cell = LoadCell.of(parameters, model=model, serial_number=serial_number)
+            load_cell = LoadCell.of(parameters)
         except ValueError as error:
-            self.close()
             raise ParameterError(f'{parameters.node}: {error}') from None
+        model, serial_number = self._identity = self._open()
+        self.load_cell = replace(load_cell, model=model, serial_number=serial_number)
         self.start_stamp = time.time_ns()
 
     @abstractmethod
@@ -167,10 +170,10 @@ class SerialSource(Source):
         return '', ''
 
     def _begin(self, port: serial.Serial) -> None:
-        """Let the device stream."""
+        """Start the stream of the device."""
 
     def _end(self, port: serial.Serial) -> None:
-        """Tell the device to stop; it may not."""
+        """Ask the device to stop its stream."""
 
     # The port: open, broken, open again, closed
 
@@ -199,30 +202,24 @@ class SerialSource(Source):
         except BaseException:
             port.close()
             raise
-        with self._lock:
-            self._port = port
+        self._port = port
         return identity
 
     def _break_off(self, error: Exception) -> None:
         if self._closed.is_set():
             return
         self._figures['breaks'] += 1
-        self._trouble = str(error)
-        if isinstance(error, _BROKEN):
-            self._trouble = (
-                f'{self._settings.port}: the connection broke off; is the device plugged in?'
-            )
+        broken = f'{self._settings.port}: the connection broke off; is the device plugged in?'
+        self._trouble = broken if isinstance(error, _BROKEN) else str(error)
         self._let_go()
 
     def _open_again(self) -> None:
         """Open the port as soon as that is possible, unless the source is closed."""
-        wait = _FIRST_WAIT
-        while not self._closed.wait(wait):
+        while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
             except SerialError as error:
                 self._trouble = str(error)
-                wait = min(2 * wait, _LONGEST_WAIT)
                 continue
             if identity != self._identity:
                 raise SerialError(
@@ -232,16 +229,10 @@ class SerialSource(Source):
             return
 
     def _let_go(self) -> None:
-        with self._lock:
-            port, self._port = self._port, None
-        if port is None:
-            return
-        try:
-            self._end(port)
-        except _BROKEN:
-            pass  # it is gone
-        finally:
-            port.close()
+        port, self._port = self._port, None
+        if port is not None:
+            with closing(port), suppress(*_BROKEN):
+                self._end(port)
 
     def close(self) -> None:
         """Stop the device and close the port; the iterator ends within a tenth of a second.
@@ -256,19 +247,17 @@ class SerialSource(Source):
 
     def _stream(self) -> Iterator[Event]:
         port = self._port
-        if port is None:
-            return
+        assert port is not None
         self._rate = _RateCheck(self._settings)
         self._begin(port)
         reads = self._reads(port)
+        first = []
         if self._index:
             first = self._first_reads(port, reads)
             if self._closed.is_set():
                 return
             self._jump(self._lost_before(first))
-            for read in first:
-                yield from self._blocks(read)
-        for read in reads:
+        for read in chain(first, reads):
             yield from self._blocks(read)
 
     def _reads(self, port: serial.Serial) -> Iterator[_Read]:
@@ -304,9 +293,9 @@ class SerialSource(Source):
         return f'{self._settings.port}: {what} for {self._settings.timeout:g} s; {advice}'
 
     def _first_reads(self, port: serial.Serial, reads: Iterator[_Read]) -> list[_Read]:
-        """Return the reads after a break, up to one that has not waited to be read.
+        """Return the reads after a break, up to one that has not waited in the port.
 
-        Values that have waited say nothing about the time.
+        The time of values that have waited is unknown.
         """
         first, number = [], 0
         for read in reads:
@@ -317,23 +306,19 @@ class SerialSource(Source):
         return first
 
     def _lost_before(self, reads: list[_Read]) -> int:
-        """Return how many samples the time since the last one has room for, before some reads.
+        """Return the number of samples lost before some reads, from the time since the last one.
 
-        The read that came with the least delay decides.
+        The read with the smallest delay decides.
         """
         latency = round(NANOSECONDS * (self._settings.delay + self._frame_time))
         index, least = self._index - 1, math.inf
         for read in reads:
             index += len(read.values.counts) + int(read.values.lost.sum())
-            try:
-                usual = self._clock.stamp(index)
-            except ValueError:  # no sample has come before
-                return 1
-            least = min(least, read.at - latency - usual)
+            least = min(least, read.at - latency - self._clock.stamp(index))
         return max(1, math.floor(least * self._settings.sample_rate / NANOSECONDS))
 
     def _blocks(self, read: _Read) -> Iterator[SampleBlock]:
-        """Cut values into blocks: a new one behind each gap, so that the index jumps there."""
+        """Yield blocks of values, with a new block behind each gap, where the index jumps."""
         values, limits = read.values, self._settings
         at_limit = np.where(values.counts < 0, limits.min_counts, limits.max_counts)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)
@@ -351,7 +336,7 @@ class SerialSource(Source):
 
     @property
     def trouble(self) -> str:
-        """What is wrong at present, in one line."""
+        """Present trouble in one line."""
         return self._trouble or self._rate.text
 
     def figures(self) -> dict[str, float]:

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sources of samples and photo-eye edges: the interface that all devices keep.
+"""Sources of samples and photo-eye edges: the interface of all devices.
 
-A load cell that knows nothing of the photo-eyes is joined with an `EdgeSource`.
+A load cell without photo-eyes is joined with an `EdgeSource`.
 """
 
 from abc import ABC, abstractmethod
@@ -14,9 +14,11 @@ from checkweigher_core.parameters import Parameters
 from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
+RETRY_TIME = 0.3  # s between attempts to reach a device
+
 
 class Device(ABC):
-    """The part of the interface that sources of samples and of edges share.
+    """Common interface of the sources of samples and of edges.
 
     `parameters` of the class is its parameter set. The constructor raises ValueError if the device
     cannot be opened; the message is one line for a technician.
@@ -29,15 +31,15 @@ class Device(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close what is open; a read that blocks ends soon. May come from another thread."""
+        """Close the device, also from another thread; a read that blocks ends soon."""
 
     @property
     def trouble(self) -> str:
-        """What is wrong at present, in one line; empty if all is well. For any thread."""
+        """Present trouble in one line, empty if there is none. Any thread may ask."""
         return ''
 
     def figures(self) -> dict[str, float]:
-        """Return what a technician wants to know, counted since the opening. For any thread."""
+        """Return figures for a technician, counted since the opening. Any thread may call it."""
         return {}
 
 
@@ -45,28 +47,28 @@ class Source(Device):
     """A machine, a recording or a simulation."""
 
     # Whether the reader has to keep the pace of the stamps. A source of hardware is not paced: its
-    # iterator blocks until something happens.
+    # iterator blocks until there is an event.
     paced: ClassVar[bool]
-    # What an operator may set while it runs: of a simulated machine alone, which has no switches.
+    # Settings of an operator during a run, for a simulated machine, which has no switches.
     operation: ClassVar[type[Parameters] | None] = None
-    load_cell: LoadCell  # that takes the samples
-    start_stamp: int  # ns, of the stream's first event or of the moment when it was opened
+    load_cell: LoadCell
+    start_stamp: int  # ns, of the first event of the stream or of the opening
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
         """Yield events in canonical order until the stream ends.
 
-        An edge of a source of hardware may come a block late: it is known when it happens, but
-        the block before it only when that is full.
+        An edge of a source of hardware may come before the block of earlier samples, which is
+        yielded when it is full.
         """
 
     def operate(self, operation: Any) -> None:
-        """Take what an operator sets, values of `operation`. May come from another thread."""
+        """Apply settings of an operator, values of `operation`, also from another thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class EyesLost:
-    """The eyes are not read any more; they last were at `stamp`, ns."""
+    """Loss of the eyes, which were last read at `stamp`, ns."""
 
     stamp: int
     text: str
@@ -74,7 +76,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """The eyes are read again, from `stamp` on, ns. The state that they are found in is no edge."""
+    """Return of the eyes at `stamp`, ns. The state in which they are found is not an edge."""
 
     stamp: int
 
@@ -87,8 +89,8 @@ class EdgeSource(Device):
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, stamped on the clock of the samples, as they come; block in between."""
+        """Yield edges as they come, stamped on the clock of the samples; block in between."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges that belong to a block, where they hang on the samples themselves."""
+        """Return the edges that belong to a block, for eyes whose edges are tied to samples."""
         return []

@@ -17,7 +17,7 @@ from checkweigher_recording.bags.reading import read_bag
 
 @dataclass(frozen=True)
 class BagParameters(Parameters):
-    """Which recording is replayed."""
+    """Recording that is replayed."""
 
     node: ClassVar[str] = 'bag'
 
@@ -34,7 +34,7 @@ class BagParameters(Parameters):
 
 
 class BagSource(Source):
-    """A bag, read as a whole before the first event: a damaged one does not start the line."""
+    """Bag that is read as a whole before the first event, so that a damaged one starts no line."""
 
     parameters = BagParameters
     paced = True
@@ -54,7 +54,7 @@ class BagSource(Source):
 
 @dataclass(frozen=True)
 class ReplayedParameters(BagParameters):
-    """Which recording has the edges."""
+    """Recording with the edges."""
 
     node: ClassVar[str] = 'replayed'
 
@@ -62,10 +62,10 @@ class ReplayedParameters(BagParameters):
 
 
 class ReplayedEyes(EdgeSource):
-    """Edges of a bag whose samples a device sends: to try a port without photo-eyes.
+    """Edges of a bag whose samples a device sends, to try a port without photo-eyes.
 
-    Each edge hangs on the samples between which it was recorded, so that it falls between the same
-    ones again. The device has to begin with the first sample of the bag.
+    Each edge comes between the samples between which it was recorded. The device has to begin with
+    the first sample of the bag.
     """
 
     parameters = ReplayedParameters
@@ -78,7 +78,7 @@ class ReplayedEyes(EdgeSource):
         self._closed = threading.Event()
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield nothing until `close`: all edges hang on samples."""
+        """Yield no edges, and end after `close`; all edges come from `follow`."""
         self._closed.wait()
         yield from ()
 

@@ -17,11 +17,11 @@ _END_PATIENCE = 2.0  # s for a thread to end
 
 
 class Machine(Source):
-    """Join the samples of one device with the edges of another, in the order in which they come.
+    """Samples of one device and edges of another, in the order in which they come.
 
-    Each device is read in a thread of its own. While the eyes are not read no samples are handed
-    on: an item that is then on the belt has lost samples and becomes a fault, whether an edge was
-    missed or not. Both have to stamp on the same clock.
+    Each device is read in a thread of its own. While the eyes are not read samples are withheld, so
+    that an item on the belt becomes a fault, whether an edge was missed or not. Both devices have
+    to use the same clock.
     """
 
     parameters: ClassVar[type[Parameters]] = Parameters
@@ -32,14 +32,14 @@ class Machine(Source):
         self._eyes = eyes
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
-        self._blind = ''  # why the eyes are not read
-        self._gap = False  # at least one block is withheld, however short the time was
+        self._blind = ''  # reason for which the eyes are not read
+        self._gap = False  # at least one block is withheld, after a loss of any length
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events as they come, an edge at once; raise the error that ends a device."""
+        """Yield events as they come; raise the error that ends a device."""
         shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
@@ -89,7 +89,7 @@ class Machine(Source):
 
     @property
     def trouble(self) -> str:
-        """What is wrong with one of the devices, in one line."""
+        """Trouble of the devices, in one line."""
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:

@@ -31,7 +31,7 @@ class SimulatorSource(Source):
         return iter(self._simulation)
 
     def operate(self, operation: OperationParameters) -> None:
-        """Take what an operator sets."""
+        """Apply settings of an operator."""
         self._simulation.operation = operation
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from checkweigher_driver.line_io.gpio import (
     GpioOutputParameters,
     GpioOutputs,
 )
+from checkweigher_driver.line_io.rejector_control import Levels
 from checkweigher_driver.sources import EyesBack, EyesLost
 
 CONFIG = Path('/sys/kernel/config/gpio-sim')
@@ -53,9 +54,7 @@ def test_a_chip_that_is_not_there_is_said_to():
         GpioEyes(GpioEyesParameters(chip='/dev/gpiochip99'))
     port = GpioOutputs(GpioOutputParameters(chip='/dev/null'))
     with pytest.raises(ParameterError, match=r'gpio_outputs\.chip: /dev/null'):
-        port.open(reject=True, stop=True)
-    with pytest.raises(OSError, match='not open'):
-        port.switch(reject=True, stop=True)
+        port.open(Levels(True, True))
 
 
 @pytest.mark.parametrize(
@@ -109,9 +108,8 @@ def test_edges_of_a_simulated_chip_come_with_the_stamps_of_the_kernel(simulated_
         time.sleep(0.01)
     eyes.close()
     thread.join()
-    assert [(edge.eye, edge.blocked) for edge in found] == [
-        (Eye.INFEED, True), (Eye.OUTFEED, False), (Eye.INFEED, False), (Eye.OUTFEED, True)
-    ]  # fmt: skip
+    seen = [(edge.eye, edge.blocked) for edge in found]
+    assert seen == [(eye, on) for on in (True, False) for eye, on in ((0, on), (1, not on))]
     for edge, (before, after) in zip(found, pulled, strict=True):
         assert before <= edge.stamp <= after
 
@@ -125,13 +123,13 @@ def test_outputs_of_a_simulated_chip_are_set_and_the_belt_is_read(simulated_chip
     port = GpioOutputs(
         GpioOutputParameters(chip=device, reject=2, stop=3, belt=4, permit=5, heartbeat=6)
     )
-    port.open(reject=True, stop=True)
+    port.open(Levels(True, True))
     assert (value(2), value(3)) == (1, 0)  # the line may run while line 3 is high
-    port.switch(reject=False, stop=False)
+    port.switch(Levels(False, False))
     assert (value(2), value(3)) == (0, 1)
-    assert port.refresh(reject=False, stop=False) is False
+    assert port.refresh(Levels(False, False)) is False
     (folder / 'sim_gpio4/pull').write_text('pull-up')
     beat = value(6)
-    assert port.refresh(reject=False, stop=False, permit=True) is True
+    assert port.refresh(Levels(False, False, True)) is True
     assert (value(5), value(6)) == (1, 1 - beat)
     port.close()

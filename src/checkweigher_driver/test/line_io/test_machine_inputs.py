@@ -20,19 +20,11 @@ WELL = {'guards[0]': True, 'air[0]': True, 'bins[0]': True, 'inspections[0]': Tr
 
 
 def test_an_edge_is_one_reject_however_long_the_input_stays_on():
-    watch = InputWatch(WELL, 1.0)
-    watch.take(Reading(0, WELL))
-    on = {**WELL, 'metal': True}
-
-    assert watch.take(Reading(5, on)) == [ExternalReject(5, 'metal')]
+    watch, on = InputWatch(1.0), {**WELL, 'metal': True}
+    assert ExternalReject(5, 'metal') in watch.take(Reading(5, on))
     assert watch.take(Reading(9, on)) == []
     assert watch.take(Reading(12, WELL)) == []
     assert watch.take(Reading(15, on)) == [ExternalReject(15, 'metal')]
-
-
-def test_a_device_that_rejects_at_the_first_reading_rejects():
-    watch = InputWatch(WELL, 1.0)
-    assert ExternalReject(5, 'metal') in watch.take(Reading(5, {**WELL, 'metal': True}))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +32,7 @@ def test_a_device_that_rejects_at_the_first_reading_rejects():
     [('guards[0]', 'GuardOpen'), ('air[0]', 'AirPressure'), ('inspections[0]', 'InspectionFault')],
 )
 def test_an_input_that_goes_off_is_a_condition_until_it_is_on(name: str, reason: str):
-    watch = InputWatch(WELL, 1.0)
+    watch = InputWatch(1.0)
     assert watch.take(Reading(1, WELL)) == [MachineConditions(1, True)]
     off = watch.take(Reading(5, {**WELL, name: False}))
     assert off == [MachineConditions(5, True, (reason,), (name,))]
@@ -48,7 +40,7 @@ def test_an_input_that_goes_off_is_a_condition_until_it_is_on(name: str, reason:
 
 
 def test_a_bin_is_full_when_no_product_falls_past_any_more():
-    watch = InputWatch(WELL, 1.0)
+    watch = InputWatch(1.0)
     full = {**WELL, 'bins[0]': False}
     watch.take(Reading(0, WELL))
     for stamp, levels in ((1, full), (NANOSECONDS // 2, WELL), (NANOSECONDS, full)):
@@ -64,11 +56,10 @@ def test_inputs_of_a_plc_reject_stop_and_are_lost_with_it(plc: Any):
     switch.connect()
     for coil in (GUARD, AIR, BIN, READY):
         switch.write_coil(coil, True)
-    parameters = ModbusInputParameters(
-        host='127.0.0.1', port=plc.port, inputs='coil', timeout=1.0, metal=METAL,
-        guards=(GUARD,), air=(AIR,), bins=(BIN,), inspections=(READY,), bin_time=0.2,
-    )  # fmt: skip
-    inputs, said = MachineInputs(ModbusInputs(parameters), parameters), list[Any]()
+    conditions = {'guards': (GUARD,), 'air': (AIR,), 'bins': (BIN,), 'inspections': (READY,)}
+    device = {'host': '127.0.0.1', 'port': plc.port, 'inputs': 'coil', 'timeout': 1.0}
+    parameters = ModbusInputParameters(**device, **conditions, metal=METAL, bin_time=0.2)
+    inputs, said = MachineInputs(ModbusInputs(parameters), parameters.bin_time), list[Any]()
 
     def last() -> Any:
         return next((s for s in reversed(said) if isinstance(s, MachineConditions)), None)

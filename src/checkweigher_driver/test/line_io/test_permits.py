@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Permissions on the time of a belt, without a port."""
 
+import math
+
 from checkweigher_driver.line_io.permits import Permits
 from checkweigher_driver.line_io.reject_pulses import BeltTime
 
@@ -24,7 +26,7 @@ def test_a_permit_lasts_while_its_item_is_at_the_rejector():
     assert made.next_change(0) == 480 * MS
     assert made.next_change(490 * MS) == 720 * MS
     assert on(made) == list(range(480, 720, 10))
-    assert made.next_change(720 * MS) is None
+    assert made.next_change(720 * MS) == math.inf
 
 
 def test_an_item_that_is_at_the_rejector_already_is_not_permitted():
@@ -38,7 +40,7 @@ def test_a_permit_that_nobody_asked_for_in_time_is_not_given():
     made.permit(500 * MS, 200 * MS, 0)
     assert not made.given(530 * MS)
     assert not made.given(540 * MS)
-    assert made.next_change(540 * MS) is None
+    assert made.next_change(540 * MS) == math.inf
 
 
 def test_no_two_permits_touch():
@@ -59,7 +61,7 @@ def test_a_permit_waits_for_a_belt_that_stands_and_is_withdrawn_by_clear():
     made, belt = permits()
     made.permit(500 * MS, 100 * MS, 0)
     belt.stop(300 * MS)
-    assert made.next_change(400 * MS) is None
+    assert made.next_change(400 * MS) == math.inf
     belt.run(1000 * MS)
     assert made.next_change(1000 * MS) == 1180 * MS
     assert made.given(1200 * MS)

@@ -2,26 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pulses of the rejector, also while the belt stands."""
 
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
+import pytest
 
 from checkweigher_driver.line_io.reject_pulses import BeltTime, PulseTimes, RejectPulses
 
 
 def pulses(duration=100, min_pause=20, late_tolerance=10, belt_margin=0):
-    return RejectPulses(PulseTimes(duration, min_pause, late_tolerance, belt_margin))
+    times = PulseTimes(duration, min_pause, late_tolerance, belt_margin)
+    return RejectPulses(times, BeltTime())
+
+
+def run(schedule, now):
+    """Start the belt again, as the outputs do."""
+    schedule.resume(schedule.belt.run(now))
 
 
 def changes(schedule, now, end):
     """Return when the rejector switches from `now` to `end`, as a thread does that waits."""
     found = []
     acting = False
-    while now is not None and now <= end:
+    while now <= end:
         if schedule.acting(now) != acting:
             acting = not acting
             found.append(now)
         following = schedule.next_change(now)
-        assert following is None or following > now
+        assert following > now
         now = following
     return found
 
@@ -31,7 +40,7 @@ def test_an_item_gets_its_pulse_at_its_time():
     assert schedule.add(1000, 500, now=600) == 0
     assert schedule.next_change(600) == 1000
     assert changes(schedule, 600, 5000) == [1000, 1100]
-    assert schedule.next_change(1100) is None
+    assert schedule.next_change(1100) == math.inf
 
 
 def test_pulses_that_overlap_or_nearly_touch_are_one():
@@ -52,55 +61,48 @@ def test_a_late_item_is_rejected_at_once_and_said_to_be_late():
 
 def test_an_item_whose_place_is_not_known_is_rejected_at_once():
     schedule = pulses()
-    assert schedule.add(None, None, now=700) is None
+    schedule.act(700)
     assert changes(schedule, 700, 5000) == [700, 800]
 
 
-def test_while_the_belt_stands_nothing_switches_and_what_was_due_comes_later():
+def test_while_the_belt_stands_nothing_switches():
     schedule = pulses()
     schedule.add(1000, 500, now=600)
-    schedule.belt(False, 900)
-    assert schedule.next_change(900) is None
+    schedule.belt.stop(900)
+    assert schedule.next_change(900) == math.inf
     assert not schedule.acting(5000)
-    schedule.belt(True, 5000)
+    run(schedule, 5000)
     assert changes(schedule, 5000, 9000) == [5100, 5200]
 
 
 def test_a_stop_during_a_pulse_holds_the_rejector():
     schedule = pulses()
     schedule.add(1000, 500, now=600)
-    schedule.belt(False, 1040)
+    schedule.belt.stop(1040)
     assert schedule.acting(1040)
     assert schedule.acting(8000)
-    schedule.belt(True, 8000)
+    run(schedule, 8000)
     assert schedule.next_change(8000) == 8060
 
 
-def test_a_verdict_that_comes_after_a_stop_counts_from_where_its_item_was():
+@pytest.mark.parametrize('told', [550, 1000, 1700])  # before, during and after the stop
+def test_a_stop_delays_an_item_on_its_way_by_its_duration(told):
     schedule = pulses()
-    schedule.belt(False, 600)
-    schedule.belt(True, 1600)
-    # At the eye at 500, 400 of running belt from the rejector: 100 before the stop, 300 after it.
-    assert schedule.add(900, 500, now=1700) == 0
+    actions = {600: schedule.belt.stop, 1600: lambda now: run(schedule, now)}
+    actions[told] = lambda now: schedule.add(900, 500, now)
+    for now in sorted(actions):
+        actions[now](now)
     assert changes(schedule, 1700, 5000) == [1900, 2000]
-
-
-def test_a_verdict_that_comes_while_the_belt_stands_waits_with_its_item():
-    schedule = pulses()
-    schedule.belt(False, 600)
-    assert schedule.add(900, 500, now=1500) == 0
-    schedule.belt(True, 1600)
-    assert changes(schedule, 1600, 5000) == [1900, 2000]
 
 
 def test_what_a_stop_delayed_is_rejected_for_longer_at_both_ends():
     before, during, after = (pulses(belt_margin=30) for _ in range(3))
     before.add(900, 500, now=550)
     for schedule in (before, during, after):
-        schedule.belt(False, 600)
+        schedule.belt.stop(600)
         if schedule is during:
             schedule.add(900, 500, now=1000)
-        schedule.belt(True, 1600)
+        run(schedule, 1600)
     after.add(900, 500, now=1650)
     for schedule in (before, during, after):
         assert changes(schedule, 1650, 5000) == [1870, 2030]
@@ -140,7 +142,7 @@ def test_every_item_finds_the_rejector_acting_for_the_whole_of_its_pulse(items, 
         if moments and now == moments[0]:
             moments.pop(0)
             running = not running
-            schedule.belt(running, now)
+            run(schedule, now) if running else schedule.belt.stop(now)
         while pending and pending[0][0] == now:
             _, ahead = pending.pop(0)
             schedule.add(now + ahead, now, now)
@@ -166,13 +168,13 @@ def test_the_time_of_the_belt_counts_the_steps_for_which_it_ran(lengths, asked):
     if running:
         assert belt.when(belt.at(now) + 7) == now + 7
     else:
-        assert belt.when(belt.at(now) + 7) is None
+        assert belt.when(belt.at(now) + 7) == math.inf
 
 
 def test_a_stop_during_the_pass_is_taken_out_of_the_speed_by_the_eyes():
     schedule = pulses()
-    schedule.belt(False, 300)
-    schedule.belt(True, 1300)
+    schedule.belt.stop(300)
+    run(schedule, 1300)
     # From eye to eye 200, and 500 more to the rejector; by the eyes it took 1200, which makes 3000.
     assert schedule.add(1400 + 3000, 1400, now=1450, entered=200) == 0
     assert changes(schedule, 1450, 9000) == [1900, 2000]

@@ -7,15 +7,7 @@ import time
 
 import pytest
 
-from checkweigher_core.records import (
-    Decision,
-    Eye,
-    EyeEdge,
-    Item,
-    Permission,
-    StopRequest,
-    Verdict,
-)
+from checkweigher_core.records import Decision, Eye, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_core.ros.ports import FRESH_TIME
 from checkweigher_driver.line_io.belt_record import OnBelt
@@ -29,6 +21,7 @@ from checkweigher_driver.line_io.rejector_control import (
 
 MS = 1_000_000
 FOREVER = 10**12
+UNKNOWN = 'the time at which it is at the rejector is not known'
 RUN, STOP, REJECT = Levels(False, False), Levels(False, True), Levels(True, False)
 
 
@@ -40,7 +33,7 @@ def control(**parameters):
 
 
 def permit(outputs, now, *, run=True):
-    outputs.take_permission(Permission(0, run), now)
+    outputs.reject_word.take_permission(Permission(0, run), now)
 
 
 def trouble(text):
@@ -65,12 +58,8 @@ def test_a_reject_acts_at_its_time_for_the_length_of_a_pulse():
     ('ahead', 'others', 'text'),
     [
         (-50, {}, 'item 7: its verdict came 50 ms after its reject time'),
-        (
-            100,
-            {'reasons': ('BeltStopped',)},
-            'the time at which it is at the rejector is not known',
-        ),
-        (700_000, {}, 'the time at which it is at the rejector is not known'),
+        (100, {'reasons': ('BeltStopped',)}, UNKNOWN),
+        (700_000, {}, UNKNOWN),
     ],
 )
 def test_a_reject_without_a_time_to_come_acts_at_once_and_stops_the_line(ahead, others, text):
@@ -78,6 +67,7 @@ def test_a_reject_without_a_time_to_come_acts_at_once_and_stops_the_line(ahead, 
     outputs.verdict(fault(now + ahead * MS, now, **others), now)
     assert outputs.levels(now) == Levels(True, True)
     assert text in outputs.missed.text
+    assert outputs.figures['late rejects'] == (ahead < 0)
 
 
 def test_a_verdict_that_does_not_come_ejects_and_stops():
@@ -86,6 +76,10 @@ def test_a_verdict_that_does_not_come_ejects_and_stops():
     assert outputs.levels(now + 299 * MS) == RUN
     assert outputs.levels(now + 301 * MS) == Levels(True, True)
     assert 'no verdict came within 0.3 s' in outputs.missed.text
+    outputs.missed.take(LatchEvent.RESET)
+    outputs.edge(EyeEdge(time.time_ns(), Eye.OUTFEED, True), now + 400 * MS)
+    outputs.verdict(Verdict(1, None, Decision.ACCEPT), now + 500 * MS)
+    assert outputs.levels(now + 900 * MS) == RUN
 
 
 def test_a_reject_before_the_outputs_are_active_is_missed_only_if_nothing_is_ejected():
@@ -102,14 +96,14 @@ def test_a_missed_product_stops_the_line_until_a_request_that_shows_it_is_taken_
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 7')
     assert outputs.levels(now) == STOP
-    outputs.take_request(None)
+    outputs.reject_word.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.take_request(trouble('item 7'))
-    outputs.take_request(StopRequest(StopReason.NOT_READY, 0))
-    outputs.take_request(None)
+    outputs.reject_word.take_request(trouble('item 7'))
+    outputs.reject_word.take_request(StopRequest(StopReason.NOT_READY, 0))
+    outputs.reject_word.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.take_request(trouble('item 7'))
-    outputs.take_request(None)
+    outputs.reject_word.take_request(trouble('item 7'))
+    outputs.reject_word.take_request(None)
     assert outputs.levels(now) == RUN
 
 
@@ -150,7 +144,7 @@ def test_only_an_accepted_item_may_pass_and_only_while_it_is_there():
     passing(outputs, now + 605 * MS, now, Decision.UNDER, 8)
     passing(outputs, now + 905 * MS, now, Decision.ACCEPT, 9)
     assert permitted(outputs, now, 1200) == [*range(290, 430, 10), *range(890, 1030, 10)]
-    assert (outputs.figures.permits, outputs.figures.permits_withheld) == (2, 0)
+    assert (outputs.figures['permits'], outputs.figures['permits withheld']) == (2, 0)
 
 
 @pytest.mark.parametrize('ahead', [-10, 700_000])
@@ -158,7 +152,7 @@ def test_an_accepted_item_whose_time_is_past_or_not_known_may_not_pass(ahead):
     outputs, now = control(), time.monotonic_ns()
     passing(outputs, now + ahead * MS, now, Decision.ACCEPT)
     assert permitted(outputs, now, 500) == []
-    assert outputs.figures.permits_withheld == 1
+    assert outputs.figures['permits withheld'] == 1
     assert outputs.missed.text == ''
 
 
@@ -241,7 +235,7 @@ def test_the_safe_state_leaves_what_is_on_the_belt_in_doubt_and_nothing_else():
 
 def test_a_permit_that_ends_late_stops_the_line():
     outputs, now = control(late_tolerance=0.01), time.monotonic_ns()
-    before, due = Levels(False, False, True), Switches(None, now)
+    before, due = Levels(False, False, True), Switches(permit=now)
     outputs.switched(before, RUN, due, now + 5 * MS, now + 9 * MS)
     assert outputs.missed.text == ''
     outputs.switched(before, RUN, due, now + 5 * MS, now + 11 * MS)
@@ -271,14 +265,14 @@ def silence(outputs, now):
 def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not_shown():
     outputs, now = control(), time.monotonic_ns()
     outputs.missed.add('item 6')
-    outputs.take_request(trouble('item 6'))
+    outputs.reject_word.take_request(trouble('item 6'))
     silence(outputs, now)
-    outputs.take_request(None)
+    outputs.reject_word.take_request(None)
     assert outputs.levels(now) == STOP
     outputs.missed.take(LatchEvent.RESET)
-    outputs.take_request(StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it'))
+    outputs.reject_word.take_request(StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it'))
     silence(outputs, now)
-    outputs.take_request(None)
+    outputs.reject_word.take_request(None)
     permit(outputs, now + FOREVER)
     assert outputs.levels(now) == STOP
     assert outputs.missed.text.startswith('UnconfirmedReject: ')

@@ -144,26 +144,11 @@ def test_samples_that_were_lost_unnoticed_are_noticed_by_the_clock():
     assert np.abs(found[:, 1]).max() < 1
 
 
-def test_an_index_that_begins_again_begins_a_new_clock():
-    device = Device(200e-6)
-    clock, _ = errors(device.blocks(30), device.time)
-    later = Device(0.0, seed=7)
-    clock.add(0, 10, later.time(9) + 60 * NANOSECONDS)
-
-    assert not clock.settled
-    assert clock.stamp(0) == pytest.approx(later.time(0) + 60 * NANOSECONDS, abs=5 * MS)
-
-
 def test_the_latency_is_taken_off():
     late, plain = SampleClock(RATE, latency=0.012), SampleClock(RATE)
     for clock in (late, plain):
         clock.add(0, 10, START)
     assert plain.stamp(5) - late.stamp(5) == 12 * MS
-
-
-def test_without_a_read_there_is_no_stamp():
-    with pytest.raises(ValueError, match='no sample was read'):
-        SampleClock(RATE).stamp(0)
 
 
 @settings(max_examples=30)
