@@ -131,8 +131,11 @@ def main() -> None:
     parser.add_argument('--modes', nargs='+', default=['hosts'])
     parser.add_argument('--patience', type=float, default=400.0, help='s for the lanes of a row')
     arguments = parser.parse_args()
-    print('| discovery | lanes | all found after, s | a node that joins, s | MB until then | '
-          'kB/s afterwards | MB of memory a lane |\n' + '|---' * 7 + '|', flush=True)  # fmt: skip
+    print(
+        '| discovery | lanes | all found after, s | a node that joins, s | MB until then | '
+        'kB/s afterwards | MB of memory a lane |\n' + '|---' * 7 + '|',
+        flush=True,
+    )
     with TemporaryDirectory() as folder:
         file = Path(folder) / 'idle.yaml'
         write_parameter_file(file, {'driver': {'autostart': False}})

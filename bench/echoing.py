@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A process that sends back what it hears: two hops over DDS and nothing else."""
+"""A process that sends back each message, for the time of two hops over DDS."""
 
 import sys
 
@@ -11,7 +11,7 @@ from checkweigher_core.ros.running import run
 
 
 class Echo(Node):
-    """Publish what comes on `there` on `back`."""
+    """Node that publishes each message of the topic `there` on the topic `back`."""
 
     def __init__(self) -> None:
         super().__init__('echoing')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What was measured, beside what it is compared with, and as a table."""
+"""Measured figures with their references, and as a table."""
 
 from dataclasses import dataclass
 import math
@@ -49,7 +49,7 @@ class Figure:
         sign = -1 if self.more_is_better else 1
         if sign * self.median <= sign * self.target:
             return 'met'
-        # NaN is larger than nothing.
+        # A comparison with NaN is false.
         return 'met in proportion' if sign * self.median <= sign * self.target_here else 'MISSED'
 
 
@@ -81,12 +81,18 @@ def table(figures: list[Figure]) -> str:
         known = not math.isnan(each.reference)
         rows.append(
             (
-                each.name, f'{each.median:.3g}', f'{each.low:.3g}-{each.high:.3g}',
-                f'{each.worst:.3g}', each.unit, f'{each.reference:.3g}' if known else '',
+                each.name,
+                f'{each.median:.3g}',
+                f'{each.low:.3g}-{each.high:.3g}',
+                f'{each.worst:.3g}',
+                each.unit,
+                f'{each.reference:.3g}' if known else '',
                 f'{each.median / each.reference:.3g}' if known else '',
-                _shown(each.target), _shown(each.target_here), each.verdict,
+                _shown(each.target),
+                _shown(each.target_here),
+                each.verdict,
             )
-        )  # fmt: skip
+        )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return '\n'.join(
         '  '.join(

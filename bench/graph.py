@@ -165,9 +165,12 @@ def running(
             arrivals[lane].listen(here, f'lane{lane}')
             file = Path(folder, f'lane{lane}.yaml')
             commands += line_commands(
-                file, parameters(bag), stamps[lane],
-                one_process=trial.one_process, namespace=f'lane{lane}',
-            )  # fmt: skip
+                file,
+                parameters(bag),
+                stamps[lane],
+                one_process=trial.one_process,
+                namespace=f'lane{lane}',
+            )
         with started(commands) as processes:
             size = len(processes) // lanes
             grouped = [processes[lane * size : (lane + 1) * size] for lane in range(lanes)]
@@ -216,9 +219,13 @@ def _latencies(what: str, delays: list[float], hop: Figure, *, one_process: bool
         return []
     target, worst_target = (1.0, 5.0) if one_process else (1.5, 8.0)
     usual = figure(
-        f'edge to verdict, {what}', 'ms', delays, reference=hop.median, target=target,
+        f'edge to verdict, {what}',
+        'ms',
+        delays,
+        reference=hop.median,
+        target=target,
         reference_there=_HOP_THERE,
-    )  # fmt: skip
+    )
     worst = figure(
         f'its 99.9 %, {what}', 'ms', [usual.worst], reference=hop.worst, target=worst_target
     )
@@ -251,29 +258,39 @@ def measure_replay(count: int, repetitions: int) -> list[Figure]:
     reference = statistics.median(readings)
     return [
         figure(
-            'replay --rate 0', 'x real time', speeds, reference=reference, target=100.0,
+            'replay --rate 0',
+            'x real time',
+            speeds,
+            reference=reference,
+            target=100.0,
             more_is_better=True,
         )
-    ]  # fmt: skip
+    ]
 
 
 def measure_batch(repetitions: int) -> list[Figure]:
     """Return how fast offline work is."""
     return [
         figure(
-            speeds.name, speeds.unit, speeds.values, target=speeds.target, more_is_better=True,
+            speeds.name,
+            speeds.unit,
+            speeds.values,
+            target=speeds.target,
+            more_is_better=True,
             reference=statistics.median(speeds.references),
         )
         for speeds in batch_speeds(repetitions)
-    ]  # fmt: skip
+    ]
 
 
 def _replay_speed(bag: Path) -> float:
     child = subprocess.Popen(
-        [*_COMMAND, 'replay', str(bag), '--rate', '0'], stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, text=True,
+        [*_COMMAND, 'replay', str(bag), '--rate', '0'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
         env={**os.environ, 'PYTHONUNBUFFERED': '1'},
-    )  # fmt: skip
+    )
     assert child.stdout is not None
     items = []
     for line in child.stdout:
@@ -315,8 +332,9 @@ def _ready(module: str) -> float:
     began = time.monotonic()
     child = subprocess.Popen(
         [sys.executable, str(HERE / 'waiting.py'), module, '--ros-args', '--log-level', 'error'],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert child.stdout is not None
     try:
         return float(child.stdout.readline()) - began

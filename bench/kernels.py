@@ -120,8 +120,9 @@ def window_cases(speed: int) -> list[Case]:
 
 def make_cases() -> Sequence[Case]:
     """Return all cases."""
-    return [case for speed in _TARGETS for make in (kernel_cases, window_cases)
-            for case in make(speed)]  # fmt: skip
+    return [
+        case for speed in _TARGETS for make in (kernel_cases, window_cases) for case in make(speed)
+    ]
 
 
 if __name__ == '__main__':

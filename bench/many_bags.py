@@ -4,9 +4,9 @@
 
     python3 bench/many_bags.py --bags 16 --products 600     # after source setup/environment
 
-Each turn weighs the same bags into a new folder by so many processes of this machine. The serial
-share is what the command does beside its jobs, measured with results that are there already but for
-the digests: it bounds what any number of workers brings (Amdahl's law), here on paper.
+Each turn weighs the same bags into a new folder by a number of processes of this machine. The
+serial share is the work of the command beside its jobs, measured with a folder that has all results
+except the digests. It limits the gain of any number of workers (Amdahl's law), which is computed.
 """
 
 import argparse
@@ -42,15 +42,25 @@ def command(bags: Path, output: Path, jobs: int) -> float:
     """Return how long the command takes, s."""
     begin = time.monotonic()
     subprocess.run(
-        [sys.executable, '-m', 'checkweigher_bringup.cli', 'weigh', bags, '--output', output,
-         '--jobs', str(jobs)],
-        check=True, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+        [
+            sys.executable,
+            '-m',
+            'checkweigher_bringup.cli',
+            'weigh',
+            bags,
+            '--output',
+            output,
+            '--jobs',
+            str(jobs),
+        ],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     return time.monotonic() - begin
 
 
 def job_and_rest(bags: Path, output: Path) -> tuple[float, float]:
-    """Return the processor time of the job of a bag, and of all that is done for it beside, s."""
+    """Return the processor time of the job of a bag, and of the other work for the bag, s."""
     jobs = [WeighJob(str(bag), LineParameters(), None, program()) for bag in sorted(bags.iterdir())]
     weigh_bag(jobs[0])  # fills caches
     begin = time.process_time()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measuring cases against a reference in the same run, so that the machine does not matter much.
 
-Reference and case take turns, and each turn gives one ratio: what else runs on the machine slows
-both. The table shows the median of the ratios and where the middle half of them lies.
+Reference and case take turns, and each turn gives one ratio, because other programs slow both. The
+table shows the median and the middle half of the ratios.
 """
 
 import argparse
@@ -101,8 +101,12 @@ def _result(case: Case, taken: Sequence[tuple[float, float]]) -> Result:
         case.name,
         statistics.median(own for own, _ in taken),
         statistics.median(other for _, other in taken),
-        ratio, low, high, case.target, len(taken),
-    )  # fmt: skip
+        ratio,
+        low,
+        high,
+        case.target,
+        len(taken),
+    )
 
 
 def table(results: Sequence[Result]) -> str:
@@ -112,11 +116,15 @@ def table(results: Sequence[Result]) -> str:
         verdict = '' if not each.target else 'met' if each.ratio >= each.target else 'MISSED'
         rows.append(
             (
-                each.name, _duration(each.seconds), _duration(each.reference_seconds),
-                f'{each.ratio:.1f}', f'{each.low:.1f}-{each.high:.1f}',
-                f'{each.target:g}' if each.target else '', verdict,
+                each.name,
+                _duration(each.seconds),
+                _duration(each.reference_seconds),
+                f'{each.ratio:.1f}',
+                f'{each.low:.1f}-{each.high:.1f}',
+                f'{each.target:g}' if each.target else '',
+                verdict,
             )
-        )  # fmt: skip
+        )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver, or the line with it, with a note of when each outfeed edge was there to be sent."""
+"""The driver, or the whole line, with the time at which each outfeed edge could be sent."""
 
 from pathlib import Path
 import sys
@@ -17,7 +17,7 @@ from checkweigher_production.nodes.product import ProductNode
 
 
 class StampingDriver(DriverNode):
-    """Note the monotonic time at which an edge t3 and the last sample before it were there.
+    """Driver that records the monotonic time of each edge t3 and of the last sample before it.
 
     The sample comes first: its block is cut at the edge, and both are due at once.
     """
@@ -37,7 +37,7 @@ class StampingDriver(DriverNode):
         super()._note(event)
 
     def destroy_node(self) -> None:
-        """Write the notes down as well."""
+        """Write the recorded times, and destroy the node."""
         lines = [f'{stamp} {there}\n' for stamp, there in self._stamps]
         self._file.write_text(''.join(lines), encoding='ascii')
         super().destroy_node()

@@ -21,13 +21,13 @@ _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """A cluster that cannot be used; one line that says which, why, and what to do."""
+    """A cluster cannot be used; the message has its address, the reason and advice."""
 
 
 class _Cluster(Workers):
-    """Workers of a cluster: those with the addresses, or all, also those that come later."""
+    """Workers of a cluster with the given addresses, or all workers, including later ones."""
 
-    ahead = 5000  # enough for any cluster, and no year of bags in the memory of its scheduler
+    ahead = 5000  # enough for any cluster, and little memory of its scheduler
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
         from distributed import KilledWorker
@@ -36,7 +36,7 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor = client.get_executor(pure=False, workers=addresses)
-        self._gone: float | None = None  # the time at which there was no worker first
+        self._gone: float | None = None  # time since when there is no worker
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         future: Future[Any] = self._executor.submit(job)
@@ -46,7 +46,7 @@ class _Cluster(Workers):
         try:
             there = self._client.scheduler_info(n_workers=-1)['workers']
         except (OSError, TimeoutError):
-            return  # what becomes of the connection, the jobs tell
+            return  # the jobs will fail if the connection is lost
         if self._client.status == 'closed':
             raise ClusterLostError(f'the cluster was lost: {_UNREACHABLE}')
         now = time.monotonic()
@@ -78,17 +78,18 @@ def on_scheduler(
     Parameters
     ----------
     address : str
-        'local' for processes of this machine, or that of a Dask scheduler, as in
+        'local' for processes of this machine, or the address of a Dask scheduler, for example
         'tcp://HOST:8786'.
     question : callable
-        Answered by each worker of the cluster, with a value that can be pickled.
+        Called by each worker of the cluster. Returns a value that can be pickled.
     refusal : callable
-        Returns why a worker with this answer is not used, in one line, empty if it is.
+        Returns the reason, in one line, why a worker with this answer is not used; empty if it is
+        used.
 
     Yields
     ------
     list of str
-        A line on each worker that is refused. The others do the jobs.
+        A line for each worker that is refused. The others do the jobs.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def on_scheduler(
         if not workers:
             lines = '; '.join(refused.values()) or 'it has no worker; start "dask worker" there'
             raise SchedulerError(f'{address}: {lines}')
-        # Only where some are refused: a worker that is started again has another address.
+        # Addresses only if some are refused, because a restarted worker has another address.
         with jobs_done_by(partial(_Cluster, client, workers if refused else None)):
             yield list(refused.values())
 
@@ -118,10 +119,10 @@ def _client(address: str) -> Iterator[Any]:
         raise SchedulerError(
             f'--scheduler {address}: dask.distributed is not installed; pip install distributed'
         ) from None
-    # What it logs with a traceback while it reconnects comes as an exception as well.
+    # Its tracebacks while it reconnects are also raised as exceptions.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
-        # Passes of known mass that tuning sends are large.
+        # Tuning sends passes of known mass, which are large.
         warnings.filterwarnings('ignore', 'Sending large graph', UserWarning)
         try:
             client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
@@ -137,14 +138,12 @@ def _client(address: str) -> Iterator[Any]:
 def _refused(
     client: Any, question: Callable[[], Any], refusal: Callable[[Any], str]
 ) -> dict[str, str]:
-    """Return a line on each worker that is not to be used, by its address."""
+    """Return a line for each worker that is not used, by its address."""
     answers = client.run(question, on_error='return')
     refused = {}
     for name, answer in answers.items():
-        if isinstance(answer, BaseException):
-            why = f'cannot run this program: {one_line(answer)}'
-        else:
-            why = refusal(answer)
+        is_error = isinstance(answer, BaseException)
+        why = f'cannot run this program: {one_line(answer)}' if is_error else refusal(answer)
         if why:
             refused[name] = f'worker {name} is not used: {why}'
     return refused

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A small recording of one item, cut from a long one so that the item is weighed as in that."""
+"""A small recording of one item, cut from a long one so that it is weighed in the same way."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,46 +13,45 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, V
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-# Of its standard deviation, by which the mass may be another one: the zero is an average over all
-# that was before.
+# Largest difference of the masses, in standard deviations: the zero depends on all earlier samples.
 _SAME_MASS = 0.1
-_FEWEST = 2  # items before it, where there are so many: speed and zero are known from them
-_AFTER = NANOSECONDS  # for each of them, of what comes after the item
+_FEWEST = 2  # smallest number of items before it, which give belt speed and zero
+_AFTER = NANOSECONDS  # signal after the item, for each item before it
 
 
 class KeepError(ValueError):
-    """An item that cannot be kept; one line that says why and what to do."""
+    """An item cannot be kept; the message has the reason and advice."""
 
 
 def keep_item(
     recording: Recording, parameters: LineParameters, estimate: MassEstimate, verdict: Verdict
 ) -> tuple[Recording, ItemResult]:
-    """Cut an item out, with as many items before it as its verdict needs.
+    """Cut an item out, with as many items before it as its verdict depends on.
 
-    Zero, speed of the belt and lag of the eyes are learned from the items before. How many of them
-    matter is seen by weighing: twice as many are tried until the verdict is the same.
+    Zero, belt speed and lag of the eyes are learned from earlier items. Their number is doubled
+    until the item in the small recording has the same verdict.
 
     Parameters
     ----------
     recording : Recording
-        What the item was weighed in.
+        Recording with the item.
     parameters : LineParameters
-        Those that it was weighed with.
+        Parameters with which the item was weighed.
     estimate, verdict : MassEstimate, Verdict
-        What became of it.
+        Estimate and verdict of the item.
 
     Returns
     -------
     Recording
-        The small one.
+        The small recording.
     ItemResult
-        The item in it: the same decision and reasons, and a mass within a tenth of its standard
-        deviation. Its number counts from 1 in the small recording.
+        The item in the small recording. Its decision and reasons are the same, and its mass differs
+        by at most a tenth of its standard deviation. Its number counts from 1 in the recording.
 
     Raises
     ------
     KeepError
-        If the item is weighed another way even in the whole recording.
+        If the item has another result even in the whole recording.
     """
     stamps = [s for s in (estimate.t1, estimate.t2, estimate.t3) if s is not None]
     begins, first = _empty_moments(recording.edges, min(stamps)), recording.blocks[0].stamp
@@ -73,7 +72,7 @@ def keep_item(
 
 
 def cut(recording: Recording, begin: int, end: int) -> Recording:
-    """Return what a recording has from `begin` to `end`, ns, in whole blocks."""
+    """Return the part of a recording from `begin` to `end`, ns, in whole blocks."""
     blocks = BlockColumns.of(recording.blocks)
     first = max(int(np.searchsorted(blocks.stamps, begin, 'right')) - 1, 0)
     last = max(int(np.searchsorted(blocks.stamps, end, 'right')), first + 1)
@@ -86,7 +85,7 @@ def cut(recording: Recording, begin: int, end: int) -> Recording:
 
 
 def _empty_moments(edges: Sequence[EyeEdge], until: int) -> list[int]:
-    """Return moments between an item that has left and the next one that enters, ns."""
+    """Return times in ns between the exit of an item and the entry of the next one."""
     known = [edge for edge in edges if edge.stamp <= until]
     return [
         (before.stamp + edge.stamp) // 2

@@ -4,12 +4,11 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from contextvars import ContextVar
 from itertools import islice
 import os
-from queue import Empty, SimpleQueue
 import signal
 from typing import Any
 
@@ -20,35 +19,35 @@ from checkweigher_recording.progress import with_progress
 
 Job = Callable[[], Any]
 
-# All cores have a worker: more threads of a matrix library only stand in each other's way.
+# Each core has a worker, so further threads of a matrix library would only slow the others down.
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
-_LOOK = 5.0  # s, between looks at the workers while no job is done
+_LOOK = 5.0  # interval of the checks of the workers while no job is done, s
 
 
 class WorkerLostError(ValueError):
-    """A job that killed its worker, and did so again when it was tried alone."""
+    """A job killed its worker, and did so again when it was tried alone."""
 
 
 class ClusterLostError(ValueError):
-    """A cluster that has ended, has no worker any more, or cannot be reached any more."""
+    """A cluster has ended, has no worker left, or cannot be reached any more."""
 
 
 class Workers(AbstractContextManager['Workers']):
-    """Processes that do jobs; at an error in the block, jobs that are not done are given up."""
+    """Processes that do jobs. An error in the block cancels the jobs that are not done."""
 
-    ahead: int  # jobs that are submitted at once
-    lost: type[Exception]  # of a job whose worker was killed, perhaps by another job
+    ahead: int  # number of jobs that are submitted at the same time
+    lost: type[Exception]  # raised by a job whose worker was killed, perhaps by another job
 
     @abstractmethod
     def submit(self, job: Job, alone: bool) -> Future[Any]:
-        """Submit a job, perhaps one that is to be alone on all workers."""
+        """Submit a job; if `alone`, no other job runs beside it."""
 
     def check(self) -> None:
-        """Raise ClusterLostError if no job will be done any more."""
+        """Raise ClusterLostError if no further job will be done."""
 
 
 class _Processes(Workers):
-    """Processes of this machine, which stay for later jobs."""
+    """Processes of this machine, which are reused for later jobs."""
 
     lost = BrokenExecutor
 
@@ -60,11 +59,15 @@ class _Processes(Workers):
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         with _mute():
             while True:
-                # Another one if a process of the last was killed.
+                # A new executor if a process of the last one was killed.
                 self._executor = get_reusable_executor(
-                    1 if alone else self._count, timeout=None, kill_workers=True, env=ONE_THREAD,
-                    initializer=_begin_worker, initargs=(os.getpid(),),
-                )  # fmt: skip
+                    1 if alone else self._count,
+                    timeout=None,
+                    kill_workers=True,
+                    env=ONE_THREAD,
+                    initializer=_begin_worker,
+                    initargs=(os.getpid(),),
+                )
                 with suppress(BrokenExecutor):
                     future: Future[Any] = self._executor.submit(job)
                     return future
@@ -78,8 +81,8 @@ class _Processes(Workers):
 def _mute() -> Iterator[None]:
     """Discard the error output of processes that start in this block.
 
-    Ctrl-C is for the whole terminal: one that is interrupted at its imports would say so with a
-    traceback.
+    Ctrl-C reaches all processes of the terminal, and a process that is interrupted during its
+    imports would print a traceback.
     """
     kept = os.dup(2)
     null = os.open(os.devnull, os.O_WRONLY)
@@ -102,7 +105,7 @@ _ELSEWHERE: ContextVar[Callable[[], Workers] | None] = ContextVar('elsewhere', d
 
 @contextmanager
 def jobs_done_by(workers: Callable[[], Workers]) -> Iterator[None]:
-    """Run the jobs of this block on other workers than processes of this machine."""
+    """Run the jobs of this block on other workers instead of processes of this machine."""
     token = _ELSEWHERE.set(workers)
     try:
         yield
@@ -113,14 +116,14 @@ def jobs_done_by(workers: Callable[[], Workers]) -> Iterator[None]:
 def run_jobs(
     jobs: Sequence[Job], n_jobs: int | None = None, doing: str = '', unit: str = 'steps'
 ) -> list[Any]:
-    """Do independent jobs, and return their results in the same order.
+    """Run independent jobs, and return their results in the same order.
 
-    There is a bar on a terminal if they take more than a second.
+    A bar is shown on a terminal if they take more than a second.
 
     Parameters
     ----------
     jobs : sequence of callable
-        With their arguments, as by `functools.partial`; they and their results are pickled.
+        Jobs with their arguments, as by `functools.partial`. Jobs and results are pickled.
     n_jobs : int, optional
         Processes of this machine, by default one for each core; 1 for this process alone.
     doing, unit : str
@@ -144,11 +147,11 @@ def run_jobs(
 def jobs_as_done(
     jobs: Sequence[Job], n_jobs: int | None = None
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do independent jobs; yield the number and the result of each as soon as it is done.
+    """Run independent jobs; yield the number and the result of each as soon as it is done.
 
-    The jobs that were with the workers when one of these was killed are tried again, one after the
-    other with nothing beside them. The result of one that kills its worker again is a
-    `WorkerLostError`. The parameters are those of `run_jobs`.
+    If a worker is killed, the jobs that were submitted at that time are tried again, one at a time.
+    The result of a job that kills its worker again is a `WorkerLostError`. The parameters are those
+    of `run_jobs`.
 
     Raises
     ------
@@ -174,28 +177,23 @@ def jobs_as_done(
 def _results(
     workers: Workers, jobs: Mapping[int, Job], at_once: int
 ) -> Generator[tuple[int, Any], None, None]:
-    """Do jobs, so many at once; yield number and result, a WorkerLostError if a worker died."""
+    """Run jobs, yield number and result; the result is a WorkerLostError if the worker died."""
     left = iter(jobs.items())
     running: dict[Future[Any], int] = {}
-    done: SimpleQueue[Future[Any]] = SimpleQueue()
     while True:
         for number, job in islice(left, at_once - len(running)):
-            future = workers.submit(job, alone=at_once == 1)
-            running[future] = number
-            future.add_done_callback(done.put)
+            running[workers.submit(job, alone=at_once == 1)] = number
         if not running:
             return
-        try:
-            future = done.get(timeout=_LOOK)
-        except Empty:
+        done, _ = wait(running, _LOOK, FIRST_COMPLETED)
+        if not done:
             workers.check()
-            continue
-        number = running.pop(future)
-        try:
-            result = future.result()
-        except workers.lost:
-            result = WorkerLostError(
-                'the job killed its worker, and again when it was tried alone, perhaps for lack '
-                'of memory'
-            )
-        yield number, result
+        for future in done:
+            try:
+                result = future.result()
+            except workers.lost:
+                result = WorkerLostError(
+                    'the job killed its worker, and again when it was tried alone, perhaps for '
+                    'lack of memory'
+                )
+            yield running.pop(future), result

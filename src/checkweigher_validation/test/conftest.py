@@ -4,6 +4,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+import itertools
 import math
 
 import numpy as np
@@ -57,33 +58,20 @@ def make_evaluation(
     parts=('train', 'test'),
     examples=(),
     bound=2e-5,
-    **change,
+    title='A line <of> tests & more',
 ):
     """Build an evaluation in which the n-th estimator has sigma n * 0.05 v g and mu n * 0.01 g.
 
     v is the speed in m/s, n counts from 1; mu is negative in training. The bound is 0.02 g.
     """
-    conditions = tuple(
-        make_condition(
-            errors_with((-1 if part == 'train' else 1) * number * 1e-5, number * 5e-5 * speed),
-            estimator,
-            speed,
-            mass,
-            part,
-            bound=bound,
-        )
-        for number, estimator in enumerate(estimators, start=1)
-        for part in parts
-        for speed in speeds
-        for mass in masses
-    )
-    values = {
-        'title': 'A line <of> tests & more',
-        'conditions': conditions,
-        'provenance': (('profile', 'paper'), ('seed', '1 & 2')),
-        'examples': examples,
-    }
-    return Evaluation(**{**values, **change})
+    conditions = []
+    for number, name in enumerate(estimators, start=1):
+        for part, speed, mass in itertools.product(parts, speeds, masses):
+            mean = (-1 if part == 'train' else 1) * number * 1e-5
+            errors = errors_with(mean, number * 5e-5 * speed)
+            conditions.append(make_condition(errors, name, speed, mass, part, bound=bound))
+    provenance = (('profile', 'paper'), ('seed', '1 & 2'))
+    return Evaluation(title, tuple(conditions), provenance, examples)
 
 
 def make_example(speed=1.5, mass=0.2545, with_ideal=True):

@@ -37,18 +37,14 @@ def test_an_item_has_the_same_verdict_in_a_small_recording(
     assert (item.verdict.decision == Decision.FAULT) == (number in (21, 26))
     part, kept = keep_item(line, DEFAULTS, item.estimate, item.verdict)
     assert len(part.blocks.counts) < 0.75 * len(line.blocks) * len(line.blocks[0].counts)
-    (again,) = [
-        each for each in weigh(part, DEFAULTS)
-        if (each.estimate.t1, each.estimate.t3) == (item.estimate.t1, item.estimate.t3)
-    ]  # fmt: skip
+    found = {(each.estimate.t1, each.estimate.t3): each for each in weigh(part, DEFAULTS)}
+    again = found[item.estimate.t1, item.estimate.t3]
     assert again.estimate == kept.estimate
-    assert (again.verdict.decision, again.verdict.reasons) == (
-        item.verdict.decision, item.verdict.reasons
-    )  # fmt: skip
+    assert again.verdict.decision == item.verdict.decision
+    assert again.verdict.reasons == item.verdict.reasons
     if not item.verdict.reasons:
-        assert again.estimate.mass == pytest.approx(
-            item.estimate.mass, abs=0.1 * item.estimate.std_dev
-        )
+        accuracy = 0.1 * item.estimate.std_dev
+        assert again.estimate.mass == pytest.approx(item.estimate.mass, abs=accuracy)
         assert again.reference == item.reference
 
 

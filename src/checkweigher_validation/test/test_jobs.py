@@ -22,9 +22,11 @@ PATIENCE = 60.0  # s, for processes to come up on a busy machine
 
 
 @pytest.mark.parametrize('n_jobs', [1, 2])
-def test_results_come_in_the_order_of_the_calls(n_jobs):
+def test_results_come_in_the_order_of_the_calls_or_with_their_numbers(n_jobs):
     calls = [partial(operator.mul, number, 2) for number in range(5)]
     assert run_jobs(calls, n_jobs) == [0, 2, 4, 6, 8]
+    assert sorted(jobs_as_done(calls, n_jobs)) == [(n, 2 * n) for n in range(5)]
+    assert list(jobs_as_done([], n_jobs)) == []
 
 
 class Terminal(io.StringIO):
@@ -42,12 +44,7 @@ def test_a_bar_on_a_terminal_says_what_is_done_to_its_end(monkeypatch, n_jobs):
     assert 'tuning: 100%' in terminal.getvalue()
 
 
-def test_where_no_terminal_is_there_is_no_bar(capfd):
-    run_jobs([partial(operator.neg, 1)] * 2, 2, 'tuning')
-    assert capfd.readouterr().err == ''
-
-
-def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypatch):
+def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypatch, capfd):
     monkeypatch.delenv('OMP_NUM_THREADS', raising=False)
     monkeypatch.setenv('OPENBLAS_NUM_THREADS', '7')
     names = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
@@ -56,6 +53,7 @@ def test_workers_are_other_processes_with_one_thread_for_matrices_each(monkeypat
     assert threads == ['1', '1']
     assert 'OMP_NUM_THREADS' not in os.environ
     assert os.environ['OPENBLAS_NUM_THREADS'] == '7'
+    assert capfd.readouterr().err == ''  # without a terminal there is no bar
 
 
 @pytest.mark.parametrize('n_jobs', [1, 2])
@@ -103,19 +101,6 @@ def test_an_interrupt_ends_all_processes_at_once_and_without_a_word(tmp_path: Pa
     assert (process.returncode, errors) == (130, '')
 
 
-def test_a_job_that_kills_its_worker_is_told_on_one_line():
-    with pytest.raises(WorkerLostError, match='the job killed its worker, and again when'):
-        run_jobs([partial(os._exit, 9), os.getpid], 2)
-    assert run_jobs([partial(operator.neg, 1), partial(operator.neg, 2)], 2) == [-1, -2]
-
-
-@pytest.mark.parametrize('n_jobs', [1, 2])
-def test_results_are_yielded_with_the_numbers_of_their_calls(n_jobs):
-    calls = [partial(operator.mul, number, 2) for number in range(5)]
-    assert sorted(jobs_as_done(calls, n_jobs)) == [(n, 2 * n) for n in range(5)]
-    assert list(jobs_as_done([], n_jobs)) == []
-
-
 DIES_ONCE = """
 import os, pathlib, signal
 if not pathlib.Path({path!r}).exists():
@@ -144,3 +129,6 @@ def test_a_call_that_kills_each_process_is_named_and_the_others_are_made(others:
     for number in (0, len(calls) - 1):
         assert isinstance(done.pop(number), WorkerLostError)
     assert list(done.values()) == [-2] * others
+    with pytest.raises(WorkerLostError, match='the job killed its worker, and again when'):
+        run_jobs(calls, 2)
+    assert run_jobs([partial(operator.neg, 1), partial(operator.neg, 2)], 2) == [-1, -2]

@@ -2,22 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Accuracy classes of checkweighers: OIML R 51-1:2006 and GB/T 27739-2011.
 
-Category X is that of checkweighers for prepackages: a class XI, XII, XIII or XIIII bounds the mean
-error in verification scale intervals e, its class factor x scales the bound of the standard
-deviation. Category Y is that of all other catchweighers: Y(I), Y(II), Y(a) or Y(b) bounds the error
-of each weighing. The limits of Long et al. (their Table 2) are those of XIII(1) with e = 0.1 g at
-initial verification; GB/T 27739 writes XIV for XIIII.
+Category X contains checkweighers for prepackages. A class XI, XII, XIII or XIIII limits the mean
+error in verification scale intervals e, and its class factor x scales the limit of the standard
+deviation. Category Y contains all other catchweighers. A class Y(I), Y(II), Y(a) or Y(b) limits the
+error of each weighing. Table 2 of Long et al. has the limits of XIII(1) with e = 0.1 g at initial
+verification; GB/T 27739 writes XIV for XIIII.
 
 Sources: Directive 2014/32/EU (MID), Annex VIII, Chapter II for classes, factors, the errors of both
 categories at initial verification, and e. UK SI 2016/1153, Schedule 1G, repeats them, and has the
 errors of category Y at rest (Chapter II, Table 1, "Static"); those in service are in NI SR
 2006/154, Schedule 5, Table 2, and the least Min of Y(a) and Y(b) in UK SI 2003/2761, Schedule 1.
-Quoted from memory and not checked against the text of R 51 are the errors of category Y in motion
-in service and the rows of the standard deviation above 300 g. What a class may check is from the
+The errors of category Y in motion in service and the standard deviations above 300 g are quoted
+from memory and were not checked against the text of R 51. What a class may check is from the
 German FPackV of 2020, Annex 7, 1 b; its table of the largest e by nominal quantity is not here.
 
-Nothing here is type-approved for legal metrology: a verdict is of a simulation or a test run
-and does not say that a machine conforms.
+Nothing here is type-approved for legal metrology: a verdict applies to a simulation or a test run
+and does not mean that a machine conforms.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_production.prepackages import tolerable_negative_error
 from checkweigher_validation.accuracy.errors import ConditionResult
 
-# A mass that lies on a bound must not exceed it by a rounding error.
+# Tolerance for rounding errors of a mass on a bound.
 _ON_BOUND = 1 + 1e-9
 
 # Loads in e up to which each step of the error holds.
@@ -59,15 +59,15 @@ _INTERVALS = {
 
 _LEAST_MINIMUM = {'Y(a)': 20, 'Y(b)': 10}  # Min in e
 
-# Load in kg up to which a row holds; limit at initial verification and in service, for x = 1:
-# a share of the load, or kg.
+# Largest load of a row in kg; limits at initial verification and in service for x = 1, relative to
+# the load (share) or in kg (constant).
 _SHARE, _CONSTANT = True, False
 _STD_DEV_ROWS = (
     (0.05, _SHARE, 0.48e-2, 0.6e-2),
     (0.1, _CONSTANT, 0.24e-3, 0.3e-3),
     (0.2, _SHARE, 0.24e-2, 0.3e-2),
     (0.3, _CONSTANT, 0.48e-3, 0.6e-3),
-    # From here on quoted from memory, not checked against the standard's text.
+    # The following rows are quoted from memory and were not checked against the standard.
     (0.5, _SHARE, 0.16e-2, 0.2e-2),
     (1.0, _CONSTANT, 0.8e-3, 1.0e-3),
     (10.0, _SHARE, 0.08e-2, 0.1e-2),
@@ -75,15 +75,15 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # of the tolerable negative error, for the error of the scale in service
+_SUITABLE_SHARE = 1 / 5  # largest error of the scale in service, per tolerable negative error
 
-# Load in kg up to which so many weighings are the least.
+# Largest load of a row in kg, and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 
 
 @dataclass(frozen=True, slots=True)
 class AccuracyClass:
-    """A class as it stands on a nameplate, and the occasion.
+    """A class as on a nameplate, and the occasion of the verification.
 
     Raises
     ------
@@ -121,30 +121,29 @@ class AccuracyClass:
     def max_error(self, mass: float) -> float:
         """Return the largest magnitude of the error at a load, kg.
 
-        It is that of the mean in category X and that of each weighing in category Y. NaN for a
-        load above the range of the class.
+        The limit applies to the mean in category X and to each weighing in category Y. It is NaN
+        for a load above the range of the class.
         """
         return self._step_of_error(mass, self.category)
 
     def max_static_error(self, mass: float) -> float:
         """Return the largest magnitude of the error of a load at rest, kg.
 
-        Both categories have that of the mean of category X. Otherwise as `max_error`.
+        In both categories it is the limit of the mean of category X. NaN as in `max_error`.
         """
         return self._step_of_error(mass, 'X')
 
     def _step_of_error(self, mass: float, category: str) -> float:
         loads = _STEPS[_LIKE.get(self.name, self.name)]
-        for bound, error in zip(loads, _ERRORS[category, self.in_service], strict=True):
-            if mass <= bound * self.interval * _ON_BOUND:
-                return error * self.interval
-        return math.nan
+        steps = zip(loads, _ERRORS[category, self.in_service], strict=True)
+        found = (error for load, error in steps if mass <= load * self.interval * _ON_BOUND)
+        return next(found, math.nan) * self.interval
 
     def max_std_dev(self, mass: float) -> float:
         """Return the largest standard deviation of the error at a load, kg.
 
-        Infinity in category Y, which has no such limit. That of a load above 0.3 kg is quoted from
-        memory and not checked against the standard's text.
+        Infinity in category Y, which has no such limit. The limits of loads above 0.3 kg are quoted
+        from memory and were not checked against the text of the standard.
         """
         if self.category == 'Y':
             return math.inf
@@ -185,7 +184,7 @@ def smallest_interval(name: str, maximum: float) -> float:
 
 
 def _interval_counts(name: str, interval: float) -> tuple[float, float]:
-    """Return the fewest and the most e up to Max with an e in kg; no number is within for none."""
+    """Return the range of Max in units of e, for an e in kg; an empty range if e is not allowed."""
     for low, high, fewest, most in _INTERVALS[_LIKE.get(name, name)]:
         if low <= interval * _ON_BOUND and interval <= high * _ON_BOUND:
             return fewest, most
@@ -200,7 +199,7 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
     Raises
     ------
     ValueError
-        If it does not; the line says the rule, in g.
+        If the class does not allow it; the message has the rule, in g.
 
     References
     ----------
@@ -233,9 +232,9 @@ def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -
 
 @dataclass(frozen=True, slots=True)
 class Suitability:
-    """A class against what a scale may err that checks prepackages of a nominal quantity; kg."""
+    """Error of a class compared with the error allowed for prepackages, in kg."""
 
-    nominal: float
+    nominal: float  # nominal quantity of the prepackages
     tolerable_negative_error: float
     max_error: float  # of the class in service at the nominal quantity, NaN above its range
 
@@ -251,14 +250,14 @@ class Suitability:
 
 
 def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
-    """Hold a class to a fifth of the tolerable negative error of prepackages.
+    """Compare a class with a fifth of the tolerable negative error of prepackages.
 
     Parameters
     ----------
     accuracy_class : AccuracyClass
-        The limits in service are used, also of a class at initial verification.
+        Class whose limits in service are used, also if it is given at initial verification.
     nominal : float
-        kg.
+        Nominal quantity in kg.
 
     Raises
     ------
@@ -274,16 +273,16 @@ def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
 
 
 def weighings_required(mass: float) -> int:
-    """Return how many weighings of a load in kg a verification takes at least."""
+    """Return the smallest number of weighings of a load in kg for a verification."""
     return next(count for bound, count in _WEIGHINGS if mass <= bound * _ON_BOUND)
 
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A condition against its limits in kg, and the weighings that the rule asks for.
+    """Comparison of a condition with its limits in kg and with the required number of weighings.
 
-    `max_error` is that of the mean in category X and of each weighing in category Y, NaN for a load
-    above the range of the class. A limit is not kept if it is NaN or there is no value.
+    `max_error` applies to the mean in category X and to each weighing in category Y; it is NaN for
+    a load above the range of the class. A limit that is NaN, or without a value, is not passed.
     """
 
     max_error: float
@@ -295,17 +294,17 @@ class Judgement:
 
     @property
     def enough_weighings(self) -> bool:
-        """Whether there are as many weighings as the rule asks for."""
+        """Whether there are as many weighings as required."""
         return self.weighings >= self.weighings_required
 
     @property
     def passed(self) -> bool:
-        """Whether both limits are kept by enough weighings."""
+        """Whether enough weighings are within both limits."""
         return self.error_passed and self.std_dev_passed and self.enough_weighings
 
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
-    """Hold a condition to the limits of a class; a pass that got no mass is no weighing."""
+    """Compare a condition with the limits of a class; a pass without a mass is no weighing."""
     limit = accuracy_class.max_error(condition.mass)
     std_dev_limit = accuracy_class.max_std_dev(condition.mass)
     error = abs(condition.mean_error)
@@ -314,7 +313,7 @@ def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgemen
     return Judgement(
         max_error=limit,
         max_std_dev=std_dev_limit,
-        # A comparison with NaN is false, as it should be.
+        # A comparison with NaN is false, so an unknown error does not pass.
         error_passed=bool(error <= limit),
         std_dev_passed=math.isinf(std_dev_limit) or condition.std_dev <= std_dev_limit,
         weighings=condition.count,
@@ -323,7 +322,7 @@ def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgemen
 
 
 def _is_round(value: float) -> bool:
-    """Tell whether a positive number is 1, 2 or 5 times a power of ten."""
+    """Return whether a positive number is 1, 2 or 5 times a power of ten."""
     return f'{value:.9e}'.split('e')[0].rstrip('0').rstrip('.') in ('1', '2', '5')
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The columns of results of items: name, unit and value of each, and the CSV that they make."""
+"""Columns of the results of items: name, unit and value of each; and the CSV file of them."""
 
 from collections.abc import Callable, Iterable
 import csv
@@ -14,7 +14,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class ColumnType(Enum):
-    """What the values of a column are; None where one is not known."""
+    """Type of the values of a column; a value that is not known is None."""
 
     WHOLE = 'whole number'
     TIME = 'time of the bag'  # values are in ns
@@ -25,13 +25,13 @@ class ColumnType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of results; `unit` is that of files, `digits` are those of a number in the CSV."""
+    """A column of results."""
 
     name: str
     kind: ColumnType
-    unit: str  # '1' for a number without one, empty for what is no number
+    unit: str  # in files; '1' for a number without unit, empty for other types
     value_of: Callable[[ItemResult], Any]
-    digits: int = 6
+    digits: int = 6  # of a number in the CSV
 
     def value(self, item: ItemResult) -> Any:
         """Return the value of an item, a time in ns; None if it is not known."""
@@ -39,12 +39,12 @@ class Column:
         return None if self.kind is ColumnType.NUMBER and not math.isfinite(value) else value
 
     def text(self, item: ItemResult) -> str:
-        """Return the value of an item in the CSV, empty if it is not known."""
+        """Return the text of an item in the CSV, empty if it is not known."""
         value = self.value(item)
         if value is None:
             return ''
         if self.kind is ColumnType.TIME:
-            # As seconds without rounding, which a float of today's date would.
+            # Seconds, without the rounding of a float of today's date.
             whole, part = divmod(value, NANOSECONDS)
             return f'{whole}.{part:09d}'
         if self.kind is ColumnType.TEXTS:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.examples import Example
 
-# Speeds and masses of a table are typed in or counted in steps; closer ones are the same.
+# Speeds and masses that differ by less are equal; they are typed in or computed in steps.
 _SAME = 1e-6
 
 
@@ -59,17 +59,13 @@ class ConditionResult:
         """Standard deviation over its Gauss-Markov bound, NaN where that is not known."""
         return self.std_dev / self.bound if self.bound else math.nan
 
-    def coverage(self, level: float) -> float:
-        """Return the share of passes whose error lies in the stated interval; see `coverage`."""
-        return coverage((self,), level)
-
 
 @dataclass(frozen=True, slots=True)
 class Average:
     """Means over conditions, each with the same weight.
 
-    Where one condition has no value the mean has none, so that a condition that could not be
-    weighed does not make an estimator look better.
+    A mean is NaN if one of the conditions has no value: a condition that could not be weighed must
+    not make an estimator look better.
     """
 
     mean_error: float  # kg, of the magnitudes of mu
@@ -77,16 +73,16 @@ class Average:
     index: float  # kg
     bound: float  # kg
     ratio: float  # of the ratios sigma / bound
-    count: int  # sum of the passes that were weighed
-    faults: int  # sum of those that got no mass
+    count: int  # total number of passes that were weighed
+    faults: int  # total number of passes without a mass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
     """Result of a protocol: all conditions, their provenance, signals to show.
 
-    Its provenance names each thing that is needed to repeat it, with its value: profile, seed,
-    bags, versions. No two conditions have the same estimator, speed, mass and part.
+    The provenance has the name and value of everything that is needed to repeat the protocol:
+    profile, seed, bags, versions. No two conditions have the same estimator, speed, mass and part.
     """
 
     title: str  # one line
@@ -96,12 +92,12 @@ class Evaluation:
 
     @property
     def estimators(self) -> tuple[str, ...]:
-        """Names in the order in which they first appear."""
+        """Names of the estimators in order of first appearance."""
         return tuple(dict.fromkeys(one.estimator for one in self.conditions))
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Parts that have passes, 'test' first: it counts."""
+        """Parts that have passes, 'test' first."""
         there = {one.part for one in self.conditions}
         return tuple(part for part in ('test', 'train') if part in there)
 
@@ -123,7 +119,7 @@ class Evaluation:
         mass: float | None = None,
         part: str | None = None,
     ) -> tuple[ConditionResult, ...]:
-        """Return the conditions that agree with all that is given, in their order; m/s and kg."""
+        """Return the conditions with the given values, in their order; speed in m/s, mass in kg."""
         return tuple(
             one
             for one in self.conditions
@@ -139,15 +135,12 @@ class Evaluation:
         Estimators without a value of A are the last.
         """
         means = {name: average(self.select(estimator=name, part=part)) for name in self.estimators}
-
-        def place(name: str) -> tuple[bool, float]:
-            return math.isnan(means[name].index), means[name].index
-
-        return {name: means[name] for name in sorted(means, key=place)}
+        ordered = sorted(means.items(), key=lambda item: np.nan_to_num(item[1].index, nan=math.inf))
+        return dict(ordered)
 
 
 def average(conditions: Iterable[ConditionResult]) -> Average:
-    """Return the means over conditions; all NaN and 0 if there are none."""
+    """Return the means over conditions; without conditions NaN, and 0 for the numbers of passes."""
     there = tuple(conditions)
     return Average(
         mean_error=_mean([abs(one.mean_error) for one in there]),
@@ -161,12 +154,12 @@ def average(conditions: Iterable[ConditionResult]) -> Average:
 
 
 def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
-    """Return the share of the stated intervals that hold the error, over all passes.
+    """Return the fraction of the stated intervals that contain the error, over all passes.
 
     Parameters
     ----------
     conditions : iterable of ConditionResult
-        Their passes are put together.
+        Conditions whose passes are taken together.
     level : float
         Probability of the interval for a normal distribution, in 0..1 without its ends.
 
@@ -191,12 +184,12 @@ def overall_index(mean_error: float, std_dev: float) -> float:
 
 
 def same(one: float, other: float) -> bool:
-    """Whether two nominal speeds in m/s, or two true masses in kg, are meant to be the same."""
+    """Return whether two nominal speeds in m/s, or two true masses in kg, are equal."""
     return abs(one - other) < _SAME
 
 
 def distinct(values: Iterable[float]) -> tuple[float, ...]:
-    """Return values in ascending order, of those that are the same only the first."""
+    """Return values in ascending order, without those that are the `same` as the one before."""
     kept: list[float] = []
     for value in sorted(values):
         if not kept or not same(kept[-1], value):

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weighing passes of known mass by several estimators, for the accuracy tables."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 import math
@@ -18,21 +18,17 @@ from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.jobs import run_jobs
 
-_MASS_STEP = 1e-6  # kg; references that differ by less are one mass
+_MASS_STEP = 1e-6  # kg; smaller differences of references are ignored
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Passes that ran at one nominal speed in m/s and are reported together, faults included.
+    """Passes of one nominal speed that are reported together, including faults."""
 
-    The part is 'train' or 'test'. Bounds are those of Gauss and Markov by mass, in kg; empty where
-    they are not known.
-    """
-
-    speed: float
-    part: str
+    speed: float  # m/s
+    part: str  # 'train' or 'test'
     passes: tuple[KnownPass, ...]
-    bounds: dict[float, float]
+    bounds: Mapping[float, float] = field(default_factory=dict)  # Gauss-Markov bound by mass, kg
 
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
@@ -51,23 +47,26 @@ def evaluate_batch(batch: Batch, parameters: LineParameters) -> list[ConditionRe
         chosen = np.flatnonzero(keys == key)
         weighed = [number for number in chosen if estimates[number].weighed]
         mass = float(masses[chosen[0]])
-        errors = np.array([estimates[n].mass - masses[n] for n in weighed])
-        std_devs = np.array([estimates[n].std_dev for n in weighed])
-        results.append(
-            ConditionResult(
-                parameters.identifier.estimator, batch.speed, mass, batch.part, errors, std_devs,
-                faults=len(chosen) - len(weighed), bound=batch.bounds.get(mass, math.nan),
-            )
-        )  # fmt: skip
+        result = ConditionResult(
+            parameters.identifier.estimator,
+            batch.speed,
+            mass,
+            batch.part,
+            errors=np.array([estimates[number].mass - masses[number] for number in weighed]),
+            std_devs=np.array([estimates[number].std_dev for number in weighed]),
+            faults=len(chosen) - len(weighed),
+            bound=batch.bounds.get(mass, math.nan),
+        )
+        results.append(result)
     return results
 
 
 def evaluate_batches(
     batches: Sequence[Batch], estimators: Sequence[LineParameters], n_jobs: int | None = None
 ) -> tuple[ConditionResult, ...]:
-    """Return the results of estimators on batches, the estimators in their order.
+    """Return the results of estimators on batches, in the order of the estimators.
 
-    Each set of parameters has another estimator. `n_jobs` counts processes, as in
+    Each set of parameters has another estimator. `n_jobs` is the number of processes, as in
     `checkweigher_validation.jobs.run_jobs`.
     """
     calls = [partial(evaluate_batch, batch, line) for line in estimators for batch in batches]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Signals for the figures of a report: a pass as it came, as it should be, and denoised."""
+"""Signals for the figures of a report: a pass as recorded, without noise, and denoised."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,26 +24,26 @@ from checkweigher_recording.simulation.simulator import (
 )
 from checkweigher_validation.accuracy.passes import KnownPass, known_passes
 
-_PRODUCTS = 3  # of a simulated example; the last one is shown, with the ring-down of another before
+_PRODUCTS = 3  # of a simulated example; the last one is shown, after the ring-down of another
 _LEAD = 0.15  # s before t1
-_TRAIL = 1.0  # s after t3, at most: until the item has left
+_TRAIL = 1.0  # s after t3, or until the item has left
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Example:
-    """One pass as it was recorded and as it was denoised, for figures.
+    """One pass as recorded and as denoised, for figures.
 
-    Arrays are in kg. `denoised` has the window t2..t3 by name of the thresholding: hard, soft,
-    shrinkage; `bands` those of the stationary wavelet transform of `signal`, (n,): a7, d7 .. d1.
+    Arrays are in kg. `denoised` has the window t2..t3 by thresholding: hard, soft, shrinkage.
+    `bands` has the bands of the stationary wavelet transform of `signal`, (n,): a7, d7 .. d1.
     """
 
     speed: float  # m/s, nominal
     mass: float  # kg, true
     sample_rate: float  # Hz
-    t1: float  # s from the first sample: begins to enter
-    t2: float  # is fully on
-    t3: float  # begins to leave
-    t4: float  # is gone
+    t1: float  # s from the first sample: the product begins to enter
+    t2: float  # it is fully on the belt
+    t3: float  # it begins to leave
+    t4: float  # it has left
     signal: NDArray[np.float64]  # (n,), zero removed
     ideal: NDArray[np.float64]  # (n,), of the platform without any noise; empty if not known
     denoised: tuple[tuple[str, NDArray[np.float64]], ...] = ()
@@ -52,7 +52,7 @@ class Example:
     @property
     def window(self) -> slice:
         """Samples from the first one at or after t2 up to the last one before t3."""
-        # A sample that lies on an edge must not fall to the wrong side by a rounding error.
+        # Rounding errors must not move a sample at an edge to the other side.
         begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
         return slice(max(begin, 0), min(end, len(self.signal)))
 
@@ -78,27 +78,33 @@ def example_of(
 ) -> Example:
     """Return a whole pass at a nominal speed in m/s as an example.
 
-    It has an ideal signal if the platform of the machine is known.
+    The ideal signal is computed if the platform of the machine is known.
     """
-    window = shown.window
-    t1, t2, t3 = window.t1 or 0, window.t2 or 0, window.t3 or 0
-    entry = seconds(t1 - window.stamp) * window.sample_rate
-    first = max(int(entry - _LEAD * window.sample_rate), window.empty_begin, 0)
-    origin = seconds(window.stamp) + first / window.sample_rate
-    on, full, off = (seconds(stamp) - origin for stamp in (t1, t2, t3))
+    window, rate = shown.window, shown.window.sample_rate
+    t1, t2, t3 = (
+        seconds((stamp or 0) - window.stamp) for stamp in (window.t1, window.t2, window.t3)
+    )
+    first = max(int(t1 * rate - _LEAD * rate), window.empty_begin, 0)
+    on, full, off = (time - first / rate for time in (t1, t2, t3))
     signal = window.force[first:]
-    time = np.arange(len(signal)) / window.sample_rate
     ideal: NDArray[np.float64] = np.zeros(0)
     if platform is not None:
         crossing = Crossing(on, full, off, off + full - on)
+        time = np.arange(len(signal)) / rate
         ideal = shown.mass * responses(platform, shown.mass, crossing, time)[0]
     return Example(
-        speed=speed, mass=shown.mass, sample_rate=window.sample_rate,
-        t1=on, t2=full, t3=off, t4=off + full - on,
-        signal=signal, ideal=ideal,
+        speed,
+        shown.mass,
+        rate,
+        t1=on,
+        t2=full,
+        t3=off,
+        t4=off + full - on,
+        signal=signal,
+        ideal=ideal,
         denoised=tuple((method, _denoised(window, denoise, method)) for method in METHODS),
         bands=_bands(signal),
-    )  # fmt: skip
+    )
 
 
 def _denoised(window: WeighWindow, denoise: DenoiseParameters, method: str) -> NDArray[np.float64]:

@@ -1,39 +1,41 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators on several machines, held against what is attainable on each: text, CSV and JSON."""
+"""Estimators on several machines compared with the attainable accuracy: text, CSV and JSON."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 import io
 import json
 import math
+from typing import Any
 
 import numpy as np
 
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.classes import AccuracyClass
-from checkweigher_validation.accuracy.errors import Evaluation, average, coverage
+from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation, average, coverage
 from checkweigher_validation.accuracy.tables import (
     LEVELS,
     METRES_PER_MINUTE,
+    cell,
     csv_text,
-    json_text,
+    json_conditions,
 )
 
-# Both stand as estimators in the results of each machine.
+# Further names of estimators in the results of a machine.
 ATTAINABLE = 'attainable'
 CHOSEN = 'chosen'  # by `tune`, of the tuned ones
 
 
 @dataclass(frozen=True, slots=True)
 class MachineResult:
-    """Results on a machine of the family, by the seed that draws it: tuned, and untrained.
+    """Results of tuned and of untrained estimators on a machine of the family.
 
-    Both have the conditions of `ATTAINABLE` besides, the tuned ones those of `CHOSEN`.
+    Both contain the conditions of `ATTAINABLE`; the tuned ones also contain those of `CHOSEN`.
     """
 
-    machine: int
+    machine: int  # seed that draws it
     tuned: Evaluation
     untrained: Evaluation
     chosen: str  # name of the estimator that `tune` chooses on this machine
@@ -41,26 +43,24 @@ class MachineResult:
 
 @dataclass(frozen=True, slots=True)
 class FamilyRow:
-    """One estimator over all machines; `cells` are of each speed, the last one of all speeds.
-
-    A cell has the mean and the largest of the ratios of A to the attainable A. `trained` is the
-    mean of all ratios in training, NaN for what is untrained.
-    """
+    """Results of one estimator over all machines, as ratios of A to the attainable A."""
 
     estimator: str
-    cells: tuple[tuple[float, float], ...]
+    cells: tuple[tuple[float, float], ...]  # mean and largest ratio of each speed, then of all
     coverages: tuple[float, ...]  # of the intervals of `LEVELS`
     faults: int
-    trained: float
+    trained: float  # mean ratio in training; NaN without training
 
 
 @dataclass(frozen=True, slots=True)
 class FamilyTable:
-    """Estimators over all machines; the attainable A in kg is a mean over the machines."""
+    """Results of all estimators over all machines."""
 
     title: str
     speeds: tuple[float, ...]  # m/s
-    attainable: tuple[float, ...]  # of each speed, the last one of all
+    attainable: tuple[
+        float, ...
+    ]  # attainable A in kg, mean over the machines: each speed, then all
     rows: tuple[FamilyRow, ...]
 
 
@@ -75,7 +75,7 @@ def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, Famil
 def ratios(
     machines: Sequence[Evaluation], estimator: str, speed: float | None = None, part: str = 'test'
 ) -> list[float]:
-    """Return A over the attainable A by machine, and by speed if none in m/s is given."""
+    """Return A over the attainable A of each machine at a speed in m/s, or at each speed."""
     found = []
     for one in machines:
         for at in one.speeds if speed is None else (speed,):
@@ -88,47 +88,53 @@ def ratios(
 def _family_table(title: str, machines: Sequence[Evaluation]) -> FamilyTable:
     speeds = machines[0].speeds
     columns = (*speeds, None)
-    rows = []
-    for name in machines[0].estimators:
-        if name == ATTAINABLE:
-            continue
-        by_column = [ratios(machines, name, speed) for speed in columns]
-        there = [each for one in machines for each in one.select(estimator=name, part='test')]
-        rows.append(
-            FamilyRow(
-                name,
-                tuple((float(np.mean(each)), float(np.max(each))) for each in by_column),
-                tuple(coverage(there, level) for level in LEVELS),
-                average(there).faults,
-                float(np.mean(ratios(machines, name, part='train'))),
-            )
-        )
-    attainable = [
-        [each for one in machines for each in one.select(estimator=ATTAINABLE, speed=speed)]
-        for speed in columns
-    ]
-    means = tuple(average(there).index for there in attainable)
-    return FamilyTable(title, speeds, means, tuple(rows))
+    names = [name for name in machines[0].estimators if name != ATTAINABLE]
+    rows = tuple(_family_row(name, machines, columns) for name in names)
+    attainable = tuple(
+        average(_conditions(machines, estimator=ATTAINABLE, speed=speed)).index for speed in columns
+    )
+    return FamilyTable(title, speeds, attainable, rows)
+
+
+def _family_row(
+    name: str, machines: Sequence[Evaluation], columns: Sequence[float | None]
+) -> FamilyRow:
+    found = [ratios(machines, name, speed) for speed in columns]
+    conditions = _conditions(machines, estimator=name, part='test')
+    return FamilyRow(
+        name,
+        cells=tuple((float(np.mean(each)), float(np.max(each))) for each in found),
+        coverages=tuple(coverage(conditions, level) for level in LEVELS),
+        faults=average(conditions).faults,
+        trained=float(np.mean(ratios(machines, name, part='train'))),
+    )
+
+
+def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[ConditionResult]:
+    """Return the conditions of all machines, chosen as by `Evaluation.select`."""
+    return [one for machine in machines for one in machine.select(**chosen)]
 
 
 def family_text(machines: Sequence[MachineResult], title: str) -> str:
     """Return both tables for a terminal."""
     lines = [f'{title}: A over the attainable A, mean over the machines and worst; test passes']
     for table in family_tables(machines):
-        speeds = [f'{METRES_PER_MINUTE * speed:.4g} m/min' for speed in table.speeds]
-        head = ''.join(f'{name:>14}' for name in (*speeds, 'all'))
-        lines.append(
-            f'{table.title:<16}{head}' + ''.join(f'{f"in {100 * x:.0f}%":>8}' for x in LEVELS)
-            + f'{"faults":>8}' + (f'{"training":>10}' if table.title == 'tuned' else '')
-        )  # fmt: skip
-        grams = ''.join(f'{GRAMS * value:>14.3f}' for value in table.attainable)
-        lines.append(f'{"attainable A, g":<16}{grams}')
-        for row in table.rows:
-            cells = ''.join(f'{_number(mean):>8}{_number(worst):>6}' for mean, worst in row.cells)
-            covered = ''.join(f'{_number(100 * share, 0):>8}' for share in row.coverages)
-            trained = '' if math.isnan(row.trained) else f'{row.trained:>10.2f}'
-            lines.append(f'{row.estimator:<16}{cells}{covered}{row.faults:>8}{trained}')
+        lines += _table_text(table)
     return '\n'.join((*lines, choices(machines)))
+
+
+def _table_text(table: FamilyTable) -> Iterator[str]:
+    speeds = [f'{METRES_PER_MINUTE * speed:.4g} m/min' for speed in table.speeds]
+    head = ''.join(f'{name:>14}' for name in (*speeds, 'all'))
+    levels = ''.join(f'{f"in {100 * level:.0f}%":>8}' for level in LEVELS)
+    training = f'{"training":>10}' if table.title == 'tuned' else ''
+    yield f'{table.title:<16}{head}{levels}{"faults":>8}{training}'
+    yield f'{"attainable A, g":<16}' + ''.join(f'{GRAMS * x:>14.3f}' for x in table.attainable)
+    for row in table.rows:
+        cells = ''.join(f'{cell(mean, 2):>8}{cell(worst, 2):>6}' for mean, worst in row.cells)
+        covered = ''.join(f'{cell(100 * share, 0):>8}' for share in row.coverages)
+        trained = '' if math.isnan(row.trained) else f'{row.trained:>10.2f}'
+        yield f'{row.estimator:<16}{cells}{covered}{row.faults:>8}{trained}'
 
 
 def choices(machines: Sequence[MachineResult]) -> str:
@@ -142,7 +148,7 @@ def family_csv(
 ) -> str:
     """Return one row for each machine, estimator, speed, mass and part as CSV.
 
-    The columns are those of `csv_text` after ``machine`` and ``tuned``, 1 or 0. What is attainable
+    The columns are ``machine``, ``tuned`` (1 or 0) and those of `csv_text`. The attainable accuracy
     has rows of its own.
     """
     file = io.StringIO()
@@ -165,14 +171,10 @@ def family_json(
         'machines': [
             {
                 'machine': each.machine,
-                'tuned': json.loads(json_text(each.tuned))['conditions'],
-                'untrained': json.loads(json_text(each.untrained))['conditions'],
+                'tuned': json_conditions(each.tuned),
+                'untrained': json_conditions(each.untrained),
             }
             for each in machines
         ],
     }
     return json.dumps(content, indent=1, allow_nan=False) + '\n'
-
-
-def _number(value: float, digits: int = 2) -> str:
-    return '-' if math.isnan(value) else f'{value:.{digits}f}'

@@ -1,17 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of Long et al. on their own machine: Table 3 of the paper, to compare ours with.
+"""Results of Long et al. on their own machine: Table 3 of the paper, for comparison.
 
-Their passes are not public. A simulated machine is not theirs, so agreement of single figures is
-chance; magnitudes and the order of the algorithms can be compared.
+Their passes are not public. The simulated machine differs from theirs, so single figures agree only
+by chance; magnitudes and the order of the algorithms can be compared.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
 from checkweigher_core.records import GRAMS
-from checkweigher_validation.accuracy.errors import overall_index, same
+from checkweigher_validation.accuracy.errors import Evaluation, overall_index, same
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s
 PAPER_MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg
 PAPER_ESTIMATORS = ('tvlpf', 'aid', 'aeksi', 'iswd_eksi')
 
-# Belt speed in m/min and algorithm; sigma and mu in g, a pair for each mass.
+# Belt speed in m/min, algorithm, and for each mass sigma and mu in g.
 _TABLE_3 = """
 30 tvlpf      0.031  0.048  0.040  0.033  0.033  0.003  0.036  0.021  0.040  0.012
 30 aid        0.037  0.043  0.049  0.042  0.050  0.007  0.060  0.027  0.058  0.021
@@ -55,8 +57,7 @@ _TABLE_3 = """
 90 iswd_eksi  0.127  0.019  0.152 -0.053  0.179  0.019  0.157 -0.005  0.200  0.005
 """
 
-
-# In kg: by place of the speed, algorithm, place of the mass, sigma and mu.
+# In kg, by speed, algorithm, mass, and sigma or mu.
 _CELLS = np.reshape(
     [np.array(line.split()[2:], np.float64) / GRAMS for line in _TABLE_3.strip().split('\n')],
     (len(PAPER_SPEEDS), len(PAPER_ESTIMATORS), len(PAPER_MASSES), 2),
@@ -72,14 +73,34 @@ def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | Non
 
 
 def paper_index(estimator: str, speed: float | None = None) -> float:
-    """Return the A of an algorithm in kg on average over the masses; NaN if there is none.
+    """Return the mean A of an algorithm over the masses, in kg; NaN if the paper has none.
 
-    At a speed in m/s, or on average over the speeds as well if none is given.
+    At a speed in m/s, or averaged over the speeds if no speed is given.
     """
     speeds = PAPER_SPEEDS if speed is None else (speed,)
     found = [paper_result(estimator, one, mass) for one in speeds for mass in PAPER_MASSES]
     indices = [one.index for one in found if one is not None]
-    return float(np.mean(indices)) if indices else float('nan')
+    return float(np.mean(indices)) if indices else math.nan
+
+
+def has_paper_masses(evaluation: Evaluation) -> bool:
+    """Return whether the masses are those of the paper, so that averages can be compared."""
+    return _all_same(evaluation.masses, PAPER_MASSES)
+
+
+def has_paper_conditions(evaluation: Evaluation) -> bool:
+    """Return whether speeds and masses are those of the paper."""
+    return has_paper_masses(evaluation) and _all_same(evaluation.speeds, PAPER_SPEEDS)
+
+
+def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
+    """Return `paper_index` if the conditions of an evaluation are those of the paper, else NaN."""
+    has_conditions = has_paper_conditions if speed is None else has_paper_masses
+    return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
+
+
+def _all_same(values: Sequence[float], others: Sequence[float]) -> bool:
+    return len(values) == len(others) and all(map(same, values, others))
 
 
 def _place(values: tuple[float, ...], value: float) -> int | None:

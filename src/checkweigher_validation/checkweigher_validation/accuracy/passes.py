@@ -15,9 +15,9 @@ from checkweigher_core.records import NANOSECONDS, LoadCell, Reference, WeighWin
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-# A reference belongs to the item whose t1 it carries; half a block of slack for foreign bags.
+# Largest difference of a reference and the t1 of its item, ns: half a block, for foreign bags.
 SAME_ITEM = NANOSECONDS // 100
-# Belt speeds that differ by less are one; a belt wanders by a few tenths of a percent.
+# Largest relative difference of the speeds of a group; a belt varies by a few tenths of a percent.
 _SAME_SPEED = 0.05
 
 
@@ -25,38 +25,42 @@ class ReferenceMasses:
     """Known masses by the time of entry, from references in any order."""
 
     def __init__(self, references: Iterable[Reference]) -> None:
-        self._references = sorted(references, key=lambda reference: reference.stamp)
+        self._references: list[Reference] = []
+        self.extend(references)
 
     def extend(self, references: Iterable[Reference]) -> None:
-        """Take further references, in any order."""
+        """Add references, in any order."""
         self._references += references
         self._references.sort(key=lambda reference: reference.stamp)
 
     def forget(self, t1: int) -> None:
-        """Forget what belongs to items that entered before `t1`, ns."""
-        first = bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
-        del self._references[:first]
+        """Remove the references of items that entered before `t1`, ns."""
+        del self._references[: self._first(t1)]
 
     def at(self, t1: int | None) -> float:
-        """Return the mass in kg of the item that entered at `t1` in ns, NaN if it is not known."""
+        """Return the mass in kg of the item that entered at `t1` in ns; NaN if it is not known."""
         if t1 is None:
             return math.nan
-        first = bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
+        first = self._first(t1)
         near = self._references[first : first + 2]
         best = min(near, key=lambda reference: abs(reference.stamp - t1), default=None)
         return best.mass if best and abs(best.stamp - t1) <= SAME_ITEM else math.nan
 
+    def _first(self, t1: int) -> int:
+        """Return the place of the first reference of an item that entered at `t1` or later."""
+        return bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
+
 
 @dataclass(frozen=True, slots=True)
 class KnownPass:
-    """A window, or the fault that it became, and the true mass of its product in kg."""
+    """A window, sound or faulty, and the true mass of its product in kg."""
 
     window: WeighWindow
     mass: float
 
     @property
     def whole(self) -> bool:
-        """Whether it can be weighed."""
+        """Whether the window can be weighed."""
         return not self.window.reasons
 
 
@@ -64,8 +68,8 @@ class KnownPass:
 class SpeedGroup:
     """All passes of one belt speed in m/s, in the order in which they ran.
 
-    The speed of a group of `group_by_speed` is half way from the slowest pass to the fastest, so
-    that none is further off than the identifier takes a pass for trained.
+    The speed of a group of `group_by_speed` is the mean of the slowest and the fastest pass. Each
+    pass is then within the speed tolerance of the identifier.
     """
 
     speed: float
@@ -100,28 +104,27 @@ def known_passes(
     )
 
 
+def whole_passes(passes: Iterable[KnownPass]) -> tuple[KnownPass, ...]:
+    """Return the passes that can be weighed."""
+    return tuple(each for each in passes if each.whole)
+
+
 def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
-    """Return the whole passes by belt speed, slowest first."""
-    whole = [each for each in passes if each.whole]
-    groups: list[list[int]] = []
-    slowest = -math.inf
-    for number in sorted(range(len(whole)), key=lambda number: whole[number].window.belt_speed):
-        speed = whole[number].window.belt_speed
-        if speed > slowest * (1 + _SAME_SPEED) or not groups:
-            groups.append([])
-            slowest = speed
-        groups[-1].append(number)
-    return tuple(
-        SpeedGroup(
-            (whole[group[0]].window.belt_speed + whole[group[-1]].window.belt_speed) / 2,
-            tuple(whole[number] for number in sorted(group)),
-        )
-        for group in groups
-    )
+    """Return the whole passes grouped by belt speed, slowest first."""
+    whole = whole_passes(passes)
+    speeds = np.array([each.window.belt_speed for each in whole])
+    groups: list[SpeedGroup] = []
+    left = np.argsort(speeds)
+    while len(left):
+        own = left[speeds[left] <= speeds[left[0]] * (1 + _SAME_SPEED)]
+        middle = float(speeds[own[0]] + speeds[own[-1]]) / 2
+        groups.append(SpeedGroup(middle, tuple(whole[number] for number in sorted(own))))
+        left = left[len(own) :]
+    return tuple(groups)
 
 
 def spread(group: SpeedGroup, count: int) -> Sequence[KnownPass]:
-    """Return `count` passes of a group at most, evenly over its masses and over time."""
+    """Return at most `count` passes of a group, spread evenly over its masses and over time."""
     by_mass = sorted(range(len(group.passes)), key=lambda i: (group.passes[i].mass, i))
     chosen = np.unique(np.linspace(0, len(by_mass) - 1, min(count, len(by_mass))).round())
     return [group.passes[by_mass[int(position)]] for position in chosen]

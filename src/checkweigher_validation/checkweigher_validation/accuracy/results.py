@@ -1,11 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of items, joined with their references: the table and the summary."""
+"""Results of items with their references: the table and the summary."""
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left, bisect_right, insort
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from itertools import chain
 import math
 
@@ -30,23 +29,23 @@ from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 
 @dataclass(frozen=True, slots=True)
 class ItemResult:
-    """One item with all that is known of it; ``reference`` in kg, NaN if there is none."""
+    """Estimate, verdict and reference of one item."""
 
     estimate: MassEstimate
     verdict: Verdict
-    t4: int | None = None
-    reference: float = math.nan
+    t4: int | None = None  # ns
+    reference: float = math.nan  # kg
 
     @property
     def error(self) -> float:
-        """Mass less reference in kg, NaN if either is not known."""
+        """Mass less reference in kg; NaN if one of them is not known."""
         return self.estimate.mass - self.reference
 
 
 class ResultJoiner:
-    """Join weighings with the known masses of a bag and with t4, from all photo-eye edges of it.
+    """Lookup of t4 and of the known mass of each weighing, from the edges and references of a bag.
 
-    A weighing itself has no t4, for the verdict is due before it.
+    A weighing has no t4 of its own because the verdict is due before t4.
     """
 
     def __init__(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
@@ -55,13 +54,13 @@ class ResultJoiner:
         self.extend(edges, references)
 
     def extend(self, edges: Iterable[EyeEdge], references: Iterable[Reference]) -> None:
-        """Take further edges and known masses."""
+        """Add edges and known masses."""
         self._outfeed += ((e.stamp, e.blocked) for e in edges if e.eye == Eye.OUTFEED)
         self._outfeed.sort()
         self._references.extend(references)
 
     def forget(self, t1: int) -> None:
-        """Forget what belongs to items that entered before `t1`, ns."""
+        """Remove edges and known masses of items that entered before `t1`, ns."""
         del self._outfeed[: bisect_left(self._outfeed, (t1, False))]
         self._references.forget(t1)
 
@@ -71,11 +70,11 @@ class ResultJoiner:
         return ItemResult(estimate, verdict, self._t4(estimate.t3), reference)
 
     def knows_t4(self, t3: int | None) -> bool:
-        """Tell whether there is an edge after t3, or none is to be waited for."""
+        """Return whether t4 is known: an edge after t3 has arrived, or there is no t3."""
         return t3 is None or bisect_right(self._outfeed, (t3, True)) < len(self._outfeed)
 
     def _t4(self, t3: int | None) -> int | None:
-        """Return the edge after t3, if the outfeed eye clears with it."""
+        """Return the time of the edge after t3 if the outfeed eye clears with it."""
         if t3 is None:
             return None
         position = bisect_right(self._outfeed, (t3, True))
@@ -90,10 +89,10 @@ def weigh(
 ) -> list[ItemResult]:
     """Weigh everything in a recording, and return the results in order of entry.
 
-    With `progress` there is a bar on a terminal if it takes more than a second.
+    With `progress` a bar is shown on a terminal if it takes more than a second.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    # As replay does at full speed: how a stream is cut changes no mass, and each block is work.
+    # Longer blocks are less work; the length of the blocks changes no mass.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     joiner = ResultJoiner(recording.edges, recording.references)
@@ -104,10 +103,10 @@ def weigh(
 def weigh_stretches(
     stretches: Iterable[Recording], parameters: LineParameters
 ) -> Iterator[ItemResult]:
-    """Weigh a recording that comes in stretches, in memory that does not grow with it.
+    """Weigh a recording that comes in stretches, in memory that does not grow with its length.
 
-    Yield the results that `weigh` returns of the whole, in the same order. At least one stretch is
-    needed; see `checkweigher_recording.bags.reading.read_stretches`.
+    Yields the results that `weigh` returns for the whole recording, in the same order. There must
+    be at least one stretch; see `checkweigher_recording.bags.reading.read_stretches`.
     """
     stretches = iter(stretches)
     first = next(stretches)
@@ -121,49 +120,41 @@ def weigh_stretches(
 
 
 class _WaitingResults:
-    """Weighings that wait for what the bag has of their items, and for the items before them."""
+    """Weighings that wait for edges and references of their items, and for earlier items."""
 
     def __init__(self) -> None:
         self._joiner = ResultJoiner((), ())
-        # A heap, by item and order of coming.
-        self._waiting: list[tuple[int, int, MassEstimate, Verdict]] = []
-        self._came = 0
-        self._next = 1  # item
-        self._known = -1  # ns: all that is before has come
+        self._waiting: list[Weighing] = []  # by item, then in order of arrival
+        self._next = 1  # number of the next item
+        self._known = -1  # ns; everything before this time has arrived
 
     def know(self, stretch: Recording) -> Recording:
-        """Take edges and known masses of the next stretch, and return it."""
+        """Add edges and known masses of the next stretch, and return the stretch."""
         self._joiner.extend(stretch.edges, stretch.references)
         if len(stretch.blocks):
             self._known = stretch.blocks[-1].stamp
         return stretch
 
     def add(self, weighing: Weighing) -> None:
-        """Take the next weighing."""
-        estimate, verdict = weighing.estimate, weighing.verdict
-        heappush(self._waiting, (estimate.item_id, self._came, estimate, verdict))
-        self._came += 1
+        """Add the next weighing."""
+        insort(self._waiting, weighing, key=lambda each: each.estimate.item_id)
 
     def complete(self) -> Iterator[ItemResult]:
-        """Yield the results of the next items of which all is known."""
-        while self._waiting and self._waiting[0][0] <= self._next:
-            estimate = self._waiting[0][2]
+        """Yield the results of the next items for which nothing more will arrive."""
+        while self._waiting and self._waiting[0].estimate.item_id <= self._next:
+            estimate = self._waiting[0].estimate
             is_known = estimate.t1 is None or estimate.t1 + SAME_ITEM < self._known
             if not (is_known and self._joiner.knows_t4(estimate.t3)):
                 return
             self._next = estimate.item_id + 1
-            yield self._joined()
+            yield self._joiner.join(estimate, self._waiting.pop(0).verdict)
             if estimate.t1 is not None:
                 self._joiner.forget(estimate.t1)
 
     def rest(self) -> Iterator[ItemResult]:
-        """Yield the results of all items that are left: nothing more comes."""
-        while self._waiting:
-            yield self._joined()
-
-    def _joined(self) -> ItemResult:
-        *_, estimate, verdict = heappop(self._waiting)
-        return self._joiner.join(estimate, verdict)
+        """Yield the results of all remaining items, at the end of the recording."""
+        for weighing in self._waiting:
+            yield self._joiner.join(weighing.estimate, weighing.verdict)
 
 
 TABLE_HEADER = (
@@ -189,21 +180,21 @@ def table_row(result: ItemResult, origin: int) -> str:
 
 
 class ErrorSum(RunningMoments):
-    """Number, mean, standard deviation and largest of errors, without keeping them."""
+    """Number, mean, standard deviation and largest magnitude of errors that are not kept."""
 
     def __init__(self) -> None:
         super().__init__()
         self.largest = 0.0
 
     def add(self, error: float) -> None:
-        """Take a further error."""
+        """Add an error."""
         super().add(error)
         if abs(error) > abs(self.largest):
             self.largest = error
 
 
 def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
-    """Return one line on all items: how many had each decision, and the errors in g."""
+    """Return one line with the number of items of each decision, and the errors in g."""
     count = sum(decisions.values())
     parts = [counted(count, 'item')]
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The program that makes results: its version, its code, and the libraries that it computes by."""
+"""The program that makes results: version, code and libraries."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 import platform
 
-_WEIGHING = ('dsp', 'recording', 'validation')  # what results follow from
+_WEIGHING = ('dsp', 'recording', 'validation')  # packages that determine results
 _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
 
 
@@ -19,7 +19,7 @@ _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
 class Program:
     """Version and digest of the program, and versions of Python and the libraries.
 
-    Equal programs make equal results, on processors of one kind.
+    Equal programs make equal results on processors of the same kind.
     """
 
     version: str
@@ -42,7 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return why a worker with its program is not used, in one line; empty if it is."""
+    """Return why a worker with its program is not used, in one line; empty if it is used."""
     if there == here:
         return ''
     return f'the worker runs {there}, here is {here}; bring it to the same version'

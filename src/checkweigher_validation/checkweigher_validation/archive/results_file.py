@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Results of one bag as a Parquet file: typed columns with their units, and what made them."""
+"""Results of one bag as a Parquet file: typed columns with units, and the origin of the results."""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -25,7 +25,7 @@ _TYPES = {
     ColumnType.TEXTS: pa.list_(pa.string()),
 }
 _KEY = 'checkweigher'  # of the metadata
-_ROWS = 10_000  # that are written at once
+_ROWS = 10_000  # written at the same time
 SCHEMA = pa.schema(
     [
         pa.field(column.name, _TYPES[column.kind], metadata={'unit': column.unit})
@@ -36,7 +36,7 @@ SCHEMA = pa.schema(
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What results follow from: bag and parameters by their SHA-256, lane, and program."""
+    """Origin of results: SHA-256 of bag and parameters, lane, and program."""
 
     bag_sha256: str
     parameters_sha256: str
@@ -46,7 +46,7 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class BagSummary:
-    """What a bag came to; errors are in g, None where there are too few items of known mass."""
+    """Summary of a bag; an error is None if there are too few items of known mass."""
 
     duration_s: float  # of the signal
     items: int
@@ -61,7 +61,7 @@ class BagSummary:
 
 
 def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetWriter:
-    """Write the rows of a Parquet file as they come; it is whole when `finish` was called."""
+    """Write the rows of a Parquet file as they arrive; `finish` completes the file."""
     writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
     results = iter(results)
     while rows := list(islice(results, _ROWS)):
@@ -74,14 +74,14 @@ def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetW
 
 
 def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> None:
-    """Complete a file with what made it and what it came to."""
+    """Complete a file with the origin and the summary of its results."""
     text = json.dumps({'origin': asdict(origin), 'summary': asdict(summary)})
     writer.add_key_value_metadata({_KEY: text})
     writer.close()
 
 
 def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
-    """Return what made a file of results and what it came to, None if it is no whole one."""
+    """Return origin and summary of a file of results, None if the file is not complete."""
     with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         metadata = pq.read_metadata(path).metadata
         found = json.loads(metadata[_KEY.encode()])
@@ -91,7 +91,7 @@ def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
 
 
 def _value(column: Column, result: ItemResult) -> Any:
-    """Return the value of a result as pyarrow takes it; None if it is not known."""
+    """Return the value of a result for pyarrow; None if it is not known."""
     value = column.value(result)
     is_time = column.kind is ColumnType.TIME and value is not None
     return Decimal(value).scaleb(-9) if is_time else value

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The folder with the results of many bags: a file per bag, and the summary of all."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 import csv
 from dataclasses import asdict, fields, replace
 from io import StringIO
@@ -23,11 +23,11 @@ class ResultsFolder:
     Parameters
     ----------
     path : Path
-        Folder, which is made if need be; what is there of the same bags, parameters and program is
-        kept.
+        Folder, which is made if necessary. Results of the same bags, parameters and program that
+        are in it are kept.
     jobs : mapping of WeighJob
-        All of them, by the names of their results; `jobs` has them with the digests of the bags
-        whose results are there.
+        All jobs, by the names of their results. The attribute `jobs` has them with the digests of
+        the bags whose results are in the folder.
 
     Raises
     ------
@@ -37,7 +37,7 @@ class ResultsFolder:
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:
         self._path = path
-        self._names = {job.bag: name for name, job in jobs.items()}
+        self._names = {job.bag: f'{name}.parquet' for name, job in jobs.items()}
         self._done: dict[str, Weighed] = {}
         self._before: dict[str, BagSummary] = {}  # of bags whose results are there
         try:
@@ -45,15 +45,14 @@ class ResultsFolder:
         except OSError as error:
             raise output_error(path, error) from None
         check_folder_of(path / SUMMARY)
-        self.kept = self.broken = 0
         self.jobs = [replace(job, known=self._known(job)) for job in jobs.values()]
 
     def file_of(self, bag: str) -> Path:
         """Return the file with the results of a bag."""
-        return self._path / f'{self._names[bag]}.parquet'
+        return self._path / self._names[bag]
 
     def _known(self, job: WeighJob) -> str:
-        """Return the digest of the bag whose results are there, made in the same way, or none."""
+        """Return the digest of the bag if its results are there, made in the same way; else ''."""
         found = read_origin(self.file_of(job.bag))
         if found is None or found[0] != origin_of(job, found[0].bag_sha256):
             return ''
@@ -61,10 +60,10 @@ class ResultsFolder:
         return found[0].bag_sha256
 
     def take(self, weighed: Weighed) -> Weighed:
-        """Write the results of a bag; return what became of it, with the summary of those kept.
+        """Write the results of a bag; return them with their summary.
 
-        Results that are there of a bag that is broken now are removed; where the bag was out of
-        reach they stay.
+        Earlier results of a bag that is broken now are removed. They stay if the bag could not be
+        reached.
 
         Raises
         ------
@@ -79,13 +78,16 @@ class ResultsFolder:
             elif weighed.broken:
                 file.unlink(missing_ok=True)
             elif not weighed.problem:
-                self.kept += 1
                 weighed = replace(weighed, summary=self._before[weighed.bag])
         except OSError as error:
             raise output_error(file, error) from None
-        self.broken += bool(weighed.problem)
         self._done[weighed.bag] = replace(weighed, file=None)
         return weighed
+
+    @property
+    def broken(self) -> int:
+        """Number of bags that could not be weighed."""
+        return sum(bool(each.problem) for each in self._done.values())
 
     @property
     def hours(self) -> float:
@@ -95,7 +97,7 @@ class ResultsFolder:
 
     @property
     def progress(self) -> str:
-        """How many bags are done, and how many hours of signal."""
+        """Number of bags that are done, and hours of their signal."""
         return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
 
     def close(self) -> str:
@@ -106,19 +108,24 @@ class ResultsFolder:
         OutputError
             If it cannot be written.
         """
+        done = [self._done[job.bag] for job in self.jobs if job.bag in self._done]
+        self._write_summary(done)
+        summaries = {each.bag: each.summary for each in done if each.summary}
+        items = sum(each.items for each in summaries.values())
+        kept = sum(each is self._before.get(bag) for bag, each in summaries.items())
+        parts = [counted(len(done), 'bag'), f'{self.hours:.2f} h of signal', counted(items, 'item')]
+        parts += [f'{counted(kept, "bag")} as before'] if kept else []
+        parts += [f'{counted(self.broken, "bag")} passed over'] if self.broken else []
+        return ', '.join(parts)
+
+    def _write_summary(self, done: Iterable[Weighed]) -> None:
+        columns = [each.name for each in fields(BagSummary)]
         text = StringIO()
         writer = csv.writer(text, lineterminator='\n')
-        columns = [each.name for each in fields(BagSummary)]
         writer.writerow(['bag', 'file', *columns, 'problem'])
-        done = [self._done[job.bag] for job in self.jobs if job.bag in self._done]
         for each in done:
-            name = '' if each.problem else f'{self._names[each.bag]}.parquet'
+            name = '' if each.problem else self._names[each.bag]
             values = asdict(each.summary) if each.summary else dict.fromkeys(columns)
             values['notes'] = '; '.join(values['notes'] or ())
             writer.writerow([each.bag, name, *values.values(), each.problem])
         write_whole(self._path / SUMMARY, text.getvalue())
-        items = sum(each.summary.items for each in done if each.summary)
-        parts = [counted(len(done), 'bag'), f'{self.hours:.2f} h of signal', counted(items, 'item')]
-        parts += [f'{counted(self.kept, "bag")} as before'] if self.kept else []
-        parts += [f'{counted(self.broken, "bag")} passed over'] if self.broken else []
-        return ', '.join(parts)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The job of one bag: its results, from a bag and parameters, wherever it is done."""
+"""The job of one bag: its results from the bag and parameters, on any machine."""
 
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -37,34 +37,25 @@ from checkweigher_validation.jobs import WorkerLostError, jobs_as_done
 
 @dataclass(frozen=True)
 class WeighJob:
-    """A bag to weigh, with what and by which program.
+    """A bag to weigh."""
 
-    `bag` is a path or a URL; `lane` a namespace, None if the bag has only one. `known` is the
-    SHA-256 of the bag of which the same parameters and program have made results already.
-    """
-
-    bag: str
+    bag: str  # path or URL
     parameters: LineParameters
-    lane: str | None
+    lane: str | None  # namespace, None if the bag has only one lane
     program: Program
-    known: str = ''
+    known: str = ''  # SHA-256 of the bag for which the same parameters and program have results
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """What became of a job, and on which machine; empty where nothing came back from it.
-
-    `file` is the Parquet file, None if the results that are known are still those of the bag, or if
-    there is a `problem`, in one line. `broken` tells that the problem is of the bag as it is now,
-    and not that it, or what weighs it, was out of reach.
-    """
+    """Result of a job."""
 
     bag: str
-    host: str
+    host: str  # name of the machine, empty if it is not known
     summary: BagSummary | None = None
-    file: bytes | None = None
-    problem: str = ''
-    broken: bool = False
+    file: bytes | None = None  # Parquet file; None with a problem, or if known results still hold
+    problem: str = ''  # one line
+    broken: bool = False  # whether the problem is in the bag, and not that it cannot be reached
 
 
 def parameters_digest(parameters: LineParameters) -> str:
@@ -74,12 +65,12 @@ def parameters_digest(parameters: LineParameters) -> str:
 
 
 def origin_of(job: WeighJob, digest: str) -> Origin:
-    """Return what the results of a job follow from; `digest` is that of its bag."""
+    """Return the origin of the results of a job; `digest` is that of its bag."""
     return Origin(digest, parameters_digest(job.parameters), job.lane or '', str(job.program))
 
 
 def weigh_bag(job: WeighJob) -> Weighed:
-    """Weigh a bag, in memory that does not grow with it; what is wrong is a line of the result."""
+    """Weigh a bag, in memory that does not grow with its length; errors are part of the result."""
     broken = False
     try:
         if other := other_program(program(), job.program):
@@ -88,14 +79,14 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
-            broken = True  # what goes wrong from here on, unless the machine is at fault
+            broken = True  # errors from here on are those of the bag, unless the machine fails
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
         problem = str(error)
     except (OSError, MemoryError) as error:
         problem, broken = f'{job.bag}: {error or "not enough memory for this"}', False
-    # A bag that leads the program astray must not take the results of all others with it.
+    # A bag that triggers a defect must not end the jobs of all other bags.
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         problem = (
@@ -127,7 +118,7 @@ def weigh_bags(
 
 
 def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
-    """Return what a bag came to, and its Parquet file."""
+    """Return the summary of a bag, and its Parquet file."""
     with scratch_folder() as folder:
         path = folder / 'results.parquet'
 
@@ -144,7 +135,7 @@ def _weigh(job: WeighJob, bag: Path, digest: str) -> tuple[BagSummary, bytes]:
 
 @dataclass
 class _Tally:
-    """Sums over a bag, as its stretches and results pass; `name` is what lines on it begin with."""
+    """Sums over the stretches and results of a bag; `name` is the begin of its warnings."""
 
     name: str
     begin: int | None = None  # ns, of the signal
@@ -154,7 +145,7 @@ class _Tally:
     notes: list[str] = field(default_factory=list)
 
     def stretches(self, stretches: Iterable[Recording]) -> Iterator[Recording]:
-        """Yield stretches, and take note of their times."""
+        """Yield stretches, and add their times and warnings."""
         for stretch in stretches:
             if len(stretch.blocks):
                 last = stretch.blocks[-1]
@@ -166,7 +157,7 @@ class _Tally:
             yield stretch
 
     def results(self, results: Iterable[ItemResult]) -> Iterator[ItemResult]:
-        """Yield results, and count them."""
+        """Yield results, and add their decisions and errors."""
         for result in results:
             self.decisions[result.verdict.decision] += 1
             if not math.isnan(result.error):
@@ -174,7 +165,7 @@ class _Tally:
             yield result
 
     def summary(self) -> BagSummary:
-        """Return the sums."""
+        """Return the summary."""
         errors = self.errors
         return BagSummary(
             duration_s=(self.end - (self.begin or 0)) / NANOSECONDS,

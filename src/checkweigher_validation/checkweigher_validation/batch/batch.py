@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A batch with its items, from results, from their CSV or from the record of the line."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 import csv
 from dataclasses import dataclass, replace
@@ -21,11 +22,11 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 
 class BatchError(ValueError):
-    """A batch that cannot be read; one line that names the file, the place and the error."""
+    """A batch cannot be read; the message has the file, the line and the error."""
 
 
 class InLog(StrEnum):
-    """How the SHA-256 of a record compares with the latest that the audit log has of its batch."""
+    """Comparison of the SHA-256 of a record with the latest one in the audit log."""
 
     AGREES = 'agrees'
     DIFFERS = 'differs'
@@ -34,19 +35,22 @@ class InLog(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BatchItem:
-    """One item; its mass is of the contents, kg, NaN if it was not weighed.
+    """One item.
 
-    ValueError if it was accepted without a mass.
+    Raises
+    ------
+    ValueError
+        If the item was accepted without a mass.
     """
 
     number: int
     stamp: int | None  # t3, ns
     decision: Decision
     reasons: tuple[str, ...]
-    mass: float
+    mass: float  # of the contents, kg; NaN if the item was not weighed
 
     def __post_init__(self) -> None:
-        # The rules and the reference test are of the masses of all accepted items.
+        # The rules and the reference test need the masses of all accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
             raise ValueError('it is ACCEPT without a mass')
 
@@ -61,35 +65,29 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What passed in a batch.
-
-    `stops` and `corrections` are the lines of the record, `changes` the entries of the audit log of
-    that time; `source` is the file, of which `sha256` is the hash if it is one.
-    `in_log` is None where there is no log to hold the record to.
-    """
+    """Items of a batch with the events of its record; unknown texts are empty."""
 
     name: str
-    source: str
+    source: str  # path of the file, or of the bag
     parts: tuple[Part, ...]
-    sha256: str = ''
-    begin: str = ''  # ISO 8601; empty where it is not known
+    sha256: str = ''  # of the file
+    begin: str = ''  # ISO 8601
     end: str = ''
-    stops: tuple[dict[str, Any], ...] = ()
-    corrections: tuple[dict[str, Any], ...] = ()
-    changes: tuple[Entry, ...] = ()
-    in_log: InLog | None = None
+    stops: tuple[dict[str, Any], ...] = ()  # lines of the record
+    corrections: tuple[dict[str, Any], ...] = ()  # lines of the record
+    changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch
+    in_log: InLog | None = None  # None without an audit log
     strays: int = 0  # items of another batch in the record of this one
 
     def with_log(self, entries: Sequence[Entry]) -> 'Batch':
-        """Return the batch of a record, held to an audit log, with its entries of that time."""
+        """Return the batch with its entries in an audit log, with which its record is compared."""
         end = self.end or '~'
         found = [e.new for e in entries if (e.kind, e.subject) == (RECORD, self.name)]
         in_log = InLog.ABSENT
         if found:
             in_log = InLog.AGREES if found[-1] == self.sha256 else InLog.DIFFERS
-        return replace(
-            self, changes=tuple(e for e in entries if self.begin <= e.time <= end), in_log=in_log
-        )
+        changes = tuple(e for e in entries if self.begin <= e.time <= end)
+        return replace(self, changes=changes, in_log=in_log)
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:
@@ -99,7 +97,7 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 
 
 def read_csv(path: Path, product: Product) -> Batch:
-    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if it is none."""
+    """Return the batch in a CSV file of `weigh` or `replay`; `BatchError` if there is none."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -119,43 +117,41 @@ def read_csv(path: Path, product: Product) -> Batch:
 
 
 def read_record(path: Path) -> Batch:
-    """Return the batch of a record of the line; `RecordError` if it is none."""
-    begin: dict[str, Any] = {}
-    end: dict[str, Any] = {}
+    """Return the batch of a record of the line; `RecordError` if it cannot be read."""
+    lines: dict[str, list[dict[str, Any]]] = defaultdict(list)
     products = {'': Product('', math.nan)}
-    items: dict[str, list[BatchItem]] = {}
-    told: dict[str, list[dict[str, Any]]] = {'stop': [], 'filler': []}
+    items: dict[str, list[BatchItem]] = defaultdict(list)
     strays = 0
     for number, values in enumerate(read_lines(path), 1):
         try:
-            match values.pop('kind'):
-                case 'begin':
-                    begin |= values
-                case 'end':
-                    end |= values
-                case 'product':
-                    product = product_of(values)
-                    products[product.name] = product
-                case 'verdict':
-                    verdict = verdict_of(values)
-                    if verdict.product and verdict.batch != begin['batch']:
-                        strays += 1
-                        continue
-                    product = products.get(verdict.product, products[''])
-                    items.setdefault(product.name, []).append(_item(verdict, product.tare))
-                case 'stop' | 'filler' as kind:
-                    told[kind].append(values)
-        except (KeyError, TypeError, ValueError) as error:
+            kind = values.pop('kind')
+            if kind == 'product':
+                products[values['name']] = product_of(values)
+            elif kind == 'verdict':
+                verdict = verdict_of(values)
+                if verdict.product and verdict.batch != lines['begin'][0]['batch']:
+                    strays += 1
+                    continue
+                product = products.get(verdict.product, products[''])
+                items[product.name].append(_item(verdict, product.tare))
+            else:
+                lines[kind].append(values)
+        except (LookupError, TypeError, ValueError) as error:
             raise RecordError(f'{path}:{number}: {error}') from None
-    if not begin:
+    if not lines['begin']:
         raise RecordError(f'{path}: is empty')
+    begin, end = lines['begin'][-1], (lines['end'] or [{}])[-1]
     return Batch(
-        begin['batch'], str(path),
+        begin['batch'],
+        str(path),
         tuple(Part(products[name], tuple(each)) for name, each in items.items()),
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-        begin=str(begin['time']), end=str(end.get('time', '')),
-        stops=tuple(told['stop']), corrections=tuple(told['filler']), strays=strays,
-    )  # fmt: skip
+        begin=str(begin['time']),
+        end=str(end.get('time', '')),
+        stops=tuple(lines['stop']),
+        corrections=tuple(lines['filler']),
+        strays=strays,
+    )
 
 
 def _item(verdict: Verdict, tare: float) -> BatchItem:

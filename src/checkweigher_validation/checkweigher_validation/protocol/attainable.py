@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What is attainable on a machine: ridge regression of the mass on the samples of many passes.
+"""Attainable accuracy on a machine: ridge regression of the mass on the samples of many passes.
 
-A drawn machine has no bound in closed form: what differs from pass to pass grows with the mass, and
-speed and edges vary, so its noise has no one covariance. A regression on some thousand passes of
-the same machine needs no model of it. With as many passes as are recorded for tuning it is itself
-not that good; what knows physics can be better than the same regression there.
+A drawn machine has no bound in closed form: its disturbances grow with the mass, and its speed and
+edges vary, so its noise has no single covariance. A regression on some thousand passes of the same
+machine needs no model. With the number of passes recorded for tuning the regression is less good,
+and an estimator with a physical model can be better.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ _PENALTIES = np.logspace(-9, 1, 41)  # kg^2
 def attainable_errors(
     learn: Sequence[KnownPass], check: Sequence[KnownPass]
 ) -> NDArray[np.float64]:
-    """Return errors in kg of passes, (n,), by a regression that learns from others.
+    """Return the errors of passes, (n,) in kg, by a regression on other passes.
 
     All passes are whole, of one machine and one nominal speed. The regressors are the samples from
-    before t1 to t3, with the zero of the empty belt taken off, at fixed fractions of a pass. The
-    penalty is the one whose A is the smallest, each pass weighed by what the others teach.
+    before t1 to t3, less the zero of the empty belt, at fixed fractions of a pass. The penalty has
+    the smallest A in leave-one-out cross-validation.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -38,7 +38,7 @@ def attainable_errors(
 
 
 def _samples(window: WeighWindow) -> int:
-    """Return how many samples lie between t1 and t3."""
+    """Return the number of samples between t1 and t3."""
     assert window.t1 is not None
     assert window.t3 is not None
     return int((window.t3 - window.t1) / NANOSECONDS * window.sample_rate)
@@ -64,7 +64,7 @@ def _ridge(signals: NDArray[np.float64], masses: NDArray[np.float64]) -> NDArray
 
     def held_out(penalty: float) -> float:
         shrinkage = values**2 / (values**2 + penalty)
-        # What each pass weighs by the others follows from its own leverage.
+        # The leave-one-out error of a pass follows from its leverage.
         leverage = left**2 @ shrinkage + 1 / len(masses)
         return index((left @ (shrinkage * along) - targets) / (1 - leverage), masses)
 

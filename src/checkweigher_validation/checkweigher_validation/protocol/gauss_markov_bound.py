@@ -1,25 +1,25 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""The smallest standard deviation that any unbiased linear estimate of a simulated mass can have.
+r"""Smallest standard deviation of an unbiased linear estimate of a simulated mass.
 
-Of a pass with signal r = M s + n, with s the response of the platform to a load of 1 kg and C the
-covariance of the noise n, the smallest variance of an unbiased linear estimate of M is
-:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). A simulator knows both, so every accuracy that is found
-on its passes can be held against the best that is possible there.
+The signal of a pass is r = M s + n, with s the response of the platform to a load of 1 kg and C the
+covariance of the noise n. The smallest variance of an unbiased linear estimate of M is
+:math:`1 / (s^T C^{-1} s)` (Gauss, Markov). A simulator knows both, so the accuracy on its passes
+can be compared with the best possible one.
 
 C is the sum of the rollers' and the motor's lines, of known amplitude and random phase; the
 broadband noise and the floor's vibration, which are white noise through a linear system and so
 follow exactly from its difference equation; the impact at entry, of known form and random size; the
-noise and the steps of the converter. All forces go through the platform, which gets heavier while
-the product rolls on. The previous product has left no trace: its ring-down counts as known.
+noise and the steps of the converter. All forces act on the platform, which gets heavier while the
+product moves onto the belt. The ring-down of the previous product is assumed to be known.
 
-The platform's dependence on the mass that is sought is taken as known, too. It moves s by a few
-parts in a thousand and would give an estimator next to nothing.
+The dependence of the platform on the unknown mass is also assumed to be known. It changes s by a
+few parts in a thousand and would give an estimator almost no information.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
+from functools import cache, reduce
 import math
 from operator import mul
 
@@ -41,8 +41,7 @@ from checkweigher_recording.simulation.simulator import (
     SimulationParameters,
 )
 
-# Until a line's switching on has died away: below 1e-7 of it on the softest platform.
-_SETTLING = 2.0  # s
+_SETTLING = 2.0  # s, until the start is below 1e-7 on the softest platform
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,16 +60,16 @@ class PassModel:
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
     """Return the Gauss-Markov bound of the standard deviation of a mass on a simulated line, kg.
 
-    It holds if the zero is known exactly: no estimate is better.
+    The zero is assumed to be known exactly.
 
     Parameters
     ----------
     parameters : SimulationParameters
-        Machine, belt speed and lengths; which products run over it does not matter.
+        Machine, belt speed and lengths; the products in it are not used.
     mass : float
-        kg, of the product, above 0.
+        Mass of the product in kg, above 0.
     before : float
-        s, signal before t1 that an estimate may use; the signal after t3 it may not.
+        Time in s before t1 from which an estimate may use the signal. It ends at t3.
     """
     return bound_of(pass_model(parameters, mass, before))
 
@@ -101,8 +100,8 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 falls on a sample. In truth it falls anywhere between two, with next to no effect.
-        # On a whole second, so that it hardly ever depends on `before` how times are rounded.
+        # t1 is at a sample. In practice it is anywhere between two samples, with little effect.
+        # It is at a whole second, so that rounding of times hardly depends on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -110,10 +109,15 @@ class _SimulatedPass:
         self._samples = entry + last
         self._t1 = entry / sample_rate
         line = Line(
-            speed=parameters.speed, speed_jitter=0.0, spacing=parameters.spacing,
-            product_length=parameters.product_length, weigh_length=parameters.weigh_length,
-            masses=(mass,), count=1, first_entry=self._t1,
-        )  # fmt: skip
+            speed=parameters.speed,
+            speed_jitter=0.0,
+            spacing=parameters.spacing,
+            product_length=parameters.product_length,
+            weigh_length=parameters.weigh_length,
+            masses=(mass,),
+            count=1,
+            first_entry=self._t1,
+        )
         belt = BeltTravel(line, np.random.Generator(np.random.PCG64(0)))
         steps = np.arange(self._samples * OVERSAMPLING, dtype=np.float64)
         self._time = (steps + 0.5 - (OVERSAMPLING - 1) / 2) * self._step
@@ -184,9 +188,6 @@ class _SimulatedPass:
         White noise of variance 1 goes through `force`, and its output through the platform. The
         state of both is that of the platform, reading and its derivative, and that of `force`.
         """
-        if not np.any(force.D) and not np.any(force.C):
-            size = self._samples - self._first
-            return np.zeros((size, size))
 
         def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             a11, a12, a21, a22 = self._platform().transition(load)
@@ -208,21 +209,18 @@ def _covariance_of_readings(
 ) -> NDArray[np.float64]:
     """Return the covariance of samples, each the mean of the readings at the begin of its steps.
 
-    `step` leads from a load to F (d, d) and G (d,) of x' = F x + G w; the reading is x[0]. `loads`,
-    (n, steps) in kg, has those of each sample; before the first one the state is stationary.
+    `step` returns F (d, d) and G (d,) of x' = F x + G w for a load in kg; the reading is x[0].
+    `loads`, (n, steps) in kg, are the loads of each sample. Before the first sample the state is
+    stationary.
     """
     whole, drive = step(float(loads[0, 0]))
     size = len(drive)
     state = solve_discrete_lyapunov(whole, np.outer(drive, drive))
     covariance = np.empty((len(loads), len(loads)))
-    # Of the state with the samples so far.
-    cross = np.empty((size, 0))
-    known: dict[bytes, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-    for index, row in enumerate(loads):
-        key = row.tobytes()
-        if key not in known:
-            known[key] = _sample_step([step(float(load)) for load in row])
-        over, noise = known[key]
+    cross = np.empty((size, 0))  # covariance of the state with the samples so far
+    over_sample = cache(lambda *row: _sample_step([step(load) for load in row]))
+    for index, row in enumerate(loads.tolist()):
+        over, noise = over_sample(*row)
         joint = over @ state @ over.T + noise
         state, own = joint[:size, :size], joint[:size, size]
         cross = over @ cross

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The protocol of machines: estimators on machines of the family, which nobody modelled."""
+"""The protocol of machines: estimators on machines of the family, of which there is no model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,16 +11,17 @@ import numpy as np
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_recording.simulation.machine import PREFIX
-from checkweigher_recording.simulation.simulator import (
-    Simulation,
-    SimulationParameters,
-    own_values,
-)
+from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters, own_values
 from checkweigher_validation.accuracy.errors import ConditionResult, Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, CHOSEN, MachineResult
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES
-from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
+from checkweigher_validation.accuracy.passes import (
+    KnownPass,
+    SpeedGroup,
+    known_passes,
+    whole_passes,
+)
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.attainable import attainable_errors
 from checkweigher_validation.tuning.choice import choose
@@ -31,31 +32,27 @@ from checkweigher_validation.tuning.tuner import Tuned, tune
 MASSES = PAPER_MASSES
 SPEEDS = (0.5, 1.0, 1.5)  # m/s
 PASSES = 120  # at each speed, to test
-FURTHER = 1500  # at each speed, to learn what is attainable
+FURTHER = 1500  # at each speed, to compute the attainable accuracy
 
 
 @dataclass(frozen=True, slots=True)
 class MachinesProtocol:
-    """Machines by the seeds that draw them, speeds in m/s, and passes of each speed.
+    """Machines, speeds, and passes at each speed."""
 
-    The products that train may have other masses, kg, than those that test. The causes that
-    `without` names are taken from each machine.
-    """
-
-    machines: tuple[int, ...]
+    machines: tuple[int, ...]  # seeds that draw them
     training: int = PASSES
-    training_masses: tuple[float, ...] = MASSES
+    training_masses: tuple[float, ...] = MASSES  # kg; the test passes have MASSES
     further: int = FURTHER
-    speeds: tuple[float, ...] = SPEEDS
-    without: tuple[str, ...] = ()
+    speeds: tuple[float, ...] = SPEEDS  # m/s
+    without: tuple[str, ...] = ()  # causes of disturbance that the machines do not have
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MachineRun:
-    """Passes of a machine at one speed in m/s, and what is attainable on those that test.
+    """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
-    Those to train and to test are cut by the eyes. `untrained` are those to test once more, as a
-    line cuts them that knows nothing of the machine: by the eyes and the rise of the load.
+    Training and test passes are cut by the eyes. `untrained` are the test passes as cut by a line
+    without knowledge of the machine: by the eyes and the rise of the load.
     """
 
     speed: float
@@ -66,52 +63,50 @@ class MachineRun:
 
 
 def passes_of(
-    machine: int, speed: float, masses: Sequence[float], count: int, seed: int,
-    segmenter: SegmenterParameters, without: tuple[str, ...] = (),
-) -> tuple[KnownPass, ...]:  # fmt: skip
+    machine: int,
+    speed: float,
+    masses: Sequence[float],
+    count: int,
+    seed: int,
+    segmenter: SegmenterParameters,
+    without: tuple[str, ...] = (),
+) -> tuple[KnownPass, ...]:
     """Simulate `count` passes of a machine at a speed, m/s, the masses in random order.
 
     Each seed, from 0 on, gives other passes of the same machine, less the causes `without`.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))
-    parameters = SimulationParameters.from_mapping(
-        own_values(profile)
-        | {
-            'profile': profile, 'speed': speed, 'count': count, 'seed': int(order.integers(2**31)),
-            'masses': tuple(order.permutation(np.resize(masses, count)).tolist()),
-        }
-    )  # fmt: skip
-    simulation = Simulation(parameters)
+    chosen = {
+        'profile': profile,
+        'speed': speed,
+        'count': count,
+        'seed': int(order.integers(2**31)),
+        'masses': tuple(order.permutation(np.resize(masses, count)).tolist()),
+    }
+    simulation = Simulation(SimulationParameters.from_mapping(own_values(profile) | chosen))
     return tuple(known_passes(simulation.load_cell, simulation, segmenter))
 
 
 def run_machine(
     protocol: MachinesProtocol, machine: int, speed: float, segmenter: SegmenterParameters
 ) -> MachineRun:
-    """Simulate one machine at one speed, and learn what is attainable there."""
-    eyes = unchecked(segmenter)
-    parts = (
-        (protocol.training_masses, protocol.training, 0, eyes),
-        (MASSES, PASSES, 1, eyes),
-        (MASSES, PASSES, 1, segmenter),
-        (MASSES, protocol.further, 2, eyes),
-    )
-    train, test, untrained, further = (
-        passes_of(machine, speed, masses, count, seed, cut, protocol.without)
-        for masses, count, seed, cut in parts
-    )
+    """Simulate one machine at one speed, and compute the attainable accuracy there."""
+    eyes, without = unchecked(segmenter), protocol.without
+    masses = protocol.training_masses
+    train = passes_of(machine, speed, masses, protocol.training, 0, eyes, without)
+    test = passes_of(machine, speed, MASSES, PASSES, 1, eyes, without)
+    untrained = passes_of(machine, speed, MASSES, PASSES, 1, segmenter, without)
+    further = passes_of(machine, speed, MASSES, protocol.further, 2, eyes, without)
     whole = [each for each in test if each.whole]
     errors = attainable_errors([each for each in further if each.whole], whole)
-    masses = np.array([each.mass for each in whole])
-    unstated = np.full(len(errors), np.nan)
-    attainable = tuple(
-        ConditionResult(
-            ATTAINABLE, speed, mass, 'test', errors[masses == mass], unstated[masses == mass]
-        )
-        for mass in MASSES
-    )
-    return MachineRun(speed, train, test, untrained, attainable)
+    weighed = np.array([each.mass for each in whole])
+    attainable = []
+    for mass in MASSES:
+        own = errors[weighed == mass]
+        unstated = np.full(len(own), np.nan)
+        attainable.append(ConditionResult(ATTAINABLE, speed, mass, 'test', own, unstated))
+    return MachineRun(speed, train, test, untrained, tuple(attainable))
 
 
 def evaluate_machines(
@@ -135,32 +130,32 @@ def evaluate_machines(
     results = []
     for machine in protocol.machines:
         runs = [next(found) for _ in protocol.speeds]
-        groups = [
-            SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
-        ]
+        groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
         tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
         results.append(_weigh(machine, runs, tuned, base, n_jobs))
     return tuple(results)
 
 
 def _weigh(
-    machine: int, runs: Sequence[MachineRun], tuned: Mapping[str, Tuned], base: LineParameters,
+    machine: int,
+    runs: Sequence[MachineRun],
+    tuned: Mapping[str, Tuned],
+    base: LineParameters,
     n_jobs: int | None,
-) -> MachineResult:  # fmt: skip
+) -> MachineResult:
     """Return the results of the tuned estimators on both parts, of untrained ones on the test."""
-    tests = [Batch(run.speed, 'test', run.test, {}) for run in runs]
-    strangers = [Batch(run.speed, 'test', run.untrained, {}) for run in runs]
-    trains = [Batch(run.speed, 'train', run.train, {}) for run in runs]
-    lines = [each.parameters for each in tuned.values()]
-    untrained = [base.with_estimator(name) for name in tuned]
-    attainable = tuple(one for run in runs for one in run.attainable)
-    title = f'machine {machine}'
-    found = evaluate_batches([*trains, *tests], lines, n_jobs)
+    parts = [Batch(run.speed, 'train', run.train) for run in runs]
+    parts += [Batch(run.speed, 'test', run.test) for run in runs]
+    unknown = [Batch(run.speed, 'test', run.untrained) for run in runs]
+    attainable = [one for run in runs for one in run.attainable]
+    found = evaluate_batches(parts, [each.parameters for each in tuned.values()], n_jobs)
+    untrained = evaluate_batches(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
     chosen = choose(tuned).estimator
-    best = (replace(one, estimator=CHOSEN) for one in found if one.estimator == chosen)
+    best = [replace(one, estimator=CHOSEN) for one in found if one.estimator == chosen]
+    title = f'machine {machine}'
     return MachineResult(
         machine,
-        Evaluation(title, (*attainable, *found, *best), ()),
-        Evaluation(title, (*attainable, *evaluate_batches(strangers, untrained, n_jobs)), ()),
-        chosen,
+        tuned=Evaluation(title, (*attainable, *found, *best), ()),
+        untrained=Evaluation(title, (*attainable, *untrained), ()),
+        chosen=chosen,
     )

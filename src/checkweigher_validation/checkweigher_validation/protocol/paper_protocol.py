@@ -14,7 +14,12 @@ from checkweigher_recording.simulation.simulator import Simulation, SimulationPa
 from checkweigher_validation.accuracy.errors import ConditionResult
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.paper_table import PAPER_MASSES, PAPER_SPEEDS
-from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, known_passes
+from checkweigher_validation.accuracy.passes import (
+    KnownPass,
+    SpeedGroup,
+    known_passes,
+    whole_passes,
+)
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.gauss_markov_bound import bound
 from checkweigher_validation.tuning.search import BUDGET
@@ -49,23 +54,23 @@ class Protocol:
 def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
     """Simulate one speed, m/s, of a protocol as one line that does not stop.
 
-    The masses come in random order, each as often in the first half as in the second: the
-    trace that a product leaves on the belt must not depend on the next one. Each speed draws random
+    The masses are in random order, because the trace that a product leaves must not depend on the
+    next product, and each is as frequent in the first half as in the second. Each speed has random
     numbers of its own.
     """
-    half = protocol.passes // 2
+    each = np.repeat(MASSES, protocol.passes // 2)
     order = np.random.default_rng((protocol.seed, round(1000 * speed)))
-    masses = np.concatenate(
-        [order.permutation(np.repeat(MASSES, half)), order.permutation(np.repeat(MASSES, half))]
-    )
+    masses = np.concatenate([order.permutation(each), order.permutation(each)])
     parameters = SimulationParameters(
-        profile=protocol.profile, speed=speed, masses=tuple(float(mass) for mass in masses),
-        count=len(masses), seed=int(order.integers(2**31)),
-    )  # fmt: skip
+        profile=protocol.profile,
+        speed=speed,
+        masses=tuple(masses.tolist()),
+        count=len(masses),
+        seed=int(order.integers(2**31)),
+    )
     simulation = Simulation(parameters)
-    known = known_passes(simulation.load_cell, simulation, segmenter)
-    trained = half * len(MASSES)
-    return Run(speed, tuple(known[:trained]), tuple(known[trained:]), parameters)
+    known = tuple(known_passes(simulation.load_cell, simulation, segmenter))
+    return Run(speed, known[: len(each)], known[len(each) :], parameters)
 
 
 def evaluate_protocol(
@@ -78,17 +83,15 @@ def evaluate_protocol(
 ) -> tuple[tuple[ConditionResult, ...], dict[str, Tuned]]:
     """Simulate the protocol, tune on the first half of the passes, weigh both halves.
 
-    The arguments are those of `checkweigher_validation.tuning.tuner.tune`. Returned are the
-    conditions, estimator by estimator, and what was tuned by estimator.
+    The arguments are those of `checkweigher_validation.tuning.tuner.tune`. Returns the conditions,
+    estimator by estimator, and the tuned parameters of each estimator.
     """
-    exact = unchecked(base.segmenter)  # simulated eyes are exact
+    exact = unchecked(base.segmenter)  # because the simulated eyes are exact
     simulations = [partial(run_protocol, protocol, speed, exact) for speed in protocol.speeds]
     runs = run_jobs(simulations, n_jobs, 'simulating')
     computations = [partial(bound, run.simulation, mass) for run in runs for mass in MASSES]
     bounds = iter(run_jobs(computations, n_jobs, 'computing the bound'))
-    groups = [
-        SpeedGroup(run.speed, tuple(each for each in run.train if each.whole)) for run in runs
-    ]
+    groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
     tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
     batches = []
     for run in runs:

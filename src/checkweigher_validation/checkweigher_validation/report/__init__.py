@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Report of an evaluation: one HTML file that needs nothing else."""
+"""Reports as single HTML files that need no other file."""

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of estimators on machines of the family as one HTML page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
+from markupsafe import Markup
 from matplotlib import rc_context
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 import numpy as np
 
 from checkweigher_validation.accuracy.errors import Evaluation, average
@@ -18,93 +18,88 @@ from checkweigher_validation.accuracy.machine_tables import (
     family_tables,
     ratios,
 )
-from checkweigher_validation.accuracy.tables import LEVELS
-from checkweigher_validation.report.content import grams, number, speed_label
-from checkweigher_validation.report.inline_svg import INK, STYLE, SURFACE, stand_in
-from checkweigher_validation.report.page import Picture, environment, picture
+from checkweigher_validation.report.content import number
+from checkweigher_validation.report.inline_svg import (
+    DASHED,
+    INK,
+    STYLE,
+    SURFACE,
+    label_rows,
+    new_figure,
+    stand_in,
+)
+from checkweigher_validation.report.page import fill, picture
 from checkweigher_validation.report.palette import Look, looks_of
 
 
+@rc_context(STYLE)
 def render_machines(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
     """Return the report as one HTML page that needs no other file; at least one machine."""
     tables = family_tables(machines)
-    looks = looks_of(tuple(row.estimator for row in tables[0].rows))
+    estimators = tuple(row.estimator for row in tables[0].rows)
+    looks = looks_of(estimators)
     shown = ([each.tuned for each in machines], [each.untrained for each in machines])
-    with rc_context(STYLE):
-        pictures = [
-            _ratios_picture(table, evaluations, looks)
-            for table, evaluations in zip(tables, shown, strict=True)
-        ]
-    return environment().get_template('machines.html.j2').render(
-        title=title, provenance=provenance, looks=list(looks.values()),
+    return fill(
+        'machines.html.j2',
+        estimators,
+        title=title,
+        provenance=provenance,
         findings=[*_findings(tables, looks), f'{choices(machines).capitalize()}.'],
-        tables=list(zip(tables, pictures, strict=True)),
+        tables=[
+            (table, _ratios_picture(table, evaluations, looks))
+            for table, evaluations in zip(tables, shown, strict=True)
+        ],
         machines=[
             (each.machine, looks[each.chosen].label, _by_speed(each.tuned, looks))
             for each in machines
         ],
-        levels=[f'{100 * level:.0f} %' for level in LEVELS],
-        speed_label=speed_label, grams=grams, number=number,
-    )  # fmt: skip
+    )
 
 
-def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> list[str]:
-    """Return a sentence on the best estimator of each table."""
-    sentences = []
+def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, Look]) -> Iterator[str]:
+    """Yield a sentence on the best estimator of each table."""
     for table in tables:
-        mean, worst, label = min(
-            (*row.cells[-1], looks[row.estimator].label)
-            for row in table.rows
-            if row.estimator != CHOSEN
-        )
-        sentences.append(
+        rows = [row for row in table.rows if row.estimator != CHOSEN]
+        mean, worst, label = min((*row.cells[-1], looks[row.estimator].label) for row in rows)
+        yield (
             f'Smallest A over the attainable A, {table.title}: {label} with {number(mean, 2)} on '
             f'average and {number(worst, 2)} at worst.'
         )
-    return sentences
 
 
 def _by_speed(machine: Evaluation, looks: Mapping[str, Look]) -> list[tuple[str, list[float]]]:
-    """Return A in kg at each speed, first what is attainable, then by estimator."""
-    return [
-        (
-            looks[name].label if name in looks else name,
-            [
-                average(machine.select(estimator=name, speed=speed, part='test')).index
-                for speed in machine.speeds
-            ],
-        )
-        for name in machine.estimators
-    ]
+    """Return the attainable A in kg at each speed, then that of each estimator."""
+    found = []
+    for name in machine.estimators:
+        at_speeds = [machine.select(estimator=name, speed=at, part='test') for at in machine.speeds]
+        label = looks[name].label if name in looks else name
+        found.append((label, [average(each).index for each in at_speeds]))
+    return found
 
 
 def _ratios_picture(
     table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, Look]
-) -> Picture:
-    figure = Figure(figsize=(9.6, 0.6 + 0.36 * len(table.rows)))
-    axes = figure.subplots()
+) -> Markup:
+    figure, axes = new_figure(0.6 + 0.36 * len(table.rows))
+    shared: Any = {'ls': '', 'ms': 5, 'mec': SURFACE, 'mew': 0.6, 'alpha': 0.7}
     for place, row in enumerate(table.rows):
-        found = ratios(machines, row.estimator)
-        axes.plot(
-            found, np.full(len(found), place), looks[row.estimator].marker, ms=5,
-            color=stand_in(place), mec=SURFACE, mew=0.6, alpha=0.7,
-        )  # fmt: skip
+        found, marker = ratios(machines, row.estimator), looks[row.estimator].marker
+        places = np.full(len(found), place)
+        axes.plot(found, places, marker=marker, color=stand_in(place), **shared)
         axes.plot([np.mean(found)] * 2, [place - 0.3, place + 0.3], color=INK, lw=1.4)
-    labels = [looks[row.estimator].label for row in table.rows]
-    axes.set_yticks(range(len(labels)), labels)
-    axes.tick_params(axis='y', length=0, labelcolor=INK)
-    axes.invert_yaxis()
+    label_rows(axes, [looks[row.estimator].label for row in table.rows])
     axes.set_xscale('log')
     axes.set_xticks([1, 1.2, 1.5, 2, 3, 5, 10])
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.axvline(1.0, color=INK, lw=1.2, ls=(0, (4, 2)))
+    axes.xaxis.set_major_formatter('{x:g}')
+    axes.xaxis.set_minor_formatter('')
+    axes.axvline(1.0, **DASHED)
     axes.set_xlabel('A over the attainable A')
     return picture(
-        f'ratios-{table.title}', figure,
+        f'ratios-{table.title}',
+        figure,
         f'A over the attainable A of each machine and speed, {table.title}; the stroke is their '
         'mean. Left of the dashed line an estimator is better than a regression on many more '
         'passes.',
-    )  # fmt: skip
+    )

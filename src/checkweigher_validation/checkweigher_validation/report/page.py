@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as one HTML page: tables from `content`, figures inline, nothing from elsewhere."""
+"""The report as one HTML page, with tables from `content` and inline figures."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -11,26 +11,16 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from checkweigher_production import prepackages
-from checkweigher_validation.accuracy.classes import (
-    AccuracyClass,
-    suitability,
-    weighings_required,
-)
+from checkweigher_validation.accuracy.classes import AccuracyClass, suitability, weighings_required
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.examples import Example
+from checkweigher_validation.accuracy.tables import LEVELS
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
 from checkweigher_validation.report.palette import looks_of
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure as it stands on the page."""
-
-    svg: Markup
-    caption: str
-
-
+@rc_context(STYLE)
 def render(
     evaluation: Evaluation,
     accuracy_class: AccuracyClass = AccuracyClass(),
@@ -43,10 +33,10 @@ def render(
     evaluation : Evaluation
         At least one condition. The report is of part 'test' if there is one.
     accuracy_class : AccuracyClass
-        Class whose limits the conditions are held to.
+        Class whose limits are applied to the conditions.
     nominal : float, optional
-        kg, nominal quantity of prepackages whose limits are to be shown, and whether a scale of
-        the class may check them.
+        Nominal quantity of prepackages in kg. Their limits are shown, and whether a scale of the
+        class may check them.
 
     Raises
     ------
@@ -54,35 +44,50 @@ def render(
         If the prepackages have no limits.
     """
     shown = content.Content(evaluation, accuracy_class)
-    with rc_context(STYLE):
-        accuracy_pictures = list(_accuracy_pictures(evaluation, shown.part))
-        signal_pictures = list(_signal_pictures(evaluation.examples))
-    return environment().get_template('report.html.j2').render(
-        evaluation=evaluation, content=shown, part=shown.part, accuracy_class=accuracy_class,
-        looks=list(looks_of(evaluation.estimators).values()),
-        levels=[f'{100 * level:.0f} %' for level in content.LEVELS],
+    return fill(
+        'report.html.j2',
+        evaluation.estimators,
+        evaluation=evaluation,
+        content=shown,
+        part=shown.part,
+        accuracy_class=accuracy_class,
         prepackage=None if nominal is None else prepackages.limits(nominal),
         suitable=None if nominal is None else suitability(accuracy_class, nominal),
-        accuracy_pictures=accuracy_pictures, signal_pictures=signal_pictures,
-        speed_label=content.speed_label, mass_label=content.mass_label, grams=content.grams,
+        accuracy_pictures=_accuracy_pictures(evaluation, shown.part),
+        signal_pictures=list(_signal_pictures(evaluation.examples)),
         weighings_required=weighings_required,
-    )  # fmt: skip
+    )
 
 
-def environment() -> Environment:
-    """Return the templates of this package."""
-    return Environment(
-        loader=PackageLoader('checkweigher_validation.report', ''), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined,
-    )  # fmt: skip
+def fill(template: str, estimators: Sequence[str] = (), **values: Any) -> str:
+    """Return the page of a template with values, and with the colours of estimators."""
+    environment = Environment(
+        loader=PackageLoader('checkweigher_validation.report', ''),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    shared = {
+        'grams': content.grams,
+        'levels': [f'{100 * level:.0f} %' for level in LEVELS],
+        'looks': list(looks_of(estimators).values()),
+        'mass_label': content.mass_label,
+        'number': content.number,
+        'speed_label': content.speed_label,
+    }
+    return environment.get_template(template).render(shared | values)
 
 
-def picture(name: str, figure: Figure, caption: str) -> Picture:
+def picture(name: str, figure: Figure, caption: str) -> Markup:
     """Return a figure with its caption; `name` begins its ids, which are unique on a page."""
-    return Picture(Markup(to_inline_svg(figure, name, caption)), caption)
+    svg = Markup(to_inline_svg(figure, name, caption))
+    return Markup(
+        '<figure>\n<div class="scroll">{}</div>\n<figcaption>{}</figcaption>\n</figure>'
+    ).format(svg, caption)
 
 
-def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
+def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Markup]:
     yield picture(
         'index-by-mass',
         accuracy_figures.index_by_mass_figure(evaluation, part),
@@ -100,7 +105,7 @@ def _accuracy_pictures(evaluation: Evaluation, part: str) -> Iterator[Picture]:
     )
 
 
-def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Picture]:
+def _signal_pictures(examples: tuple[Example, ...]) -> Iterator[Markup]:
     if not examples:
         return
     slow = min(examples, key=lambda one: (one.speed, -one.mass))

@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names and colours of estimators: the same ones in every table and figure.
 
-Colours are told apart with any kind of colour vision (after Okabe and Ito), each in a light and a
-dark variant; every estimator has a marker of its own as well.
+The colours can be distinguished with any kind of colour vision (after Okabe and Ito). Each has a
+light and a dark variant, and every estimator also has a marker of its own.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Name of an estimator for readers, marker of matplotlib, colours on light and dark ground."""
+    """Label of an estimator, its marker in matplotlib, and its colours on light and dark ground."""
 
     label: str
     marker: str
@@ -34,12 +35,12 @@ _LOOKS = {
     'chosen': Look('Chosen by tune', '<', '#7a5230', '#c79a6f'),  # one of the others, see CHOSEN
 }
 
-# For estimators that have no look of their own.
+# Marker and colours of other estimators.
 _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
-def looks_of(estimators: tuple[str, ...]) -> dict[str, Look]:
-    """Return the looks of estimators by name; one that is not known here is called as it is."""
+def looks_of(estimators: Sequence[str]) -> dict[str, Look]:
+    """Return the looks of estimators by name; the label of an unknown one is its name."""
     others = cycle(_OTHERS)
     return {
         name: _LOOKS[name] if name in _LOOKS else Look(name, *next(others)) for name in estimators

@@ -2,21 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures of signals: a pass, its spectrum, its wavelet bands, the denoised window."""
 
-from typing import cast
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
-from checkweigher_validation.report.inline_svg import INK, MUTED, SHADE, stand_in
+from checkweigher_validation.report.inline_svg import (
+    DOTTED,
+    INK,
+    MUTED,
+    SHADE,
+    new_figure,
+    stand_in,
+)
 
 MILLISECONDS = 1000.0  # in a second
 
-# Series of the colours on the page that are not those of an estimator.
+# Numbers of the colours on the page that are not those of an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
 _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
@@ -27,8 +33,7 @@ _ENERGY_SHARE = 0.99
 
 def pass_figure(example: Example) -> Figure:
     """Draw a pass with its four times (figure 2 of the paper)."""
-    figure = Figure(figsize=(9.6, 3.0))
-    axes = figure.add_subplot()
+    figure, axes = new_figure(3.0)
     _draw_pass(axes, example)
     axes.plot(_time(example), GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0)
     return figure
@@ -36,10 +41,7 @@ def pass_figure(example: Example) -> Figure:
 
 def ideal_figure(example: Example) -> Figure:
     """Draw a pass over the response of the platform without noise (figure 5)."""
-    figure = Figure(figsize=(9.6, 4.0))
-    top, bottom = cast(
-        NDArray[np.object_], figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    )
+    figure, (top, bottom) = new_figure(4.0, 2, sharex=True, height_ratios=(3, 1))
     time = _time(example)
     _draw_pass(top, example)
     top.plot(time, GRAMS * example.signal, color=stand_in(SIGNAL), lw=1.0, label='signal')
@@ -48,34 +50,28 @@ def ideal_figure(example: Example) -> Figure:
     top.set_xlabel('')
     _draw_window(bottom, example)
     bottom.plot(time, GRAMS * (example.signal - example.ideal), color=stand_in(SIGNAL), lw=1.0)
-    bottom.set(xlabel='time from t1, ms', ylabel='difference, g')
-    bottom.margins(x=0)
+    bottom.set(xlabel='time from t1, ms', ylabel='difference, g', xmargin=0)
     figure.align_ylabels()
     return figure
 
 
 def spectrum_figure(example: Example) -> Figure:
     """Draw the amplitude spectra of a pass and of its ideal (figure 6)."""
-    figure = Figure(figsize=(9.6, 3.0))
-    axes = figure.add_subplot()
-    frequency, of_signal = amplitude_spectrum(example.signal, example.sample_rate)
-    axes.semilogy(frequency, GRAMS * of_signal, color=stand_in(SIGNAL), lw=1.0, label='signal')
-    top = of_signal.max()
+    figure, axes = new_figure(3.0)
+    frequency, amplitude = amplitude_spectrum(example.signal, example.sample_rate)
+    axes.semilogy(frequency, GRAMS * amplitude, color=stand_in(SIGNAL), lw=1.0, label='signal')
     if len(example.ideal):
         _, of_ideal = amplitude_spectrum(example.ideal, example.sample_rate)
         axes.semilogy(frequency, GRAMS * of_ideal, color=INK, lw=1.2, label='without noise')
         limit = energy_limit(example)
-        axes.axvline(limit, color=MUTED, lw=0.9, ls=(0, (2, 2)))
-        axes.annotate(
-            f'{100 * _ENERGY_SHARE:.0f} % of the energy\nbelow {limit:.1f} Hz',
-            (limit, 1), (5, -3), ('data', 'axes fraction'), 'offset points',
-            color=MUTED, fontsize=8, va='top',
-        )  # fmt: skip
-    axes.set(
-        xlim=(0, _SPECTRUM_LIMIT), ylim=(GRAMS * top / 3e4, GRAMS * top * 1.5),
-        xlabel='frequency, Hz', ylabel='amplitude, g/Hz',
-    )  # fmt: skip
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f'{value:g}'))
+        axes.axvline(limit, **DOTTED)
+        text = f'{100 * _ENERGY_SHARE:.0f} % of the energy\nbelow {limit:.1f} Hz'
+        place: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
+        axes.annotate(text, (limit, 1), (5, -3), **place, color=MUTED, fontsize=8, va='top')
+    top = GRAMS * amplitude.max()
+    axes.set(xlim=(0, _SPECTRUM_LIMIT), ylim=(top / 3e4, top * 1.5))
+    axes.set(xlabel='frequency, Hz', ylabel='amplitude, g/Hz')
+    axes.yaxis.set_major_formatter('{x:g}')
     axes.legend(loc='upper right')
     return figure
 
@@ -83,24 +79,22 @@ def spectrum_figure(example: Example) -> Figure:
 def bands_figure(example: Example) -> Figure:
     """Draw the bands of the stationary wavelet transform, the lowest first (figure 7)."""
     count = len(example.bands)
-    figure = Figure(figsize=(9.6, 0.62 * count + 0.5))
-    rows = cast(NDArray[np.object_], figure.subplots(count, 1, sharex=True, squeeze=False))
-    for axes, (name, values) in zip(rows[:, 0], example.bands, strict=True):
+    figure, grid = new_figure(0.62 * count + 0.5, count, sharex=True, squeeze=False)
+    for axes, (name, values) in zip(grid[:, 0], example.bands, strict=True):
         axes.plot(_time(example), GRAMS * values, color=stand_in(SIGNAL), lw=0.9)
         _draw_window(axes, example)
         axes.set_ylabel(name, rotation=0, ha='right', va='center', color=INK)
         axes.locator_params(axis='y', nbins=3)
         axes.margins(x=0)
-    figure.align_ylabels(rows[:, 0])
-    rows[-1, 0].set_xlabel('time from t1, ms')
+    figure.align_ylabels()
+    grid[-1, 0].set_xlabel('time from t1, ms')
     figure.supylabel('g', fontsize=9, color=MUTED)
     return figure
 
 
 def denoised_figure(example: Example) -> Figure:
     """Draw the window after each kind of thresholding (figures 8 and 9)."""
-    figure = Figure(figsize=(9.6, 3.4))
-    axes = figure.add_subplot()
+    figure, axes = new_figure(3.4)
     window = example.window
     time = _time(example)[window]
     axes.plot(time, GRAMS * example.signal[window], color=MUTED, lw=0.8, label='signal', zorder=1)
@@ -109,9 +103,8 @@ def denoised_figure(example: Example) -> Figure:
     for number, (name, values) in enumerate(example.denoised):
         color = stand_in(_THRESHOLDINGS.get(name, SIGNAL + number))
         axes.plot(time, GRAMS * values, color=color, lw=1.6, label=name)
-    axes.axhline(GRAMS * example.mass, color=MUTED, lw=0.9, ls=(0, (2, 2)), label='true mass')
-    axes.set(xlabel='time from t1, ms', ylabel='g')
-    axes.margins(x=0)
+    axes.axhline(GRAMS * example.mass, **DOTTED, label='true mass')
+    axes.set(xlabel='time from t1, ms', ylabel='g', xmargin=0)
     axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=6, borderpad=0)
     return figure
 
@@ -139,16 +132,13 @@ def energy_limit(example: Example) -> float:
 
 def _draw_pass(axes: Axes, example: Example) -> None:
     """Draw times, window and axes of a pass."""
-    times = MILLISECONDS * (np.array((example.t1, example.t2, example.t3, example.t4)) - example.t1)
     _draw_window(axes, example)
-    for number, time in enumerate(times, start=1):
-        axes.axvline(time, color=MUTED, lw=0.9, ls=(0, (2, 2)))
-        axes.annotate(
-            f't{number}', (time, 1), (0, 3), ('data', 'axes fraction'), 'offset points',
-            ha='center', color=INK,
-        )  # fmt: skip
-    axes.set(xlabel='time from t1, ms', ylabel='g')
-    axes.margins(x=0)
+    place: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
+    for name in ('t1', 't2', 't3', 't4'):
+        time = MILLISECONDS * (getattr(example, name) - example.t1)
+        axes.axvline(time, **DOTTED)
+        axes.annotate(name, (time, 1), (0, 3), **place, ha='center', color=INK)
+    axes.set(xlabel='time from t1, ms', ylabel='g', xmargin=0)
 
 
 def _draw_window(axes: Axes, example: Example) -> None:

@@ -5,14 +5,20 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from markupsafe import Markup
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_validation.report.content import number
-from checkweigher_validation.report.inline_svg import INK, SHADE, STYLE, SURFACE, stand_in
-from checkweigher_validation.report.page import Picture, environment, picture
+from checkweigher_validation.report.inline_svg import (
+    INK,
+    SHADE,
+    STYLE,
+    SURFACE,
+    new_figure,
+    stand_in,
+)
+from checkweigher_validation.report.page import fill, picture
 
 # Tests with passes, and those with one reading, each with its heading.
 _TESTS = {
@@ -34,41 +40,36 @@ _BLUE = stand_in(90)
 Values = Mapping[str, Any]
 
 
+@rc_context(STYLE)
 def render_verification(report: Values) -> str:
-    """Return the page of a report, as `checkweigher_validation.verification.report` makes it."""
+    """Return the page of a report made by `checkweigher_validation.verification.report`."""
     by_test = [
         (heading, [step for step in report['steps'] if step['test'] == test])
         for test, heading in _TESTS.items()
     ]
-    with rc_context(STYLE):
-        pictures = list(_pictures(report['steps']))
-    return environment().get_template('verification.html.j2').render(
-        report=report, tests=[(heading, steps) for heading, steps in by_test if steps],
-        pictures=pictures, looks=[], number=number,
-    )  # fmt: skip
+    tests = [(heading, steps) for heading, steps in by_test if steps]
+    drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]
+    pictures = [_errors_picture(drawn)] if drawn else []
+    return fill('verification.html.j2', report=report, tests=tests, pictures=pictures)
 
 
-def _pictures(steps: Sequence[Values]) -> list[Picture]:
-    drawn = [step for step in steps if step['test'] in _DRAWN and step['count']]
-    if not drawn:
-        return []
+def _errors_picture(steps: Sequence[Values]) -> Markup:
     panels: dict[str, list[Values]] = {}
-    for step in drawn:
-        at = f'{step["test"]}, {step["speed_m_per_min"]:g} m/min'
-        panels.setdefault(at, []).append(step)
+    for step in steps:
+        title = f'{step["test"]}, {step["speed_m_per_min"]:g} m/min'
+        panels.setdefault(title, []).append(step)
     rows = -(-len(panels) // _PANELS)
-    figure = Figure(figsize=(9.6, 0.4 + 2.5 * rows))
-    axes = figure.subplots(rows, _PANELS, squeeze=False).ravel()
-    for each, (title, own) in zip(axes, panels.items(), strict=False):
-        _draw(each, own)
-        each.set_title(title)
-    for each in axes[len(panels) :]:
-        each.set_axis_off()
+    figure, grid = new_figure(0.4 + 2.5 * rows, rows, _PANELS, squeeze=False)
+    for axes, (title, own) in zip(grid.flat, panels.items(), strict=False):
+        _draw(axes, own)
+        axes.set_title(title)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_axis_off()
     text = (
         'Error of each pass (points), their mean (stroke), and the limit of the mean error (band; '
         'in category Y of each error), g.'
     )
-    return [picture('errors', figure, text)]
+    return picture('errors', figure, text)
 
 
 def _draw(axes: Axes, steps: Sequence[Values]) -> None:

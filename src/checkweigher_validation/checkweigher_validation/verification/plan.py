@@ -1,10 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The plan of a verification: what is verified, to which class, with which masses, in which tests.
+"""The plan of a verification: machine, accuracy class, reference masses and tests.
 
-It is one YAML file; `EXAMPLE` is one with a comment at each key. Masses in it are in grams and
-speeds in m/min, as the keys say, and become kg and m/s here. A test whose section is left out is
-not done, and the report says so.
+It is a YAML file; `EXAMPLE` has a comment at each key. Its masses are in grams and its speeds in
+m/min, as the keys say. A test whose section is left out is not done, and the report says so.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,6 +32,10 @@ PLANS, VERIFICATIONS = 'plans', 'verifications'  # where these are, in the folde
 
 _ROUNDING = 1 + 1e-9
 _MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0  # passes, g, m/min
+
+
+def _grams(text: str, default: Any = MISSING, minimum: float = 1e-6) -> Any:
+    return parameter(default, text, unit='g', minimum=minimum, maximum=_LARGEST_G)
 
 
 @dataclass(frozen=True)
@@ -69,61 +72,19 @@ class Passes:
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class WarmUp:
-    """Zero and passes of one load at some times after the machine was switched on."""
-
-    minutes: tuple[float, ...]
-    passes: Passes
-
-
-@dataclass(frozen=True, slots=True)
-class Eccentricity:
-    """Passes of one load on lanes beside the middle of the belt."""
-
-    positions: tuple[str, ...]
-    passes: Passes
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What is verified, and the tests that are made; None or empty for a test that is not."""
-
-    machine: Mapping[str, str]
-    load_cell: Mapping[str, str]
-    amplifier: Mapping[str, str]
-    accuracy_class: AccuracyClass
-    minimum: float  # Min, kg
-    maximum: float  # Max, kg
-    prepackages: tuple[Suitability, ...]  # those that it is to check, each found suitable
-    operator: str
-    place: str
-    environment: str
-    masses: tuple[Mass, ...]
-    passes: tuple[Passes, ...]  # each load at each speed
-    warm_up: WarmUp | None
-    zero_readings: int
-    outside: tuple[Passes, ...]  # beyond the range of dynamic setting
-    eccentricity: Eccentricity | None
-    repeatability: Passes | None
-    static: tuple[Mass, ...]
-    duration: float  # s, for which a load at rest is read
-    tolerance: float  # kg, by which a load at rest may still move
-
-
-def _grams(text: str, default: Any = MISSING, minimum: float = 1e-6) -> Any:
-    return parameter(default, text, unit='g', minimum=minimum, maximum=_LARGEST_G)
-
-
 @dataclass(frozen=True)
-class _Passes(Settings):
+class PassesOfLoad(Settings):
+    """Passes of one load at one belt speed, as a section of the file."""
+
     load: str = parameter(text='reference mass')
     speed_m_per_min: float = parameter(text='belt speed', minimum=0.1, maximum=_FASTEST)
     passes: int = parameter(0, 'number; 0 by the load', minimum=1, maximum=_MOST_PASSES)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _WarmUp(_Passes):
+class WarmUp(PassesOfLoad):
+    """Zero and passes of one load at some times after the machine was switched on."""
+
     minutes: tuple[float, ...] = parameter(text='times', minimum=0, maximum=24 * 60)
 
     def __post_init__(self) -> None:
@@ -132,7 +93,9 @@ class _WarmUp(_Passes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Eccentricity(_Passes):
+class Eccentricity(PassesOfLoad):
+    """Passes of one load on lanes beside the middle of the belt."""
+
     positions: tuple[str, ...] = parameter(text='names of lanes on the belt')
 
     def __post_init__(self) -> None:
@@ -143,24 +106,34 @@ class _Eccentricity(_Passes):
 
 
 @dataclass(frozen=True)
-class _Zero(Settings):
+class Zero(Settings):
+    """Readings of the zero."""
+
     readings: int = parameter(5, 'of the empty belt', minimum=1, maximum=100)
 
 
 @dataclass(frozen=True)
-class _Static(Settings):
+class Static(Settings):
+    """Loads at rest."""
+
     loads: tuple[str, ...] = parameter(text='reference masses')
 
 
 @dataclass(frozen=True)
-class _Rest(Settings):
+class Rest(Settings):
+    """Reading of a load at rest."""
+
     duration_s: float = parameter(5.0, 'time of a reading', unit='s', minimum=0.2, maximum=60)
     tolerance_g: float = _grams('by which it may move', 0.1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlanFile(Settings):
-    """A plan as it is written; `plan` is what it means."""
+class Plan(Settings):
+    """Machine, accuracy class, reference masses and tests of a verification.
+
+    The fields are those of the file; the properties are in SI units. A test that is not made is
+    None or empty.
+    """
 
     machine: Mapping[str, str] = parameter(text='nameplate')
     load_cell: Mapping[str, str] = parameter(text='nameplate')
@@ -181,92 +154,118 @@ class PlanFile(Settings):
     speeds_m_per_min: tuple[float, ...] = parameter(text='speeds', minimum=0.1, maximum=_FASTEST)
     loads: tuple[str, ...] = parameter(text='masses that pass at each speed')
     passes: int = parameter(0, 'number; 0 by the load', minimum=1, maximum=_MOST_PASSES)
-    warm_up: _WarmUp | None = parameter(None, 'passes after switching on')
-    zero: _Zero | None = parameter(None, 'readings of the zero')
-    outside: tuple[_Passes, ...] = parameter((), 'passes beyond the range')
-    eccentricity: _Eccentricity | None = parameter(None, 'passes beside the middle')
-    repeatability: _Passes | None = parameter(None, 'passes of one load')
-    static: _Static | None = parameter(None, 'loads at rest')
-    rest: _Rest = parameter(_Rest(), 'reading at rest')
+    warm_up: WarmUp | None = parameter(None, 'passes after switching on')
+    zero: Zero | None = parameter(None, 'readings of the zero')
+    outside: tuple[PassesOfLoad, ...] = parameter((), 'passes beyond the range')
+    eccentricity: Eccentricity | None = parameter(None, 'passes beside the middle')
+    repeatability: PassesOfLoad | None = parameter(None, 'passes of one load')
+    static: Static | None = parameter(None, 'loads at rest')
+    rest: Rest = parameter(Rest(), 'reading at rest')
 
-    def plan(self) -> Plan:
-        """Return the plan; `SettingsError` if its values do not fit together."""
-        minimum, maximum = self.min_g / GRAMS, self.max_g / GRAMS
-        accuracy_class = self._accuracy_class(minimum, maximum)
+    def __post_init__(self) -> None:
+        self._check_class()
         _check_distinct([f'{each:g}' for each in self.speeds_m_per_min], 'speeds_m_per_min')
-        loads = self._loads(self.loads, 'loads')
-        for load in loads:
-            if not minimum <= load.mass * _ROUNDING or not load.mass <= maximum * _ROUNDING:
+        for load in self._known(self.loads, 'loads'):
+            if not self.min_g <= load.mass_g * _ROUNDING or load.mass_g > self.max_g * _ROUNDING:
                 raise SettingsError(f'{load.name}, {load.mass_g:g} g, is not in Min..Max', 'loads')
-        static = self._loads(self.static.loads, 'static', 'loads') if self.static else []
-        for load in static:
-            if load.mass > maximum * _ROUNDING:
+        for load in self._known(self.static.loads if self.static else (), 'static', 'loads'):
+            if load.mass_g > self.max_g * _ROUNDING:
                 text = f'{load.name}, {load.mass_g:g} g, is above Max'
                 raise SettingsError(text, 'static', 'loads')
-        warm_up, aside, same = self.warm_up, self.eccentricity, self.repeatability
-        return Plan(
-            self.machine, self.load_cell, self.amplifier, accuracy_class, minimum, maximum,
-            self._prepackages(accuracy_class, maximum), self.operator, self.place,
-            self.environment, tuple(self.references.values()),
-            passes=tuple(
-                Passes(load, speed / MINUTE, self.passes or weighings_required(load.mass))
-                for speed in self.speeds_m_per_min
-                for load in loads
-            ),
-            warm_up=WarmUp(warm_up.minutes, self._passes(warm_up, 'warm_up')) if warm_up else None,
-            zero_readings=self.zero.readings if self.zero else 0,
-            outside=tuple(
-                self._passes(each, 'outside', number, default=3)
-                for number, each in enumerate(self.outside, 1)
-            ),
-            eccentricity=Eccentricity(aside.positions, self._passes(aside, 'eccentricity'))
-            if aside
-            else None,
-            repeatability=self._passes(same, 'repeatability') if same else None,
-            static=tuple(sorted(static, key=lambda load: load.mass)),
-            duration=self.rest.duration_s,
-            tolerance=self.rest.tolerance_g / GRAMS,
-        )  # fmt: skip
+        self._check_prepackages()
+        self._check_sections()
 
-    def _accuracy_class(self, minimum: float, maximum: float) -> AccuracyClass:
-        if not 0 < minimum < maximum:
+    @property
+    def accuracy_class(self) -> AccuracyClass:
+        """Class to which the machine is verified."""
+        return AccuracyClass(self.class_, self.factor, self.e_g / GRAMS, self.in_service)
+
+    @property
+    def minimum(self) -> float:
+        """Min, kg."""
+        return self.min_g / GRAMS
+
+    @property
+    def maximum(self) -> float:
+        """Max, kg."""
+        return self.max_g / GRAMS
+
+    @property
+    def duration(self) -> float:
+        """Time for which a load at rest is read, s."""
+        return self.rest.duration_s
+
+    @property
+    def tolerance(self) -> float:
+        """Largest change of a load at rest during a reading, kg."""
+        return self.rest.tolerance_g / GRAMS
+
+    @property
+    def prepackages(self) -> tuple[Suitability, ...]:
+        """Prepackages that the machine is to check, with the error that they allow."""
+        return tuple(suitability(self.accuracy_class, each / GRAMS) for each in self.prepackages_g)
+
+    @property
+    def passes_in_motion(self) -> tuple[Passes, ...]:
+        """Passes of each load at each speed."""
+        return tuple(
+            self.passes_of(PassesOfLoad(load, speed, self.passes))
+            for speed in self.speeds_m_per_min
+            for load in self.loads
+        )
+
+    @property
+    def static_loads(self) -> tuple[Mass, ...]:
+        """Loads at rest, the lightest first."""
+        loads = [self.references[name] for name in self.static.loads] if self.static else []
+        return tuple(sorted(loads, key=lambda load: load.mass))
+
+    def passes_of(self, section: PassesOfLoad, default: int = 0) -> Passes:
+        """Return the passes of a section.
+
+        Without a number in the section there are `default` passes, or as many as the load requires.
+        """
+        load = self.references[section.load]
+        count = section.passes or default or weighings_required(load.mass)
+        return Passes(load, section.speed_m_per_min / MINUTE, count)
+
+    def _check_class(self) -> None:
+        if not 0 < self.min_g < self.max_g:
             raise SettingsError(f'{self.min_g:g} is not above 0 and below max_g', 'min_g')
         try:
-            made = AccuracyClass(self.class_, self.factor, self.e_g / GRAMS, self.in_service)
+            own = self.accuracy_class
         except ValueError as error:
-            raise SettingsError(
-                str(error), 'factor' if 'factor' in str(error) else 'class'
-            ) from None
+            key = 'factor' if 'factor' in str(error) else 'class'
+            raise SettingsError(str(error), key) from None
         try:
-            check_range(made, minimum, maximum)
+            check_range(own, self.minimum, self.maximum)
         except ValueError as error:
             raise SettingsError(f'with min_g and max_g: {error}', 'e_g') from None
-        return made
 
-    def _prepackages(self, scale: AccuracyClass, maximum: float) -> tuple[Suitability, ...]:
+    def _check_sections(self) -> None:
+        for key in ('warm_up', 'eccentricity', 'repeatability'):
+            if section := getattr(self, key):
+                self._known([section.load], key, 'load')
+        for number, section in enumerate(self.outside, 1):
+            self._known([section.load], 'outside', number, 'load')
+
+    def _check_prepackages(self) -> None:
         key = 'prepackages_g'
         _check_distinct([f'{each:g}' for each in self.prepackages_g], key)
-        found = []
-        for value in self.prepackages_g:
-            if value / GRAMS > maximum * _ROUNDING:
-                raise SettingsError(f'{value:g} g is above Max, {GRAMS * maximum:g} g', key)
-            one = suitability(scale, value / GRAMS)
+        for value, one in zip(self.prepackages_g, self.prepackages, strict=True):
+            if value > self.max_g * _ROUNDING:
+                raise SettingsError(f'{value:g} g is above Max, {self.max_g:g} g', key)
             if not one.suitable:
-                raise SettingsError(
+                text = (
                     f'{value:g} g may be checked by a scale whose error in service is at most '
                     f'{GRAMS * one.allowed_error:.3g} g (FPackV, Annex 7); that of '
-                    f'{scale.name} with e = {GRAMS * scale.interval:g} g is '
-                    f'{GRAMS * one.max_error:.3g} g', key
-                )  # fmt: skip
-            found.append(one)
-        return tuple(found)
+                    f'{self.accuracy_class.name} with e = {self.e_g:g} g is '
+                    f'{GRAMS * one.max_error:.3g} g'
+                )
+                raise SettingsError(text, key)
 
-    def _passes(self, given: _Passes, *path: object, default: int = 0) -> Passes:
-        (load,) = self._loads([given.load], *path, 'load')
-        count = given.passes or default or weighings_required(load.mass)
-        return Passes(load, given.speed_m_per_min / MINUTE, count)
-
-    def _loads(self, names: Sequence[str], *path: object) -> list[Mass]:
+    def _known(self, names: Sequence[str], *path: object) -> list[Mass]:
+        """Return reference masses by name; `SettingsError` if there is no such one."""
         for name in names:
             if name not in self.references:
                 text = f'{name!r} is none of the references {", ".join(self.references)}'
@@ -280,7 +279,7 @@ def read_plan(text: str) -> Plan:
     if len(text) > LONGEST:
         raise SettingsError(f'{len(text)} characters, at most {LONGEST}: shorten the comments')
     with opened(text) as content:
-        return settings_of(PlanFile, content).plan()
+        return settings_of(Plan, content)
 
 
 def _check_distinct(names: Sequence[str], *path: object) -> None:

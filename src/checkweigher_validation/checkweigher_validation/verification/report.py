@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The report of a verification: plain values in the form of `report.schema.json`.
 
-It follows from the bag of the procedure alone: times are those of its records, and nothing in it
-is of the computer that makes it. So the same bag gives the same report, to the byte.
+The report depends on the bag of the procedure alone: its times are those of the records, and the
+computer that makes it has no influence. The same bag gives the same report, to the byte.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,9 @@ import math
 from typing import Any
 
 from checkweigher_core.records import GRAMS, NANOSECONDS
-from checkweigher_validation.verification.evaluation import (
-    Evaluation,
-    Result,
-    evaluate,
-    minutes_after,
-)
-from checkweigher_validation.verification.plan import MINUTE
-from checkweigher_validation.verification.procedure import Attempt, ItemPass, Procedure
+from checkweigher_validation.verification.evaluation import Result, evaluate, minutes_after
+from checkweigher_validation.verification.plan import MINUTE, Plan
+from checkweigher_validation.verification.procedure import AtRest, Attempt, ItemPass, Procedure
 
 SCHEMA = 'checkweigher-verification/1'
 Values = dict[str, Any]
@@ -58,24 +53,46 @@ _SOURCES = (
 
 
 def report_of(procedure: Procedure) -> Values:
-    """Return the report of a procedure as plain values; what is not known is None."""
+    """Return the report of a procedure as plain values; an unknown value is None."""
     found = evaluate(procedure)
-    plan, cell = procedure.plan, procedure.load_cell
-    own = plan.accuracy_class
-    identity = procedure.identity
+    cell, identity = asdict(procedure.load_cell), procedure.identity
     stamps = [stamp for each in procedure.attempts for stamp in (each.begin, each.end)]
-    last = found.last
+    first = [each for each in found.results if each.attempt.step.minutes is not None][:1]
     return {
         'schema': SCHEMA,
         'statement': _STATEMENT,
         'verdict': found.verdict,
         'counts': {
-            'passed': sum(each.passed for each in last),
-            'failed': sum(bool(each.failures) for each in last),
+            'passed': sum(each.passed for each in found.last),
+            'failed': sum(bool(each.failures) for each in found.last),
             'not_made': len(found.missing),
         },
         'begin': _time(min(stamps)) if stamps else None,
         'end': _time(max(stamps)) if stamps else None,
+        **_plan_values(procedure.plan),
+        'steps': [_step(each, *first) for each in found.results],
+        'faults_between': [
+            _fault_between(each, procedure.attempts) for each in procedure.faults_between
+        ],
+        'departures': list(found.departures),
+        'not_done': list(_NOT_DONE),
+        'sources': list(_SOURCES),
+        'calibration': cell,
+        'identity': dict(identity),
+        'digests': {
+            'bag': procedure.digest,
+            'plan': _digest(procedure.plan_text),
+            'calibration': _digest(canonical(cell)),
+            'parameters': identity['parameters_sha256'],
+            'audit_log': identity['audit_log_sha256'],
+            'program': identity['program_sha256'],
+        },
+    }
+
+
+def _plan_values(plan: Plan) -> Values:
+    own = plan.accuracy_class
+    return {
         'machine': dict(plan.machine),
         'load_cell': dict(plan.load_cell),
         'amplifier': dict(plan.amplifier),
@@ -91,9 +108,7 @@ def report_of(procedure: Procedure) -> Values:
         },
         'prepackages': [
             {
-                'nominal_g': _grams(each.nominal),
-                'tolerable_negative_error_g': _grams(each.tolerable_negative_error),
-                'allowed_error_g': _grams(each.allowed_error),
+                **_in_grams(each, 'nominal', 'tolerable_negative_error', 'allowed_error'),
                 'max_error_in_service_g': _grams(each.max_error),
             }
             for each in plan.prepackages
@@ -104,30 +119,12 @@ def report_of(procedure: Procedure) -> Values:
         'references': [
             {
                 'name': each.name,
-                'mass_g': _grams(each.mass),
-                'uncertainty_g': _grams(each.uncertainty),
+                **_in_grams(each, 'mass', 'uncertainty'),
                 'certificate': each.certificate,
                 'serial': each.serial,
             }
-            for each in plan.masses
+            for each in plan.references.values()
         ],
-        'steps': [_step(each, found) for each in found.results],
-        'faults_between': [
-            _fault_between(each, procedure.attempts) for each in procedure.faults_between
-        ],
-        'departures': list(found.departures),
-        'not_done': list(_NOT_DONE),
-        'sources': list(_SOURCES),
-        'calibration': asdict(cell),
-        'identity': dict(identity),
-        'digests': {
-            'bag': procedure.digest,
-            'plan': _digest(procedure.plan_text),
-            'calibration': _digest(canonical(asdict(cell))),
-            'parameters': identity['parameters_sha256'],
-            'audit_log': identity['audit_log_sha256'],
-            'program': identity['program_sha256'],
-        },
     }
 
 
@@ -145,12 +142,11 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _step(result: Result, found: Evaluation) -> Values:
+def _step(result: Result, first: Result | None = None) -> Values:
+    """Return the result of an attempt; `first` is the first result of the warm-up."""
     attempt, step = result.attempt, result.attempt.step
-    verdict = 'skipped' if attempt.skipped else 'passed' if result.passed else 'failed'
     after = None
-    if step.minutes is not None:
-        first = next(each for each in found.results if each.attempt.step.minutes is not None)
+    if first is not None and step.minutes is not None:
         after = round(minutes_after(result, first), 2)
     return {
         'name': step.name,
@@ -165,44 +161,33 @@ def _step(result: Result, found: Evaluation) -> Values:
         'end': _time(attempt.end),
         'attempt': result.number,
         'attempts': result.attempts,
-        'verdict': verdict,
+        'verdict': result.verdict,
         'why': [attempt.skipped] if attempt.skipped else list(result.failures),
         'planned': step.count,
         'count': result.count,
         'required': result.required,
         'faults': result.faults,
-        'error_g': _grams(result.error),
-        'max_error_g': _grams(result.max_error),
-        'worst_error_g': _grams(result.worst_error),
-        'std_dev_g': _grams(result.std_dev),
-        'max_std_dev_g': _grams(result.max_std_dev),
-        'spread_g': _grams(result.spread),
-        'uncertainty_g': _grams(result.uncertainty),
+        **_in_grams(result, 'error', 'max_error', 'worst_error', 'std_dev', 'max_std_dev'),
+        **_in_grams(result, 'spread', 'uncertainty'),
         'coverage_95': _number(result.coverage, 4),
-        'reading': _reading(attempt),
-        'passes': [_pass(each, attempt) for each in attempt.passes],
+        'reading': _reading(attempt.reading) if attempt.reading else None,
+        'passes': [_pass(each, step.load.mass) for each in attempt.passes if step.load],
     }
 
 
-def _reading(attempt: Attempt) -> Values | None:
-    reading = attempt.reading
-    if reading is None:
-        return None
+def _reading(reading: AtRest) -> Values:
     return {
-        'mass_g': _grams(reading.mass),
-        'std_error_g': _grams(reading.std_error),
-        'noise_g': _grams(reading.noise),
+        **_in_grams(reading, 'mass', 'std_error', 'noise'),
         'samples': reading.samples,
         'reasons': list(reading.reasons),
     }
 
 
-def _pass(item: ItemPass, attempt: Attempt) -> Values:
-    assert attempt.step.load is not None
+def _pass(item: ItemPass, load: float) -> Values:
     return {
         'time': _time(item.stamp),
         'mass_g': _grams(item.mass),
-        'error_g': _grams(item.mass - attempt.step.load.mass),
+        'error_g': _grams(item.mass - load),
         'std_dev_g': _grams(item.std_dev),
         'speed_m_per_min': _number(MINUTE * item.speed, 3),
         'reasons': list(item.reasons),
@@ -216,6 +201,11 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
         'after': before[-1] if before else None,
         'reasons': list(item.reasons),
     }
+
+
+def _in_grams(record: object, *names: str) -> Values:
+    """Return fields of a record that are in kg, each with its value in g."""
+    return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
 
 def _grams(value: float) -> float | None:

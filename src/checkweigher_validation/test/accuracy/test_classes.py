@@ -39,24 +39,28 @@ def test_limits_of_class_xiii_1_are_those_of_table_2_of_the_paper(mass, mean_err
 
 
 @pytest.mark.parametrize(
-    ('name', 'loads'),
+    ('names', 'loads'),
     [
-        ('XI', (50_000, 200_000)),
-        ('XII', (5_000, 20_000, 100_000)),
-        ('XIII', (500, 2_000, 10_000)),
-        ('XIIII', (50, 200, 1_000)),
+        (('XI', 'Y(I)'), (50_000, 200_000)),
+        (('XII', 'Y(II)'), (5_000, 20_000, 100_000)),
+        (('XIII', 'Y(a)'), (500, 2_000, 10_000)),
+        (('XIIII', 'Y(b)'), (50, 200, 1_000)),
     ],
 )
-@pytest.mark.parametrize('interval', [1e-4, 2e-4, 5e-3])
-def test_the_mean_error_steps_right_after_its_loads(name, loads, interval):
-    limits = AccuracyClass(name, interval=interval)
-    for steps, load in zip((0.5, 1.0, 1.5), loads, strict=False):
-        assert limits.max_error(load * interval) == pytest.approx(steps * interval)
-        above = limits.max_error((load + 1e-3) * interval)
-        if steps == 1.5:
-            assert math.isnan(above)
-        else:
-            assert above == pytest.approx((steps + 0.5) * interval)
+@pytest.mark.parametrize('interval', [1e-4, 5e-3])
+def test_the_error_steps_right_after_its_loads(names, loads, interval):
+    # Tables of the directive, in e: initially and in service.
+    steps = {
+        names[0]: ((0.5, 1.0, 1.5, math.nan), (1.0, 2.0, 3.0, math.nan)),
+        names[1]: ((1.0, 1.5, 2.0, math.nan), (1.5, 2.5, 3.5, math.nan)),
+    }
+    for name, by_service in steps.items():
+        for in_service, errors in zip((False, True), by_service, strict=True):
+            limits = AccuracyClass(name, interval=interval, in_service=in_service)
+            for number, load in enumerate(loads):
+                at, above = (limits.max_error((load + more) * interval) for more in (0, 1e-3))
+                assert at == pytest.approx(errors[number] * interval)
+                assert above == pytest.approx(errors[number + 1] * interval, nan_ok=True)
 
 
 @pytest.mark.parametrize(('mass', 'steps'), [(0.05, 0.5), (0.2, 1.0), (1.0, 1.5)])
@@ -66,10 +70,6 @@ def test_loads_at_rest_have_one_limit_in_both_categories(name, in_service, mass,
     # UK SI 2016/1153, Schedule 1G, Chapter II, Table 1 (Static); NI SR 2006/154, Schedule 5.
     limit = AccuracyClass(name, in_service=in_service).max_static_error(mass)
     assert limit == pytest.approx((2 if in_service else 1) * steps * 1e-4, rel=EXACT)
-
-
-def test_class_xi_has_no_largest_load():
-    assert AccuracyClass('XI', interval=1e-4).max_error(1e6) == pytest.approx(1.5e-4)
 
 
 @pytest.mark.parametrize(
@@ -99,37 +99,30 @@ def test_the_class_factor_scales_the_standard_deviation_alone(mass, factor):
     expected = factor * AccuracyClass().max_std_dev(mass)
     assert scaled.max_std_dev(mass) == pytest.approx(expected, rel=EXACT)
     assert scaled.max_error(0.1) == AccuracyClass().max_error(0.1)
+    assert AccuracyClass('XI').max_error(1e4 * mass) > 0  # there is no largest load
+
+
+def test_weighings_required_are_those_of_the_rule():
+    masses = (0.1, 1.0, 1.1, 10.0, 15.0, 20.0, 21.0)
+    assert [weighings_required(mass) for mass in masses] == [60, 60, 30, 30, 20, 20, 10]
 
 
 @pytest.mark.parametrize(
-    ('mass', 'count'),
-    [(0.1, 60), (1.0, 60), (1.1, 30), (10.0, 30), (15.0, 20), (20.0, 20), (21.0, 10)],
+    ('mean', 'std_dev', 'kept'),
+    [
+        (-0.099e-3, 0.39e-3, (True, True)),
+        (-0.101e-3, 0.39e-3, (False, True)),
+        (0.099e-3, 0.4e-3, (True, False)),
+    ],
 )
-def test_weighings_required_are_those_of_the_rule(mass, count):
-    assert weighings_required(mass) == count
+def test_a_condition_passes_within_both_limits(make_condition, errors_with, mean, std_dev, kept):
+    verdict = judge(make_condition(errors_with(mean, std_dev)), AccuracyClass())
 
-
-def test_a_condition_within_both_limits_passes(make_condition, errors_with):
-    verdict = judge(make_condition(errors_with(-0.099e-3, 0.39e-3)), AccuracyClass())
-
-    assert verdict.passed
+    assert (verdict.error_passed, verdict.std_dev_passed) == kept
+    assert verdict.passed == all(kept)
     assert (verdict.weighings, verdict.weighings_required) == (60, 60)
     assert verdict.max_error == pytest.approx(0.1e-3)
     assert verdict.max_std_dev == pytest.approx(0.3948e-3)
-
-
-@pytest.mark.parametrize(
-    ('mean', 'std_dev', 'mean_passed', 'std_dev_passed'),
-    [(-0.101e-3, 0.39e-3, False, True), (0.099e-3, 0.4e-3, True, False)],
-)
-def test_a_condition_over_one_limit_fails_by_that_one(
-    make_condition, errors_with, mean, std_dev, mean_passed, std_dev_passed
-):
-    verdict = judge(make_condition(errors_with(mean, std_dev)), AccuracyClass())
-
-    assert not verdict.passed
-    assert verdict.error_passed is mean_passed
-    assert verdict.std_dev_passed is std_dev_passed
 
 
 def test_the_nameplate_decides_which_limits_hold(make_condition, errors_with):
@@ -145,26 +138,17 @@ def test_the_nameplate_decides_which_limits_hold(make_condition, errors_with):
     assert judge(one, AccuracyClass(interval=0.2e-3)).error_passed
 
 
-def test_too_few_weighings_do_not_pass(make_condition, errors_with):
-    verdict = judge(make_condition(errors_with(0, 1e-6, count=58), faults=2), AccuracyClass())
-
-    assert not verdict.enough_weighings
-    assert not verdict.passed
-
-
-def test_a_condition_without_weighings_does_not_pass(make_condition):
-    verdict = judge(make_condition([], faults=60), AccuracyClass())
-
-    assert not verdict.error_passed
-    assert not verdict.std_dev_passed
-
-
-def test_a_load_above_the_class_does_not_pass(make_condition, errors_with):
+def test_too_few_weighings_none_at_all_and_a_load_above_the_class_do_not_pass(
+    make_condition, errors_with
+):
+    few = judge(make_condition(errors_with(0, 1e-6, count=58), faults=2), AccuracyClass())
+    assert (few.enough_weighings, few.passed) == (False, False)
+    none = judge(make_condition([], faults=60), AccuracyClass())
+    assert (none.error_passed, none.std_dev_passed) == (False, False)
     # XIIII goes up to 1000 e = 100 g.
-    verdict = judge(make_condition(errors_with(0, 1e-6)), AccuracyClass('XIIII'))
-
-    assert math.isnan(verdict.max_error)
-    assert not verdict.passed
+    above = judge(make_condition(errors_with(0, 1e-6)), AccuracyClass('XIIII'))
+    assert math.isnan(above.max_error)
+    assert not above.passed
 
 
 @pytest.mark.parametrize(
@@ -193,26 +177,10 @@ def test_there_are_four_classes_of_each_category():
     assert AccuracyClass('XIV') == AccuracyClass('XIIII')
 
 
-@pytest.mark.parametrize(
-    ('name', 'loads'),
-    [
-        ('Y(I)', (50_000, 200_000, 1e6)),
-        ('Y(II)', (5_000, 20_000, 100_000)),
-        ('Y(a)', (500, 2_000, 10_000)),
-        ('Y(b)', (50, 200, 1_000)),
-    ],
-)
-def test_category_y_bounds_each_weighing_by_the_table_of_the_directive(name, loads):
-    initial, service = AccuracyClass(name), AccuracyClass(name, in_service=True)
-    for load, at_first, later in zip(loads, (1, 1.5, 2), (1.5, 2.5, 3.5), strict=True):
-        assert initial.max_error(load * 1e-4) == pytest.approx(at_first * 1e-4)
-        assert service.max_error(load * 1e-4) == pytest.approx(later * 1e-4)
-    assert initial.max_std_dev(0.1) == math.inf
-
-
 def test_one_weighing_beyond_the_limit_of_category_y_fails(make_condition, errors_with):
     # 1645 e: 1.5 e = 0.15 g. The mean is right, and of category X the spread as well.
     errors = errors_with(0, 0.01e-3)
+    assert AccuracyClass('Y(a)').max_std_dev(0.1) == math.inf
     assert judge(make_condition(errors), AccuracyClass('Y(a)')).passed
     errors[7] = 0.16e-3
     assert judge(make_condition(errors), AccuracyClass()).passed
@@ -286,6 +254,9 @@ def test_a_range_that_no_class_allows_is_refused_with_the_rule(
         ('Y(a)', 1e-3, 0.25, 1.5e-3, 1.8e-3),
         ('Y(a)', 2e-3, 0.25, 3e-3, 1.8e-3),
         ('XIIII', 5e-3, 5.5, math.nan, 16.5e-3),  # above 1000 e
+        # TNE 15 g, 1 e. No nameplate has such e, but they are just a fifth and just above.
+        ('XIII', 3e-3, 0.5, 3e-3, 3e-3),
+        ('XIII', 3.001e-3, 0.5, 3.001e-3, 3e-3),
     ],
 )
 def test_a_class_checks_prepackages_of_five_times_its_error_in_service(
@@ -295,9 +266,3 @@ def test_a_class_checks_prepackages_of_five_times_its_error_in_service(
     assert found.max_error == pytest.approx(max_error, nan_ok=True)
     assert found.allowed_error == pytest.approx(allowed)
     assert found.suitable == (max_error <= allowed)
-
-
-def test_a_class_whose_error_is_just_a_fifth_is_suitable():
-    # TNE of 500 g is 15 g; 250 e in service 1 e; e = 3 g is none of a nameplate, but worked easily.
-    assert suitability(AccuracyClass('XIII', interval=3e-3), 0.5).suitable
-    assert not suitability(AccuracyClass('XIII', interval=3.001e-3), 0.5).suitable

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of passes whose masses, errors and uncertainties are made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,23 +18,21 @@ TOLERANCE = 1e-9  # relative
 
 # 1.02 times the mean and 1 g; 0.3 g and a zero that is 0.4 g worse than on the training passes.
 CALIBRATED = LineParameters().with_values(
-    {
-        'identifier.estimator': 'mean', 'identifier.mean.calibrated': True,
-        'identifier.mean.gain': (1.02,), 'identifier.mean.offset': (1e-3,),
-        'identifier.mean.std_dev': (3e-4,),
-    }
-)  # fmt: skip
+    {f'identifier.mean.{name}': (value,) for name, value in (('gain', 1.02), ('offset', 1e-3))}
+    | {'identifier.mean.std_dev': (3e-4,), 'identifier.mean.calibrated': True}
+    | {'identifier.estimator': 'mean'}
+)
 
 
 def a_pass(mass, reading, speed=1.0, reasons=()):
     """Make a pass of `mass` g in which the load cell reads `reading` g over its zero."""
     counts = np.full(60, 500, np.int32)
     counts[20:] += round(GRAM * reading)
-    window = WeighWindow(
-        1, 20_000_000, 30_000_000, 60_000_000, belt_speed=speed, product_length=0.1,
-        sample_rate=1000.0, counts_per_kg=COUNTS_PER_KG, zero_counts=0.0, zero=500.0,
-        zero_std_dev=0.4 * GRAM, window_begin=30, window_end=60, counts=counts, reasons=reasons,
-    )  # fmt: skip
+    stamps = (20_000_000, 30_000_000, 60_000_000)
+    window = WeighWindow(1, *stamps, belt_speed=speed, product_length=0.1, sample_rate=1000.0)
+    cell = {'counts_per_kg': COUNTS_PER_KG, 'zero_counts': 0.0, 'zero': 500.0}
+    signal = {'window_begin': 30, 'window_end': 60, 'counts': counts, 'reasons': reasons}
+    window = replace(window, zero_std_dev=0.4 * GRAM, **cell, **signal)
     return KnownPass(window, mass / 1000)
 
 
@@ -73,7 +73,6 @@ def test_estimators_come_in_their_order_each_with_all_batches(n_jobs):
     batches = [Batch(1.0, 'train', PASSES[:2], {}), Batch(1.0, 'test', PASSES[:1], {})]
     lines = [CALIBRATED, LineParameters().with_estimator('hann')]
     found = evaluate_batches(batches, lines, n_jobs)
-    assert [(one.estimator, one.part, one.mass) for one in found] == [
-        ('mean', 'train', 0.1), ('mean', 'train', 0.204), ('mean', 'test', 0.204),
-        ('hann', 'train', 0.1), ('hann', 'train', 0.204), ('hann', 'test', 0.204),
-    ]  # fmt: skip
+    cases = [('train', 0.1), ('train', 0.204), ('test', 0.204)]
+    expected = [(name, *case) for name in ('mean', 'hann') for case in cases]
+    assert [(one.estimator, one.part, one.mass) for one in found] == expected

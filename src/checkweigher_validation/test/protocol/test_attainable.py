@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is attainable against passes whose best linear estimate is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,10 +26,9 @@ def make_passes(count, seed, noise, line=0.0):
         angle = 0.07 * np.arange(len(shape)) + 2 * np.pi * random.random()
         counts += 1e6 * line * np.sin(angle)
         t1, t2, t3 = (round(1e9 * at / RATE) for at in (LEAD, LEAD + RISE, LEAD + RISE + REST))
-        window = WeighWindow(
-            number + 1, t1, t2, t3, sample_rate=RATE, counts_per_kg=1e6, zero=0.0,
-            window_begin=LEAD + RISE, window_end=len(shape), counts=counts.round().astype(np.int32),
-        )  # fmt: skip
+        window = WeighWindow(number + 1, t1, t2, t3, sample_rate=RATE, counts_per_kg=1e6, zero=0.0)
+        ends = {'window_begin': LEAD + RISE, 'window_end': len(shape)}
+        window = replace(window, counts=counts.round().astype(np.int32), **ends)
         passes.append(KnownPass(window, mass))
     return passes, shape
 
@@ -54,18 +55,8 @@ def test_a_zero_that_is_off_is_no_part_of_the_mass():
     # Counts that stand 1 kg higher, with a zero that says so.
     (learn, _), (check, _) = make_passes(300, 1, 1e-4), make_passes(60, 2, 1e-4)
     plain = attainable_errors(learn, check)
-    shifted = [
-        KnownPass(
-            WeighWindow(
-                each.window.item_id, each.window.t1, each.window.t2, each.window.t3,
-                sample_rate=RATE, counts_per_kg=1e6, zero=1e6,
-                window_begin=each.window.window_begin, window_end=each.window.window_end,
-                counts=each.window.counts + 1_000_000,
-            ),
-            each.mass,
-        )
-        for each in check
-    ]  # fmt: skip
+    higher = [replace(x.window, zero=1e6, counts=x.window.counts + 1_000_000) for x in check]
+    shifted = [KnownPass(window, each.mass) for window, each in zip(higher, check, strict=True)]
     np.testing.assert_allclose(attainable_errors(learn, shifted), plain, rtol=0, atol=1e-12)
 
 

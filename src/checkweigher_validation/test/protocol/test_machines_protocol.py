@@ -11,12 +11,7 @@ from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.errors import average, coverage
-from checkweigher_validation.accuracy.machine_tables import (
-    ATTAINABLE,
-    CHOSEN,
-    family_text,
-    ratios,
-)
+from checkweigher_validation.accuracy.machine_tables import ATTAINABLE, CHOSEN, family_text, ratios
 from checkweigher_validation.protocol.machines_protocol import (
     MASSES,
     MachinesProtocol,
@@ -53,16 +48,12 @@ def test_a_machine_may_lack_causes():
     assert whole[5].window.counts.tobytes() != less[5].window.counts.tobytes()
 
 
-def test_training_passes_may_be_of_one_mass():
-    protocol = MachinesProtocol((3,), 5, (0.1,), further=40)
-    run = run_machine(protocol, 3, 1.5, SEGMENTER)
-    assert {each.mass for each in run.train} == {0.1}
-    assert {each.mass for each in run.test} == set(MASSES)
-
-
 def test_untrained_passes_are_the_tested_ones_cut_by_the_rise_as_well():
     # Platform and amplifier of this machine are slow: the load comes 12 ms late.
-    run = run_machine(MachinesProtocol((8001,), training=5, further=40), 8001, 1.0, SEGMENTER)
+    protocol = MachinesProtocol((8001,), 5, training_masses=(0.1,), further=40)
+    run = run_machine(protocol, 8001, 1.0, SEGMENTER)
+    assert {each.mass for each in run.train} == {0.1}
+    assert {each.mass for each in run.test} == set(MASSES)
     assert [each.window.t1 for each in run.untrained] == [each.window.t1 for each in run.test]
     begins = [
         np.array([one.window.first_index + one.window.window_begin for one in passes if one.whole])

@@ -13,9 +13,9 @@ def test_the_example_is_a_plan_in_si_with_weighings_by_load():
     plan = read_plan(EXAMPLE)
     assert plan.accuracy_class.interval == pytest.approx(1e-4)
     assert (plan.minimum, plan.maximum) == pytest.approx((0.06, 0.6))
-    assert [load.mass for load in plan.masses] == pytest.approx([0.0745, 0.1945, 0.5])
-    assert {passes.speed for passes in plan.passes} == {0.5, 1.0}
-    assert {passes.count for passes in plan.passes} == {60}
+    assert [load.mass for load in plan.references.values()] == pytest.approx([0.0745, 0.1945, 0.5])
+    assert {passes.speed for passes in plan.passes_in_motion} == {0.5, 1.0}
+    assert {passes.count for passes in plan.passes_in_motion} == {60}
     assert [each.nominal for each in plan.prepackages] == pytest.approx([0.25, 0.5])
     assert all(each.suitable for each in plan.prepackages)
     heavier = read_plan(
@@ -23,7 +23,7 @@ def test_the_example_is_a_plan_in_si_with_weighings_by_load():
         .replace('max_g: 600', 'max_g: 6000')
         .replace('e_g: 0.1', 'e_g: 1')
     )
-    assert {passes.load.name: passes.count for passes in heavier.passes}['large'] == 30
+    assert {passes.load.name: passes.count for passes in heavier.passes_in_motion}['large'] == 30
 
 
 def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
@@ -87,7 +87,7 @@ def test_a_plan_of_a_newer_format_may_have_keys_that_are_not_known():
     newer = 'format: 2\nclimate: wet\n' + EXAMPLE.replace(
         'mass_g: 74.50', 'mass_g: 74.50\n    box: 3'
     )
-    assert read_plan(newer).passes == read_plan(EXAMPLE).passes
+    assert read_plan(newer).passes_in_motion == read_plan(EXAMPLE).passes_in_motion
     with pytest.raises(SettingsError, match='line 2: climate: no such key; it may have machine, '):
         read_plan(newer.replace('format: 2', 'format: 1'))
 
