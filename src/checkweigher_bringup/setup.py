@@ -31,6 +31,6 @@ setup(
             'line = checkweigher_bringup.line:main',
             'checkweigher = checkweigher_bringup.cli:main',
             'verifier = checkweigher_bringup.commissioning.verifier:main',
-        ],
+        ]
     },
 )

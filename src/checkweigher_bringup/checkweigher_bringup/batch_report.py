@@ -1,22 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches: read from the record of the line, written as HTML and JSON."""
+"""Reports on batches: read from the record of the line, written as text, HTML and JSON."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import json
+import math
 from pathlib import Path
-import sys
 
+from checkweigher_bringup.errors import warn
 from checkweigher_core.printable import one_line
+from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import write_whole
 from checkweigher_production.audit_log import read_log
 from checkweigher_production.batch_record import read_lines
-from checkweigher_validation.batch.batch import Batch, read_record
+from checkweigher_validation.batch.batch import Batch, InLog, read_record
 from checkweigher_validation.batch.figures import PartFigures, as_json
 
 
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
-    """Return the batch of a record, held to an audit log or to the one that it names.
+    """Return the batch of a record, compared with an audit log, by default that of the record.
 
     Raises
     ------
@@ -32,14 +34,14 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
     found = read_log(log)
     if not found.whole:
         text = f'{log}: line {found.bad_line}: {found.problem}: {found.reason}'
-        print(one_line(f'the audit log is not whole: {text}'), file=sys.stderr, flush=True)
+        warn(f'the audit log is not whole: {text}')
     return batch.with_log(found.entries)
 
 
 def write_report(
     batch: Batch, parts: Sequence[PartFigures], html: Path | None, json_file: Path | None
 ) -> None:
-    """Write the files that have a path, each whole or not at all; OutputError if one cannot be."""
+    """Write the files that have a path; OutputError if one cannot be written."""
     if html is not None:
         from checkweigher_validation.report.batch_page import render_batch
 
@@ -47,3 +49,65 @@ def write_report(
     if json_file is not None:
         text = json.dumps(as_json(batch, list(parts)), indent=2, allow_nan=False)
         write_whole(json_file, text + '\n')
+
+
+def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
+    """Yield the lines on the record and the audit log, and on each product."""
+    title = f'batch {one_line(batch.name)}'
+    if batch.in_log is InLog.AGREES:
+        yield f'{title}: the SHA-256 of its record agrees with the audit log'
+    elif batch.in_log is InLog.DIFFERS:
+        yield (
+            f'{title}: the SHA-256 of its record DIFFERS from that in the audit log: it '
+            'is not as it was when the batch ended'
+        )
+    elif batch.in_log is InLog.ABSENT:
+        why = '' if batch.end else ': the batch has not ended yet'
+        yield f'{title}: the SHA-256 of its record is not in the audit log{why}'
+    for part in parts:
+        yield f'{title}, {one_line(part.product.name or "no product")}: {_counts(part)}'
+        for why, count in part.reasons.items():
+            yield f'  {count:>6} {one_line(why)}'
+        if not math.isnan(part.mean):
+            yield f'  {_mean(part)}'
+            yield from _judgement(part)
+
+
+def _counts(part: PartFigures) -> str:
+    counts = ', '.join(f'{count} {each}' for each, count in part.decisions.items() if count)
+    return f'{part.items} items: {counts or "none"}'
+
+
+def _mean(part: PartFigures) -> str:
+    mean, nominal = GRAMS * part.mean, GRAMS * part.product.nominal
+    spread = ''
+    if not math.isnan(part.std_dev):  # of one item there is none
+        spread = f'standard deviation {GRAMS * part.std_dev:.3f} g, '
+    # Adding zero turns -0.0 into 0.0.
+    giveaway = round(GRAMS * part.giveaway, 3) + 0.0
+    return f'mean {mean:.3f} g of {nominal:g} g, {spread}giveaway {giveaway:+.3f} g'
+
+
+def _judgement(part: PartFigures) -> Iterator[str]:
+
+    rules, test = part.judgement, part.reference
+    if rules is None or test is None:
+        yield '  76/211/EEC has no limits for this nominal weight'
+        return
+    yield (
+        f'  rules: mean {_word(rules.mean_passed)}; below TU1 {rules.below_tu1} '
+        f'({100 * rules.share_below_tu1:.2f} %) {_word(rules.tu1_passed)}; below TU2 '
+        f'{rules.below_tu2} {_word(rules.tu2_passed)}'
+    )
+    last = test.samples[-1]
+    below_tu2 = f', {test.below_tu2} below TU2, none allowed' if test.tu2_decides else ''
+    yield (
+        f'  reference test, {test.plan.value} sampling: {last.defective} of {last.count} below '
+        f'TU1, at most {last.accept}{below_tu2}: {_word(test.contents_passed)}; mean of '
+        f'{test.mean_count} {GRAMS * test.mean:.3f} g, at least {GRAMS * test.mean_limit:.3f} g: '
+        f'{_word(test.mean_passed)}'
+    )
+
+
+def _word(passed: bool) -> str:
+    return 'met' if passed else 'NOT met'

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A node that writes the report of each batch that ends, beside its record.
+"""Node that writes the report of each finished batch beside its record.
 
-It is a process of its own, and less urgent than the line: nothing waits for it. The audit log of
-the lane gets the SHA-256 of the two files.
+It is a process of its own with a lower priority than the line, because nothing waits for it. The
+SHA-256 of the two files goes into the audit log of the lane.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ _LESS_URGENT = 10  # nice
 
 
 class BatchReporter(PortNode):
-    """Report on each batch that has ended, as `product` tells."""
+    """Node that reports on each batch that `product` publishes as finished."""
 
     def __init__(self) -> None:
         super().__init__('batch_reporter')
@@ -47,16 +47,15 @@ class BatchReporter(PortNode):
 def write_files(record: Path, sha256: str) -> dict[str, str]:
     """Write HTML and JSON beside a record; return the SHA-256 of each by the name of its file.
 
-    ValueError if the record is not the one with that hash.
+    Raises ValueError if the record has another hash.
     """
     batch = read_recorded(record)
     if batch.sha256 != sha256:
         raise ValueError(f'{record}: is not the record that ended, it has another SHA-256')
     parts = [figures_of(part, _SEED) for part in batch.parts]
-    html, json_file = record.with_suffix('.html'), record.with_suffix('.json')
-    write_report(batch, parts, html, json_file)
-    written = (html, json_file)
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written}
+    files = record.with_suffix('.html'), record.with_suffix('.json')
+    write_report(batch, parts, *files)
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 def main() -> None:

@@ -1,15 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of the command line itself."""
+"""Errors and warnings of the command line itself."""
+
+import sys
+
+from checkweigher_core.printable import one_line
 
 
 class UserError(ValueError):
-    """Something the user can put right; the message is the one line that is shown."""
+    """An error that the user can correct; its message is one line."""
 
     exit_status = 2
 
 
 class LineError(UserError):
-    """The line did not do its work: an item got no verdict."""
+    """The line failed: an item got no verdict."""
 
     exit_status = 1
+
+
+def warn(text: object) -> None:
+    """Print a text as one line on stderr."""
+    print(one_line(text), file=sys.stderr, flush=True)

@@ -1,21 +1,17 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The evaluation that the command line asks for: of bags, or of the simulated protocol."""
+"""Evaluation of bags, or of a simulated protocol, by the options of the command."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
 import platform
 
+from checkweigher_bringup import settings
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import check_output_file
-from checkweigher_bringup.settings import (
-    check_positive,
-    estimator_names,
-    line_parameters,
-    places_of,
-)
 from checkweigher_bringup.training import ReadPasses, read_passes
 from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import write_whole
@@ -29,12 +25,8 @@ from checkweigher_validation.accuracy.classes import AccuracyClass, smallest_int
 from checkweigher_validation.accuracy.errors import Evaluation
 from checkweigher_validation.accuracy.evaluating import Batch, evaluate_batches
 from checkweigher_validation.accuracy.examples import Example, example_of, simulated_examples
-from checkweigher_validation.accuracy.machine_tables import (
-    family_csv,
-    family_json,
-    family_text,
-)
-from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
+from checkweigher_validation.accuracy.machine_tables import family_csv, family_json, family_text
+from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup, group_by_speed
 from checkweigher_validation.accuracy.tables import csv_text, json_text, text_table
 from checkweigher_validation.protocol.machines_protocol import (
     PASSES,
@@ -43,7 +35,6 @@ from checkweigher_validation.protocol.machines_protocol import (
 )
 from checkweigher_validation.protocol.paper_protocol import MASSES, Protocol, evaluate_protocol
 from checkweigher_validation.tuning.parameter_file import parameter_file
-from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 
@@ -51,9 +42,9 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh, show the table and write the files that are asked for.
+    """Weigh, show the table and write the requested files.
 
-    Return how many bags were passed over. `n_jobs` is as in `run_jobs`.
+    Return the number of bags that were skipped. `n_jobs` is as in `run_jobs`.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -70,10 +61,8 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
         from checkweigher_validation.report.page import render
 
         write_whole(arguments.html, render(evaluation, accuracy_class, nominal))
-    if arguments.csv:
-        write_whole(arguments.csv, csv_text(evaluation, accuracy_class))
-    if arguments.json:
-        write_whole(arguments.json, json_text(evaluation))
+    _write(arguments.csv, csv_text(evaluation, accuracy_class))
+    _write(arguments.json, json_text(evaluation))
     if arguments.tuned:
         source = [f'{name}: {value}' for name, value in evaluation.provenance]
         write_whole(arguments.tuned, parameter_file(tuned, source))
@@ -81,15 +70,49 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
 
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Tune and weigh on machines of the family, show the tables and write what is asked for.
+    """Tune and weigh on machines of the family, show the tables and write the requested files.
 
     Arguments and result are those of `evaluate`.
     """
     _check(arguments)
+    protocol = _machines_protocol(arguments)
+    accuracy_class = _accuracy_class(arguments)
+    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
+    base = settings.line_parameters(arguments.params)
+    machines = evaluate_machines(protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs)
+    first, last = protocol.machines[0], protocol.machines[-1]
+    trained = ', '.join(f'{GRAMS * mass:g}' for mass in protocol.training_masses)
+    less = f' without {", ".join(protocol.without)}' if protocol.without else ''
+    title = f'Machines {first} to {last}{less}, tuned on {arguments.passes} passes a speed'
+    provenance = (
+        ('machines', f'simulated, profiles machine:{first} to machine:{last}{less}'),
+        ('train', f'{arguments.passes} passes at each speed, of {trained} g in random order'),
+        ('test', f'{PASSES} others'),
+        ('attainable', f'ridge regression on {protocol.further} more passes of each speed'),
+        _tuning(arguments),
+        *_versions(),
+    )
+    print(family_text(machines, title))
+    if arguments.html:
+        from checkweigher_validation.report.machines_page import render_machines
+
+        write_whole(arguments.html, render_machines(machines, title, provenance))
+    _write(arguments.csv, family_csv(machines, accuracy_class))
+    _write(arguments.json, family_json(machines, title, provenance))
+    return 0
+
+
+def _write(path: Path | None, text: str) -> None:
+    if path is not None:
+        write_whole(path, text)
+
+
+def _machines_protocol(arguments: argparse.Namespace) -> MachinesProtocol:
+    """Return the protocol of the options, or raise UserError."""
     for option in ('train', 'profile', 'tuned', 'nominal'):
         if getattr(arguments, option) is not None:
             raise UserError(f'--{option}: is not for the protocol machines')
-    check_positive(arguments, 'count', 'further')
+    settings.check_positive(arguments, 'count', 'further')
     masses = tuple(mass / GRAMS for mass in arguments.mass) if arguments.mass else MASSES
     if not all(0 < mass <= CAPACITY for mass in masses):
         raise UserError(f'--mass: must be above 0 and up to {GRAMS * CAPACITY:g} g')
@@ -98,43 +121,13 @@ def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
             raise UserError(f'--without {cause}: is none of {", ".join(CAUSES)}')
     if arguments.passes < FEWEST_PASSES:
         raise UserError(f'--passes {arguments.passes}: tuning takes at least {FEWEST_PASSES}')
-    accuracy_class = _accuracy_class(arguments)
-    first, last = arguments.seed, arguments.seed + arguments.count - 1
-    protocol = MachinesProtocol(
-        tuple(range(first, last + 1)), arguments.passes, masses, arguments.further,
-        without=tuple(arguments.without),
-    )  # fmt: skip
-    estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
-    budget = arguments.budget or BUDGET
-    machines = evaluate_machines(
-        protocol, estimators, line_parameters(arguments.params, None), budget=budget,
-        n_jobs=n_jobs,
-    )  # fmt: skip
-    trained = ', '.join(f'{GRAMS * mass:g}' for mass in masses)
-    less = f' without {", ".join(protocol.without)}' if protocol.without else ''
-    title = f'Machines {first} to {last}{less}, tuned on {arguments.passes} passes a speed'
-    provenance = (
-        ('machines', f'simulated, profiles machine:{first} to machine:{last}{less}'),
-        ('train', f'{arguments.passes} passes at each speed, of {trained} g in random order'),
-        ('test', f'{PASSES} others'),
-        ('attainable', f'ridge regression on {protocol.further} more passes of each speed'),
-        ('tuning', f'{budget} evaluations of each estimator at each speed at most'),
-        *_versions(),
-    )
-    print(family_text(machines, title))
-    if arguments.html:
-        from checkweigher_validation.report.machines_page import render_machines
-
-        write_whole(arguments.html, render_machines(machines, title, provenance))
-    if arguments.csv:
-        write_whole(arguments.csv, family_csv(machines, accuracy_class))
-    if arguments.json:
-        write_whole(arguments.json, family_json(machines, title, provenance))
-    return 0
+    machines = tuple(range(arguments.seed, arguments.seed + arguments.count))
+    without = tuple(arguments.without)
+    return MachinesProtocol(machines, arguments.passes, masses, arguments.further, without=without)
 
 
 def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
-    name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.maximum
+    name, interval, maximum = arguments.accuracy_class, arguments.interval, arguments.max
     if interval is not None and maximum is not None:
         raise UserError('--interval and --max: name one of them, --max gives the interval')
     try:
@@ -148,10 +141,10 @@ def _accuracy_class(arguments: argparse.Namespace) -> AccuracyClass:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Refuse options that cannot be used, before the work and not after it."""
+    """Reject options that cannot be used, before the work begins."""
     if bool(arguments.bags) == bool(arguments.protocol):
         raise UserError('name bags, or --protocol paper or machines to simulate')
-    check_positive(arguments, 'budget', 'jobs', 'nominal')
+    settings.check_positive(arguments, 'budget', 'jobs', 'nominal')
     if arguments.seed < 0:
         raise UserError(f'--seed {arguments.seed}: must not be negative')
     if arguments.tuned and not (arguments.train or arguments.protocol):
@@ -172,89 +165,93 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
         raise UserError(f'--passes {arguments.passes}: must be even, half train and half test')
     if arguments.train:
         raise UserError('--train: the protocol trains on its own first half')
-    base = line_parameters(arguments.params, None)
-    estimators = estimator_names(arguments.estimator, tuple(ESTIMATORS))
+    base = settings.line_parameters(arguments.params)
+    estimators = settings.estimator_names(arguments.estimator, tuple(ESTIMATORS))
     protocol = Protocol(profile, arguments.passes, arguments.seed)
-    budget = arguments.budget or BUDGET
-    conditions, tuned = evaluate_protocol(protocol, estimators, base, budget=budget, n_jobs=n_jobs)
+    conditions, tuned = evaluate_protocol(
+        protocol, estimators, base, budget=arguments.budget, n_jobs=n_jobs
+    )
     half = protocol.passes // 2
     provenance = (
-        ('machine', f'simulated, profile {protocol.profile}, seed {protocol.seed}'),
+        ('machine', f'simulated, profile {profile}, seed {protocol.seed}'),
         ('passes', f'{protocol.passes} of each mass at each speed, the masses in random order'),
         ('train', f'the first {half} of each mass'),
         ('test', f'the other {half}'),
-        ('tuning', f'{budget} evaluations of each estimator at each speed at most'),
+        _tuning(arguments),
         *_versions(),
     )
-    title = f'Protocol of the paper, profile {protocol.profile}'
     shown = tuned['iswd_eksi'].parameters if 'iswd_eksi' in tuned else base
     ends = (protocol.speeds[0], protocol.speeds[-1])
-    examples = simulated_examples(protocol.profile, ends, max(MASSES), shown, protocol.seed)
+    examples = simulated_examples(profile, ends, max(MASSES), shown, protocol.seed)
+    title = f'Protocol of the paper, profile {profile}'
     return Evaluation(title, conditions, provenance, examples), tuned, 0
 
 
 def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
     """Weigh the passes of known mass in bags, after tuning if there are bags to train on."""
-    base = line_parameters(arguments.params, None)
+    base = settings.line_parameters(arguments.params)
     default = tuple(ESTIMATORS) if arguments.train else (base.identifier.estimator,)
-    estimators = estimator_names(arguments.estimator, default)
+    estimators = settings.estimator_names(arguments.estimator, default)
     taught = ReadPasses([], [], 0)
     if arguments.train:
-        bags = places_of(arguments, find_bags(arguments.train))
+        bags = settings.places_of(arguments, find_bags(arguments.train))
         taught = read_passes(bags, arguments.lane, unchecked(base.segmenter), n_jobs)
         base = replace(base, segmenter=stated_lag(taught.passes, base.segmenter))
-    trained = taught.passes
-    bags = places_of(arguments, find_bags(arguments.bags))
+    bags = settings.places_of(arguments, find_bags(arguments.bags))
     read = read_passes(bags, arguments.lane, base.segmenter, n_jobs)
-    passes = read.passes
     provenance = [('test', line) for line in read.lines]
     provenance += [('train', line) for line in taught.lines]
-    batches = _batches(trained, passes)
+    batches = _batches(taught.passes, read.passes)
+    tuned: Mapping[str, Tuned] = {}
+    lines = [base.with_estimator(name) for name in estimators]
     if arguments.train:
-        tuned = tune(
-            group_by_speed(trained), estimators, base, budget=arguments.budget or BUDGET,
-            n_jobs=n_jobs)  # fmt: skip
+        groups = group_by_speed(taught.passes)
+        tuned = tune(groups, estimators, base, budget=arguments.budget, n_jobs=n_jobs)
         lines = [tuned[name].parameters for name in estimators]
-    else:
-        tuned = {}
-        lines = [base.with_estimator(name) for name in estimators]
-        if arguments.params:
-            provenance.append(('parameters', str(arguments.params)))
+    elif arguments.params:
+        provenance.append(('parameters', str(arguments.params)))
     conditions = evaluate_batches(batches, lines, n_jobs)
-    evaluation = Evaluation('Bags', conditions, (*provenance, *_versions()), _shown(passes, base))
+    examples = _examples(read.passes, base)
+    evaluation = Evaluation('Bags', conditions, (*provenance, *_versions()), examples)
     return evaluation, tuned, taught.broken + read.broken
 
 
-def _shown(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
+def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
     """Return the heaviest pass of the slowest and of the fastest speed."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
-    return tuple(
-        example_of(max(group.passes, key=lambda each: each.mass), group.speed, base.denoise)
-        for group in ends
-    )
+    heaviest = [max(group.passes, key=lambda each: each.mass) for group in ends]
+    pairs = zip(heaviest, ends, strict=True)
+    return tuple(example_of(each, group.speed, base.denoise) for each, group in pairs)
 
 
 def _batches(train: list[KnownPass], test: list[KnownPass]) -> list[Batch]:
-    """Return passes by part and belt speed; a fault goes to the nearest in time that has one.
+    """Return passes by part and belt speed; a fault belongs to the speed of the pass before it.
 
-    The speeds are those of both parts together, so that their results stand side by side.
+    The speeds are those of both parts together, so that their results can be compared.
     """
+    whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
         raise UserError('no pass can be weighed; see ./checkweigher weigh for the reasons')
-    if len({each.window.sample_rate for each in (*train, *test) if each.whole}) > 1:
+    if len({each.window.sample_rate for each in whole}) > 1:
         raise UserError('--train: these bags are sampled at another rate than those of the test')
-    groups = group_by_speed((*train, *test))
+    groups = group_by_speed(whole)
+    parts = (('train', train), ('test', test))
+    return [batch for part, passes in parts for batch in _by_speed(part, passes, groups)]
+
+
+def _by_speed(part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]) -> Iterator[Batch]:
     speeds = {id(each): group.speed for group in groups for each in group.passes}
-    batches = []
-    for part, passes in (('train', train), ('test', test)):
-        chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
-        last = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)
-        for each in passes:
-            last = speeds.get(id(each), last)
-            chosen[last].append(each)
-        batches += [Batch(speed, part, tuple(each), {}) for speed, each in chosen.items() if each]
-    return batches
+    chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
+    speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)
+    for each in passes:
+        speed = speeds.get(id(each), speed)
+        chosen[speed].append(each)
+    return (Batch(speed, part, tuple(found), {}) for speed, found in chosen.items() if found)
+
+
+def _tuning(arguments: argparse.Namespace) -> tuple[str, str]:
+    return 'tuning', f'{arguments.budget} evaluations of each estimator at each speed at most'
 
 
 def _versions() -> tuple[tuple[str, str], ...]:

@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The whole line in one process, or some of its nodes: on one executor.
+"""The whole line, or some of its nodes, in one process.
 
-The arguments name the nodes, all six without any: ``line driver reject --ros-args ...``
+The arguments are the names of the nodes, by default all: ``line driver reject --ros-args ...``
 """
 
 from collections.abc import Callable, Collection
@@ -44,10 +44,11 @@ NODE_CLASSES: dict[str, Callable[[], Node]] = {
 
 
 def make_line(names: Collection[str] = ()) -> list[Node]:
-    """Make some nodes of the line, all without `names`, in the order in which they take a record.
+    """Make the nodes with these names, by default all, in the order in which they get a record.
 
-    They shut down in the opposite order: the driver first, so that the items on the belt still get
-    their verdict, and reject last. Reject hears of an edge before the estimate that rests on it.
+    Reject is first, so it gets an edge before the estimate that follows from it. The nodes shut
+    down in the opposite order, the driver first, so that the items on the belt still get their
+    verdict.
     """
     for name in names:
         if name not in NODE_CLASSES:
@@ -56,7 +57,7 @@ def make_line(names: Collection[str] = ()) -> list[Node]:
 
 
 def main() -> None:
-    """Run the nodes that the command line names."""
+    """Run the nodes of the command line."""
     run_all(partial(make_line, remove_ros_args(sys.argv)[1:]))
 
 

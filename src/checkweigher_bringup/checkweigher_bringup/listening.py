@@ -17,22 +17,23 @@ from checkweigher_core.ros.ports import Port
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
-_ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without the estimate it rests on
+_ESTIMATE_PATIENCE = 1.0  # s, after which a verdict is shown without its estimate
 _MAX_REFERENCES = 100  # that are kept for the items still on the line
-_MAX_UNPAIRED = 1000  # estimates without verdict and the other way round
+_MAX_UNPAIRED = 1000  # estimates without a verdict, and verdicts without an estimate
 
 
 class ResultListener(PortNode):
-    """Pair the estimates and verdicts of a lane, with `from_start` also those before the listener.
+    """Node that pairs the estimates and verdicts of a lane.
 
-    The queue `weighings` has the pairs and may be read from any thread, `judged` is their number up
-    to now, and `heard` the time of the last record, s of the monotonic clock.
+    With `from_start` it also receives those from before its start. The queue `weighings` has the
+    pairs and may be read from any thread. `judged` is the number of pairs, `heard` the time of the
+    last record in s of the monotonic clock.
     """
 
     def __init__(self, name: str, *, from_start: bool) -> None:
         super().__init__(name)
-        # No SimpleQueue where a time limit is waited for: its get never ends in CPython 3.11 if a
-        # signal comes when the time is about to be over.
+        # Not a SimpleQueue: in CPython 3.11 its get with a time limit never returns if a signal
+        # comes when the time is about to be over.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.judged = 0
@@ -43,11 +44,11 @@ class ResultListener(PortNode):
         self.listen(ports.VERDICT, self._on_verdict)
 
     def count_drivers(self) -> int:
-        """Return how many drivers publish samples in this lane."""
+        """Return the number of drivers that publish samples in this lane."""
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
-        """Have a callback called with each record of a port of the lane."""
+        """Call a function with each record of a port of the lane."""
         self.subscribe(port, callback, qos=port.qos if self._from_start else port.stage_qos)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
@@ -68,7 +69,7 @@ class ResultListener(PortNode):
             _forget_oldest(self._verdicts)
 
     def pair_overdue(self, patience: float) -> None:
-        """Take verdicts whose estimate has not come within `patience` s as they are.
+        """Pass on verdicts whose estimate has not come within `patience` s.
 
         A listener that has just started may have missed the estimate of its first verdict.
         """
@@ -81,26 +82,25 @@ class ResultListener(PortNode):
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.judged += 1
-        # The verdict's number is the one that no other item has.
+        # The number of the verdict is unique.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
     """Return an estimate with the fields that its verdict repeats."""
     reasons = verdict.reasons or (() if verdict.estimate_id else (Reason.NO_ESTIMATE,))
-    return MassEstimate(
-        verdict.item_id, verdict.t1, None, verdict.t3, reasons, mass=verdict.mass,
-        std_dev=verdict.std_dev)  # fmt: skip
+    estimate = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, reasons)
+    return replace(estimate, mass=verdict.mass, std_dev=verdict.std_dev)
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:
-    """Drop the oldest entry of many: its other half, such as a late estimate, will not come."""
+    """Remove the oldest entry if there are too many; its other half will not come."""
     if len(unpaired) > _MAX_UNPAIRED:
         del unpaired[next(iter(unpaired))]
 
 
 class EchoNode(ResultListener):
-    """Listen to the results and the known masses of a lane."""
+    """Listener to the results and the known masses of a lane."""
 
     def __init__(self) -> None:
         super().__init__('echo', from_start=False)
@@ -114,7 +114,7 @@ class EchoNode(ResultListener):
         return joiner.join(weighing.estimate, weighing.verdict)
 
     def silence(self) -> str:
-        """Return why no verdict may be coming."""
+        """Return a reason why no verdict comes."""
         for topic in (ports.LOAD_CELL_SAMPLES, ports.PHOTO_EYES, ports.VERDICT):
             name = self.resolve_topic_name(topic.name)
             if self.count_publishers(name) == 0:

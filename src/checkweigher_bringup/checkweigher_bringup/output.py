@@ -1,25 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the commands: a table on the screen, and files that are written whole or not at all."""
+"""Output of the commands: a table on the screen, and files."""
 
 from collections import Counter
 from collections.abc import Iterable
 from io import StringIO
 import math
 from pathlib import Path
-import sys
 from typing import TextIO
 
-from checkweigher_bringup.errors import UserError
-from checkweigher_core.printable import one_line
+from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import GRAMS, Decision
-from checkweigher_core.whole_file import (
-    check_folder_of,
-    is_stream,
-    output_error,
-    write_whole,
-)
+from checkweigher_core.whole_file import check_folder_of, is_stream, output_error, write_whole
+from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.columns import write_csv
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
@@ -31,7 +25,7 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise UserError or OutputError if a file cannot be written, before the work for it."""
+    """Raise UserError or OutputError if a file cannot be written."""
     if path is None or is_stream(path):
         return
     if path.is_dir():
@@ -42,21 +36,27 @@ def check_output_file(path: Path | None, overwrite: bool) -> None:
 
 
 def make_folder(path: Path, *, exist_ok: bool = False) -> None:
-    """Make a folder for outputs; raise OutputError if that cannot be."""
+    """Make a folder for outputs; OutputError if it cannot be made."""
     try:
         path.mkdir(exist_ok=exist_ok)
     except OSError as error:
         raise output_error(path, error) from None
 
 
-def print_warning(recording: Recording) -> None:
-    """Print the warning of a recording, if it has one, as a line on stderr."""
+def with_warning(recording: Recording) -> Recording:
+    """Return a recording after its warning, if it has one, was printed on stderr."""
     if recording.warning:
-        print(one_line(recording.warning), file=sys.stderr, flush=True)
+        warn(recording.warning)
+    return recording
+
+
+def read_with_warning(path: Path, lane: str | None) -> Recording:
+    """Read the bag of a command, with a bar of progress, and print its warning on stderr."""
+    return with_warning(read_bag(path, lane, progress=True))
 
 
 def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
-    """Write results as a CSV file if there is a path; raise OutputError and leave none behind."""
+    """Write results as a CSV file if a path is given; OutputError if it cannot be written."""
     if path is not None:
         text = StringIO()
         write_csv(text, results)
@@ -64,10 +64,10 @@ def write_results(path: Path | None, results: Iterable[ItemResult]) -> None:
 
 
 class Table:
-    """A table on the screen that grows by one line per item and ends with a summary.
+    """Table on the screen with one line per item and a summary at the end.
 
-    `origin` is the zero of the column t1, ns; None for the time of the first item, before which
-    nothing is shown. `file` is one to show it later, None for the screen.
+    `origin` is the zero of the column t1 in ns; None stands for the time of the first item, before
+    which nothing is shown. The table goes to `file`, by default to the screen.
     """
 
     def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:
@@ -80,11 +80,11 @@ class Table:
 
     @property
     def count(self) -> int:
-        """Items that were shown."""
+        """Number of items that were shown."""
         return self._decisions.total()
 
-    def show(self, result: ItemResult) -> None:
-        """Show a further item."""
+    def show(self, result: ItemResult) -> ItemResult:
+        """Show a further item, and return it."""
         if self._origin is None:
             self._origin = result.estimate.t1 or result.estimate.t3 or 0
             self._print(TABLE_HEADER)
@@ -92,6 +92,7 @@ class Table:
         if not math.isnan(result.error):
             self._errors.add(GRAMS * result.error)
         self._print(table_row(result, self._origin))
+        return result
 
     def close(self) -> None:
         """Show the summary."""

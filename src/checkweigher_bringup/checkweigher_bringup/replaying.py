@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The graph that plays a bag, in this process or in one process per node, and what comes of it."""
+"""The graph that plays a bag, in this process or in one process per node, and its results."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import fields
-from pathlib import Path
 import queue
 import time
+from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -29,17 +29,17 @@ from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 
-_PATIENCE = 30.0  # s without any sign of life
+_PATIENCE = 30.0  # s without any message
 _CHECK_PERIOD = 0.2  # s
-_FAREWELL = 1.0  # s, for recorders to take the last messages
-_DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
+_FAREWELL = 1.0  # s, for recorders to receive the last messages
+_DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
 
 
 class Collector(ResultListener):
     """Collect the results of a graph until its segmenter has finished.
 
-    The replay fails after `patience` s of silence; one that `waits` for listeners may take any time
-    to begin. `failure` says why the replay cannot end well.
+    The replay fails after `patience` s of silence. A replay that `waits` for listeners may begin at
+    any time. `failure` is the error with which the replay ends, if it does.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -48,13 +48,13 @@ class Collector(ResultListener):
         self._patience = patience
         self._waits = waits
         self._expected: int | None = None
-        self._samples = 0  # that the segmenter has taken
+        self._samples = 0  # processed by the segmenter
         self.listen(ports.SEGMENTER_STATUS, self._on_segmenter)
         self.listen(ports.DRIVER_STATUS, self._on_driver)
 
     @property
     def finished(self) -> bool:
-        """Whether every item has its verdict, or the replay has failed."""
+        """True if every item has its verdict, or the replay has failed."""
         return self.failure is not None or self._expected == self.judged
 
     def _on_segmenter(self, status: StreamStatus) -> None:
@@ -89,26 +89,22 @@ class Collector(ResultListener):
 
 
 def replay(
-    bag: Path, lane: str, rate: float, parameters: LineParameters, *, namespace: str = '',
-    processes: bool = False, listeners: int = 0,
-) -> Iterator[Weighing]:  # fmt: skip
-    """Run the graph on a bag and yield each item when it has its verdict.
+    driver: Mapping[str, Any], parameters: LineParameters, namespace: str, *, processes: bool
+) -> Iterator[Weighing]:
+    """Run the graph on the bag of a driver and yield each item when it has its verdict.
 
-    A UserError says that there is a driver on the same topics already, a LineError that the graph
-    broke off or an item got no verdict.
+    Raises UserError if there is a driver on the same topics already, LineError if the graph ends
+    early or an item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # However slow this machine is, a replay gives what `weigh` gives.
     values['reject']['deadlines'] = False
     values['identifier']['learning.record'] = '-'  # what a line has learned is not in the bag
-    values['driver'] = {
-        'source': 'bag', 'rate': rate, 'listeners': listeners,
-        'bag.path': str(bag.absolute()), 'bag.namespace': lane,
-    }  # fmt: skip
+    values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
         # One status comes for every quarter of a second of signal.
-        patience = _PATIENCE + (1 / rate if rate > 0 else 0)
-        collector = Collector(patience, waits=listeners > 0)
+        patience = _PATIENCE + (1 / driver['rate'] if driver['rate'] > 0 else 0)
+        collector = Collector(patience, waits=driver['listeners'] > 0)
         time.sleep(_DISCOVERY_TIME)
         if collector.count_drivers() > 0:
             conflict = collector.conflict()
@@ -138,7 +134,7 @@ def _results(
     collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
-        # Asked before the queue is emptied: what comes last is in the queue by then.
+        # Before the queue is emptied, so that it has the last results.
         finished = collector.finished
         try:
             while True:
@@ -157,7 +153,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until the others have all messages, which would go with their node."""
+    """Wait until the subscribers have all messages, which end with their node."""
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

@@ -31,67 +31,71 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_web.access.users import default_users
 
 _POLL_PERIOD = 0.1  # s
-_DISCOVERY_TIME = 1.0  # s, in which a driver that is there already shows up
+_DISCOVERY_TIME = 1.0  # s to discover a driver that runs already
 _MODULE = 'checkweigher_bringup.line'
-# Beside the line of a machine, which does not depend on them.
+# Nodes beside the line of a machine, which does not depend on them.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
     'verifier': 'checkweigher_bringup.commissioning.verifier',
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
-_SILENT = ('batch_reporter',)  # without diagnostics
 _PAGE = 'page'
+_SILENT = ('batch_reporter', _PAGE)  # without diagnostics
 _NOT_NEEDED = {*BESIDE, _PAGE}
 
 
 def run_line(
-    params: Path | None, namespace: str, driver: Mapping[str, object], *, one_process: bool,
-    page: int | None = None, folder: MachineFolder | None = None,
-) -> int:  # fmt: skip
+    params: Path | None,
+    namespace: str,
+    driver: Mapping[str, object],
+    *,
+    apart: bool,
+    page: int | None = None,
+    folder: MachineFolder | None = None,
+) -> int:
     """Run the line until a signal asks for its end, and return the exit status.
 
-    The parameters of the `driver` win over the file `params`; `page` is the port of the page, None
-    for none. With a `folder` the line keeps there what becomes of its machine, and the nodes of
-    `BESIDE` run beside it. A UserError says that there is a line already in this lane.
+    The parameters of the `driver` override the file `params`. With `apart` each node has a process
+    of its own. `page` is the port of the page, None for no page. With a `folder` the line keeps the
+    state of its machine there, and the nodes of `BESIDE` run beside it. Raises UserError if there
+    is a line already in this lane.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, driver, folder)
-        line = {'line': _MODULE} if one_process else ports.NODES
-        processes = {
-            name: SupervisedProcess(
-                name, partial(_command, module, namespace, files), reports=name not in _SILENT
-            )
-            for name, module in {**line, **(BESIDE if folder else {})}.items()
+        modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
+        commands = {
+            name: partial(_command, module, namespace, files) for name, module in modules.items()
         }
         if page is not None:
-            command = partial(_page_command, page, namespace, folder)
-            processes[_PAGE] = SupervisedProcess(_PAGE, command, reports=False)
-        with spinning(namespace) as spinner:
+            commands[_PAGE] = partial(_page_command, page, namespace, folder)
+        processes = {
+            name: SupervisedProcess(name, command, reports=name not in _SILENT)
+            for name, command in commands.items()
+        }
+        with spinning(namespace) as spinner, closing(Table()) as table:
             node = EchoNode()
             lane = node.get_namespace().rstrip('/')
-            _listen(node, {
-                f'{lane}/{name}': processes.get(name) or processes['line']
-                for name in (*ports.NODES, *processes)
-            })  # fmt: skip
-            # Held to the end, so that of two that start at once one goes on.
+            names = (*ports.NODES, *processes)
+            whole = processes.get('line')
+            _listen(node, {f'{lane}/{name}': processes.get(name, whole) for name in names})
+            # Held to the end: if two lines start at once, one of them continues.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
             if node.count_drivers():
-                raise UserError('a line runs here already; stop it, or choose another '
-                                '--namespace or ROS_DOMAIN_ID')  # fmt: skip
-            with closing(Table()) as table:
+                advice = 'stop it, or choose another --namespace or ROS_DOMAIN_ID'
+                raise UserError(f'a line runs here already; {advice}')
 
-                def meanwhile() -> None:
-                    if folder is not None and folder.take_restart():
-                        _restart(processes)
-                    with suppress(queue.Empty):
-                        table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
+            def meanwhile() -> None:
+                if folder is not None and folder.take_restart():
+                    _restart(processes)
+                with suppress(queue.Empty):
+                    table.show(node.result(node.weighings.get(timeout=_POLL_PERIOD)))
 
-                try:
-                    return _supervise(processes, asked, meanwhile)
-                finally:
-                    place.free()
+            try:
+                return _supervise(processes, asked, meanwhile)
+            finally:
+                place.free()
 
 
 def run_host(line: LineDescription, host: str) -> int:
@@ -116,8 +120,8 @@ def run_host(line: LineDescription, host: str) -> int:
         return _supervise(processes, asked, partial(time.sleep, _POLL_PERIOD))
 
 
-def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess]) -> None:
-    """Notify a process, by the full names of its nodes, whenever one of them reports."""
+def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> None:
+    """Notify a process whenever one of its nodes, given by full names, reports."""
 
     def on_diagnostics(message: Any) -> None:
         now = time.monotonic()
@@ -130,12 +134,15 @@ def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess]) -> None
 
 
 def _parameter_files(
-    first: Path, params: Path | None, last: Path, driver: Mapping[str, object],
+    first: Path,
+    params: Path | None,
+    last: Path,
+    driver: Mapping[str, object],
     folder: MachineFolder | None,
-) -> Callable[[], list[Path]]:  # fmt: skip
-    """Return what gives the parameter files of the line as they are when it starts.
+) -> Callable[[], list[Path]]:
+    """Return a function that returns the parameter files of the line at its start.
 
-    Those of the user stand between `first`, which they overrule, and `last`, which overrules them.
+    Those of the user override `first` and are overridden by `last`.
     """
     if folder is None:
         given = [] if params is None else [params]
@@ -154,8 +161,12 @@ def _command(module: str, namespace: str, files: Callable[[], list[Path]]) -> li
 
 
 def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> list[str]:
-    """Return the command that serves the page; it says its address, or why it cannot be served."""
-    keep = ['--keep', str(folder.kept)] if folder is not None and default_users().exists() else []
+    """Return the command that serves the page."""
+    keep = (
+        ['--keep', str(folder.path / 'kept')]
+        if folder is not None and default_users().exists()
+        else []
+    )
     command = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', '--port', str(port)]
     return [*command, '--namespace', namespace, *keep]
 
@@ -163,11 +174,11 @@ def _page_command(port: int, namespace: str, folder: MachineFolder | None) -> li
 def _supervise(
     processes: Mapping[str, SupervisedProcess], asked: Sequence[int], meanwhile: Callable[[], None]
 ) -> int:
-    """Keep processes running, with calls of `meanwhile`, until a signal asks for their end."""
+    """Keep processes running, and call `meanwhile`, until a signal asks for their end."""
     try:
         while not asked:
             now = time.monotonic()
-            # All of them: the first to fail must not keep the others from being looked after.
+            # A list first: if one process fails, the others are supervised all the same.
             going = {name: process.look(now) for name, process in processes.items()}
             if not all(well for name, well in going.items() if name not in _NOT_NEEDED):
                 return CANNOT_START
@@ -178,7 +189,7 @@ def _supervise(
 
 
 def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the line and have it start again; the nodes beside it go on."""
+    """Start the line again; the nodes beside it continue."""
     line = {name: process for name, process in processes.items() if name not in _NOT_NEEDED}
     say('the line starts again, as was asked')
     _end(line)
@@ -187,7 +198,7 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End all processes, the driver first, reject last of the line; no signal hurries it."""
+    """End all processes: of the line the driver first and reject last, then the others."""
     names = [name for name in processes if name not in _NOT_NEEDED]
     beside = [name for name in processes if name in _NOT_NEEDED]
     for group in (names[:1], names[1:-1], names[-1:], beside):

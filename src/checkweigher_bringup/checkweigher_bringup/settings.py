@@ -1,18 +1,17 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several commands check, and the parameters of the line that they name."""
+"""Checks of options of several commands, and the parameters of the line in their files."""
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 import math
 import os
 from pathlib import Path
 import re
-import sys
 
-from checkweigher_bringup.errors import UserError
-from checkweigher_core.printable import one_line
+from checkweigher_bringup.errors import UserError, warn
 from checkweigher_dsp.estimation.estimators import ESTIMATORS
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_production.recipes import Product, read_recipes
@@ -23,18 +22,18 @@ from checkweigher_validation.cluster import LOCAL, on_scheduler
 
 
 def line_parameters(
-    path: Path | None, estimator: str | None, lane: str | None = None
+    path: Path | None, estimator: str | None = None, lane: str | None = None
 ) -> LineParameters:
     """Return the parameters of a file, or the defaults, with the estimator of the command line.
 
-    `lane` is the namespace that is meant, where the file is for several.
+    `lane` is the namespace of the lane, for a file with several lanes.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product that `--recipes` and `--product` name, None without them.
+    """Return the product of the options `--recipes` and `--product`, None without them.
 
     Raises
     ------
@@ -55,7 +54,7 @@ def recipe_of(arguments: Namespace) -> Product | None:
 
 
 def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list[str]:
-    """Return the estimators that an option names, each once, or raise UserError.
+    """Return the estimators of an option, each once; UserError if there is no such estimator.
 
     The word all stands for those of `default`, then the others.
     """
@@ -69,7 +68,7 @@ def estimator_names(given: Sequence[str] | None, default: Sequence[str]) -> list
 
 
 def check_namespace(name: str) -> str:
-    """Return a ROS namespace without its leading slash, or raise UserError."""
+    """Return a ROS namespace without its leading slash; UserError if it is not valid."""
     name = name.strip('/')
     if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
         rule = 'names are letters, digits and _, and do not begin with a digit'
@@ -78,17 +77,16 @@ def check_namespace(name: str) -> str:
 
 
 def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
-    """Return bags as the workers of `--scheduler` find them, which may run in another folder."""
-    if arguments.scheduler == LOCAL:
-        return list(bags)
-    return [bag if is_url(bag) else os.path.abspath(bag) for bag in bags]
+    """Return paths of bags for the workers of `--scheduler`, which may run in another folder."""
+    is_local = arguments.scheduler == LOCAL
+    return [bag if is_local or is_url(bag) else os.path.abspath(bag) for bag in bags]
 
 
 @contextmanager
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
-    """Choose where jobs run by `--scheduler`; yield the `n_jobs` of `run_jobs`.
+    """Select the scheduler of jobs by the options; yield the `n_jobs` of `run_jobs`.
 
-    Workers that are not used are named on stderr.
+    Workers that are not used are reported on stderr.
 
     Raises
     ------
@@ -104,20 +102,18 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
         raise UserError(
             f'--scheduler {arguments.scheduler}: must be local, or an address as tcp://HOST:8786'
         )
-    here = program()
-    with on_scheduler(
-        arguments.scheduler, program, lambda there: other_program(there, here)
-    ) as refused:
+    refuse = partial(other_program, here=program())
+    with on_scheduler(arguments.scheduler, program, refuse) as refused:
         for line in refused:
-            print(one_line(line), file=sys.stderr, flush=True)
+            warn(line)
         try:
             yield arguments.jobs
         finally:
-            remove_abandoned()  # of processes that an interrupt has ended at their work
+            remove_abandoned()  # of processes that were interrupted
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:
-    """Raise UserError if a number that one of the options gives is not above 0 and finite."""
+    """Raise UserError unless the numbers of the options are finite and above 0."""
     for name in names:
         given = getattr(arguments, name)
         for value in given if isinstance(given, list) else [given]:

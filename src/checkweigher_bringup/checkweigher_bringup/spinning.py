@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes beside the command that uses them: in its process, or in processes of their own."""
+"""Nodes of a command, in its own process or in processes beside it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,10 +26,10 @@ _PROCESS_PATIENCE = 5.0  # s, for a process to end by itself
 
 @contextmanager
 def spinning(namespace: str = '') -> Iterator[Spinner]:
-    """Have ROS and a spinner while the block lasts; `namespace` is that of the nodes it makes.
+    """Run ROS and a spinner during a block, whose nodes are made in `namespace`.
 
-    Signals stay with Python: Ctrl-C is a KeyboardInterrupt in the block, and what the block has
-    to finish it finishes with the nodes still there.
+    Signals are handled by Python: Ctrl-C is a KeyboardInterrupt in the block, which can finish its
+    work while the nodes are still there.
     """
     rclpy.init(args=ros_arguments(namespace), signal_handler_options=SignalHandlerOptions.NO)
     try:
@@ -52,32 +52,23 @@ def node_command(
 ) -> list[str]:
     """Return the command that runs the `nodes` of a module, with the parameters of files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    arguments = [
-        *nodes,
-        '--ros-args',
-        *files,
-        *ros_arguments(namespace),
-        *enclave_arguments(namespace, _name(module)),
-    ]
-    return [sys.executable, '-m', module, *arguments]
-
-
-def _name(module: str) -> str:
-    """Return the name of what a module runs: a node, or a process of several."""
-    return {module: node for node, module in NODES.items()}.get(module, module.rpartition('.')[2])
+    # Of a node, or of the process of several nodes.
+    name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
+    place = [*ros_arguments(namespace), *enclave_arguments(namespace, name)]
+    return [sys.executable, '-m', module, *nodes, '--ros-args', *files, *place]
 
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Have a list of the signals that ask for the end come, in place of a KeyboardInterrupt.
+    """Collect the signals that ask for the end in a list, instead of a KeyboardInterrupt.
 
-    That would break into the writing of a message, or into the start of a process.
+    A KeyboardInterrupt could come while a message is written or a process started.
     """
     came: list[int] = []
     before = {
         number: signal.signal(number, lambda number, _: came.append(number))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) != signal.SIG_IGN  # as nohup has it
+        if signal.getsignal(number) != signal.SIG_IGN  # under nohup
     }
     try:
         yield came
@@ -88,9 +79,9 @@ def asked_to_end() -> Iterator[list[int]]:
 
 @contextmanager
 def memory_file() -> Iterator[Path]:
-    """Have an empty file in memory, under a name that other processes can open.
+    """Make an empty file in memory, under a name that other processes can open.
 
-    It is gone with this process, however that ends.
+    It does not outlive this process, however that ends.
     """
     number = os.memfd_create('checkweigher')
     try:
@@ -116,15 +107,15 @@ def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, objec
 def start_process(words: Sequence[str]) -> Process:
     """Start nodes in a process that ends with this one.
 
-    Signals of the terminal reach this process alone, which ends the others in order. It does so by
-    SIGTERM: an import that SIGINT breaks into ends with a traceback.
+    Signals of the terminal reach this process alone, which ends the others in order. It uses
+    SIGTERM, because SIGINT during an import would print a traceback.
     """
     return subprocess.Popen(words, env=child_environment(), process_group=0)
 
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands for as long as the block lasts; SIGTERM ends them, in their order."""
+    """Run commands during a block, and end them by SIGTERM in their order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():

@@ -12,19 +12,19 @@ import time
 from checkweigher_bringup.spinning import Process, end_process, start_process
 
 CANNOT_START = 2  # exit status of a node whose parameters cannot be used
-# s, before a process is started again: at first, and at most where it dies again and again.
+# s before a process is started again: the first time, and at most if it keeps dying.
 DELAY, LONGEST_DELAY = 1.0, 10.0
-STABLE = 5.0  # s; a process that has lived for so long has not died at once
-SILENCE = 5.0  # s without diagnostics after which a process hangs
-START = 30.0  # the same for a process that was just started
+STABLE = 5.0  # s of life after which a process did not die at once
+SILENCE = 5.0  # s without diagnostics after which a process is killed
+START = 30.0  # the same after its start
 
 
 class SupervisedProcess:
-    """One process that is kept running; times are s on a clock that never steps back.
+    """A process that is kept running. Times are in s of a monotonic clock.
 
-    It is given up if it ends with `CANNOT_START` before it has worked. A process without `reports`
-    sends no diagnostics: it is not known whether it hangs, and it has worked if it did not end at
-    once.
+    It is not started again if it ends with `CANNOT_START` before it has worked. A process without
+    `reports` sends no diagnostics, so nobody sees that it hangs. It counts as having worked if it
+    lived for a while.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class SupervisedProcess:
         self.renew()
 
     def renew(self) -> None:
-        """Start a process that was ended on purpose again at once."""
+        """Reset the state, so that the process starts again at once."""
         self._child: Process | None = None
         self._reason = ''  # why it ended last
         self._delay = DELAY
@@ -44,14 +44,14 @@ class SupervisedProcess:
         self._started = self._ended = self._awaited = -math.inf
 
     def heard(self, now: float) -> None:
-        """Record that diagnostics of it came."""
+        """Record that its diagnostics came."""
         if self._child is not None:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if that is due; return whether the line can go on."""
+        """Start or kill the process if it is time; return whether the line can continue."""
         if self._child is not None and (status := self._child.poll()) is not None:
-            self._note_end(now, status)
+            self._record_end(now, status)
         if self._child is not None:
             if self._reports and now > self._awaited and not self._hung:
                 self._hung = True
@@ -63,11 +63,11 @@ class SupervisedProcess:
             self._started, self._awaited, self._hung = now, now + START, False
         return not self._given_up
 
-    def _note_end(self, now: float, status: int) -> None:
+    def _record_end(self, now: float, status: int) -> None:
         at_once = now - self._started < STABLE
         longer = min(2 * self._delay, LONGEST_DELAY)
         self._delay = longer if at_once and self._reason else DELAY
-        # Once it has worked, its parameters are good and it is worth another try.
+        # Its parameters were good if it has worked, so it is started again.
         self._has_worked |= not (self._reports or at_once)
         self._given_up = status == CANNOT_START and not self._has_worked
         self._reason = f'hung: no diagnostics for {SILENCE:g} s' if self._hung else _reason(status)
@@ -91,9 +91,7 @@ def say(text: str) -> None:
 
 
 def _reason(status: int) -> str:
-    if status < 0:
-        try:
-            return f'killed by signal {-status} ({signal.Signals(-status).name})'
-        except ValueError:
-            return f'killed by signal {-status}'
-    return f'ended with status {status}'
+    if status >= 0:
+        return f'ended with status {status}'
+    names = {int(each): f' ({each.name})' for each in signal.Signals}
+    return f'killed by signal {-status}{names.get(-status, "")}'

@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-import sys
 
-from checkweigher_bringup.errors import UserError
-from checkweigher_core.printable import one_line
+from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import LoadCell, Reference
 from checkweigher_core.whole_file import write_whole
@@ -25,27 +23,22 @@ from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, k
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.parameter_file import accuracy_lines, parameter_file
-from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
 
 
 @dataclass(frozen=True, slots=True)
 class BagPasses:
-    """What a bag has of passes of known mass.
+    """The passes of known mass in a bag, its load cell, and notes for the user."""
 
-    `notes` are lines for the user; `problem` is why the bag cannot be used.
-    """
-
-    passes: tuple[KnownPass, ...] = ()
-    cell: LoadCell | None = None
-    notes: tuple[str, ...] = ()
-    problem: BagError | None = None
+    passes: tuple[KnownPass, ...]
+    cell: LoadCell
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ReadPasses:
-    """Passes of known mass of several bags, a line on each bag, and how many were passed over."""
+    """Passes of known mass of several bags, a line on each bag, and number of skipped bags."""
 
     passes: list[KnownPass]
     lines: list[str]
@@ -53,12 +46,14 @@ class ReadPasses:
 
 
 def read_passes(
-    bags: Sequence[Path | str], lane: str | None, segmenter: SegmenterParameters,
+    bags: Sequence[Path | str],
+    lane: str | None,
+    segmenter: SegmenterParameters,
     n_jobs: int | None = None,
-) -> ReadPasses:  # fmt: skip
+) -> ReadPasses:
     """Return the passes of known mass in bags; `n_jobs` as in `run_jobs`.
 
-    Of several bags, one that cannot be read is told on stderr and passed over.
+    Of several bags, one that cannot be read is reported on stderr and skipped.
 
     Raises
     ------
@@ -68,42 +63,47 @@ def read_passes(
         If the only bag, or none of several, can be read.
     """
     calls = [partial(passes_of_bag, str(bag), lane, segmenter, len(bags) == 1) for bag in bags]
-    read = run_jobs(calls, n_jobs, 'reading', unit='bags')
-    passes: list[KnownPass] = []
-    lines = []
-    rate = None
-    broken = [each.problem for each in read if each.problem is not None]
+    found = list(zip(bags, run_jobs(calls, n_jobs, 'reading', unit='bags'), strict=True))
+    broken = [each for _, each in found if isinstance(each, BagError)]
     if len(broken) == len(bags):
         raise broken[0]
     for problem in broken:
-        print(f'{one_line(problem)}; passed over', file=sys.stderr, flush=True)
-    for bag, found in zip(bags, read, strict=True):
-        if found.cell is None:
-            continue
-        for note in found.notes:
-            print(one_line(note), file=sys.stderr, flush=True)
-        if rate not in (None, found.cell.sample_rate):
-            raise UserError(
-                f'{bag}: sampled at {found.cell.sample_rate:g} Hz, the bags before it at '
-                f'{rate:g} Hz; bags of one machine belong together'
-            )
-        rate = found.cell.sample_rate
-        if not found.passes:
-            text = 'no pass of known mass; the bag needs reference_mass, stamped with t1'
-            raise UserError(f'{bag}: {text}')
-        whole = sum(each.whole for each in found.passes)
-        lines.append(
-            f'{bag}: {whole} passes of {len({each.mass for each in found.passes})} masses, '
-            f'{found.cell.model} {found.cell.serial_number}'.rstrip()
+        warn(f'{problem}; passed over')
+    read = [(bag, each) for bag, each in found if not isinstance(each, BagError)]
+    for bag, each in read:
+        _check(f'{bag}', each, rate=read[0][1].cell.sample_rate)
+    passes = [one for _, each in read for one in each.passes]
+    return ReadPasses(passes, [f'{bag}: {_description(each)}' for bag, each in read], len(broken))
+
+
+def _check(bag: str, found: BagPasses, rate: float) -> None:
+    """Print the notes on a bag; UserError if it has another sample rate in Hz, or no passes."""
+    for note in found.notes:
+        warn(note)
+    if found.cell.sample_rate != rate:
+        raise UserError(
+            f'{bag}: sampled at {found.cell.sample_rate:g} Hz, the bags before it at {rate:g} Hz; '
+            'bags of one machine belong together'
         )
-        passes += found.passes
-    return ReadPasses(passes, lines, len(broken))
+    if not found.passes:
+        text = 'no pass of known mass; the bag needs reference_mass, stamped with t1'
+        raise UserError(f'{bag}: {text}')
+
+
+def _description(found: BagPasses) -> str:
+    whole = sum(each.whole for each in found.passes)
+    masses = len({each.mass for each in found.passes})
+    cell = f'{found.cell.model} {found.cell.serial_number}'
+    return f'{whole} passes of {masses} masses, {cell}'.rstrip()
 
 
 def passes_of_bag(
     bag: str, lane: str | None, segmenter: SegmenterParameters, progress: bool
-) -> BagPasses:
-    """Return the passes of known mass of a bag, of whose samples only their windows are kept."""
+) -> BagPasses | BagError:
+    """Return the passes of known mass of a bag, or why it cannot be read.
+
+    Of its samples only those of the passes are kept.
+    """
 
     def work(stretches: Iterable[Recording]) -> BagPasses:
         notes: list[str] = []
@@ -127,35 +127,38 @@ def passes_of_bag(
         with local_bag(bag) as path:
             return over_stretches(work, path, lane, progress=progress)
     except BagError as error:
-        return BagPasses(problem=error)
+        return error
 
 
 def train(
-    bags: Sequence[Path | str], output: Path, estimators: Sequence[str] | None,
-    base: LineParameters, *, budget: int = BUDGET, lane: str | None = None,
+    bags: Sequence[Path | str],
+    output: Path,
+    estimators: Sequence[str] | None,
+    base: LineParameters,
+    *,
+    budget: int,
+    lane: str | None = None,
     n_jobs: int | None = None,
-) -> int:  # fmt: skip
+) -> int:
     """Tune estimators on the passes of known mass in bags, and write the parameter file.
 
-    The file holds `base` besides, and selects the first estimator. Without names all are tuned and
-    compared on held-out passes, and the file holds the one that is chosen. `budget` is the largest
-    number of evaluations of each estimator at each speed; `n_jobs` is as in `run_jobs`.
-    Returned is how many bags were passed over.
+    The file holds `base` as well, and selects the first estimator. Without names all are tuned and
+    compared on held-out passes, and the file holds the best one. `budget` is the largest number of
+    evaluations of each estimator at each speed; `n_jobs` is as in `run_jobs`. Returns the number of
+    bags that were skipped.
     """
     read = read_passes(bags, lane, unchecked(base.segmenter), n_jobs)
-    passes, source = read.passes, read.lines
-    base = replace(base, segmenter=stated_lag(passes, base.segmenter))
-    names = tuple(estimators or ESTIMATORS)
-    tuned = tune(
-        group_by_speed(passes), names, base, budget=budget, n_jobs=n_jobs,
-        skip_failing=estimators is None,
-    )  # fmt: skip
+    groups = group_by_speed(read.passes)
+    base = replace(base, segmenter=stated_lag(read.passes, base.segmenter))
     if estimators is None:
-        choice = choose(tuned)
-        best = {choice.estimator: tuned[choice.estimator]}
-        text = parameter_file(best, source, compared=tuned, reason=choice.reason)
+        names = tuple(ESTIMATORS)
+        compared = tune(groups, names, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
+        choice = choose(compared)
+        best = {choice.estimator: compared[choice.estimator]}
+        text = parameter_file(best, read.lines, compared=compared, reason=choice.reason)
     else:
-        text = parameter_file(tuned, source)
+        tuned = tune(groups, tuple(estimators), base, budget=budget, n_jobs=n_jobs)
+        text = parameter_file(tuned, read.lines)
     write_whole(output, text)
     print('\n'.join(accuracy_lines(text)))
     return read.broken

@@ -32,45 +32,47 @@ from checkweigher_core.ros.services import OF_MACHINE
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
-_files = []  # which go when launch ends
+_files = []  # removed when launch ends
 
-# Name, default and description.
-ARGUMENTS = (
-    ('namespace', '', 'of the lane'),
-    ('params_file',
-     PathJoinSubstitution([FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']),
-     'parameters of all nodes'),
-    ('source', '',
-     'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file'),
-    ('bag', '', 'bag to play'),
-    ('rate', '', 'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in '
-     'params_file'),
-    ('one_process', 'true', 'whether all nodes share one process; false gives each its own'),
-    ('remap', '',
-     'topics of nodes under another name, as NODE:TOPIC:=OTHER, separated by spaces: for a node of '
-     'your own between two of the line'),
-    ('respawn', 'true',
-     'whether a process that has ended is started again; false ends the launch with it'),
-    ('folder', '',
-     'of this machine: calibration, trained parameters, recipes, audit log; made if there is none, '
-     'and with it the nodes dynamic_setting and verifier run beside the line'),
-    ('page', 'false', 'whether the page of the line is served, on http://127.0.0.1:8080/'),
-    ('batch_reports', 'false', 'whether each batch that ends gets a report beside its record'),
-    ('lanes', '', 'description of lanes on several hosts (YAML), in place of the arguments above '
-     'but respawn and page'),
-    ('host', '', 'name of this host in the file lanes'),
-    ('log_level', 'info', 'lowest severity that the nodes log: debug, info, warn, error or fatal'),
-)  # fmt: skip
-
-
+# Default values; the others are empty.
+DEFAULTS = {
+    'params_file': PathJoinSubstitution(
+        [FindPackageShare('checkweigher_bringup'), 'config', 'line.yaml']
+    ),
+    'one_process': 'true',
+    'respawn': 'true',
+    'page': 'false',
+    'batch_reports': 'false',
+    'log_level': 'info',
+}
+ARGUMENTS = {
+    'namespace': 'of the lane',
+    'params_file': 'parameters of all nodes',
+    'source': 'simulator, bag, aed or ascii; empty: bag with bag:=..., else as in params_file',
+    'bag': 'bag to play',
+    'rate': 'pace of a bag or of the simulator; 0 as fast as nothing is lost; empty: as in '
+    'params_file',
+    'one_process': 'whether all nodes share one process; false gives each its own',
+    'remap': 'topics of nodes under another name, as NODE:TOPIC:=OTHER, separated by spaces: for a '
+    'node of your own between two of the line',
+    'respawn': 'whether a process that has ended is started again; false ends the launch with it',
+    'folder': 'of this machine: calibration, trained parameters, recipes, audit log; made if there '
+    'is none, and with it the nodes dynamic_setting and verifier run beside the line',
+    'page': 'whether the page of the line is served, on http://127.0.0.1:8080/',
+    'batch_reports': 'whether each batch that ends gets a report beside its record',
+    'lanes': 'description of lanes on several hosts (YAML), in place of the arguments above but '
+    'respawn and page',
+    'host': 'name of this host in the file lanes',
+    'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
+}
 WITH_LANES = ('respawn', 'page', 'lanes', 'host', 'log_level')
 
 
 def generate_launch_description():
     """Return the arguments and the line."""
     arguments = [
-        DeclareLaunchArgument(name, default_value=default, description=text)
-        for name, default, text in ARGUMENTS
+        DeclareLaunchArgument(name, default_value=DEFAULTS.get(name, ''), description=text)
+        for name, text in ARGUMENTS.items()
     ]
     return LaunchDescription([*arguments, OpaqueFunction(function=make_line)])
 
@@ -85,54 +87,51 @@ def make_line(context):
     if not Path(params_file).is_file():
         raise RuntimeError(f'params_file: there is no file {params_file}')
     one_process = LaunchConfiguration('one_process')
-    # Plain nodes, though driver and reject have a life cycle: they start themselves. The autostart
-    # of launch_ros's LifecycleNode acts once, and a node that respawn has started again would wait.
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     kept = kept_running(context)
     common_ros = [*LOG_LEVEL, *remap_arguments(context)]
-    of_line = {'namespace': namespace, 'on_exit': partial(on_exit, respawn=kept['respawn']), **kept}
     files, own = files_and_parameters(context, Path(params_file))
     own['driver'] |= driver_parameters(context)
     own['reject'] |= reject_parameters(context)
+
+    def node(executable, condition, *parameters, package='checkweigher_bringup', **options):
+        # Plain nodes, though driver and reject have a life cycle: they start themselves. The
+        # autostart of launch_ros's LifecycleNode acts once, and a node that respawn has started
+        # again would wait.
+        return Node(
+            package=package,
+            executable=executable,
+            namespace=namespace,
+            parameters=[*files, *parameters],
+            ros_arguments=[*common_ros, *enclave_arguments(namespace, executable)],
+            condition=condition,
+            **kept,
+            **options,
+        )
+
+    ends = partial(on_exit, respawn=kept['respawn'])
+    apart = UnlessCondition(one_process)
     return [
-        Node(
-            package='checkweigher_bringup', executable='line',
-            parameters=[*files, *(own[name] for name in NODES)], condition=IfCondition(one_process),
-            ros_arguments=[*common_ros, *enclave_arguments(namespace, 'line')], **of_line,
-        ),
+        node('line', IfCondition(one_process), *(own[name] for name in NODES), on_exit=ends),
         *(
-            Node(
-                package=module.partition('.')[0], executable=name, name=name,
-                parameters=[*files, own[name]],
-                condition=UnlessCondition(one_process),
-                ros_arguments=[*common_ros, *enclave_arguments(namespace, name)], **of_line,
-            )
+            node(name, apart, own[name], package=module.partition('.')[0], name=name, on_exit=ends)
             for name, module in NODES.items()
         ),
         *(
-            Node(
-                package='checkweigher_bringup', executable=name, namespace=namespace, **kept,
-                parameters=[*files, own[name]],
-                ros_arguments=[*common_ros, *enclave_arguments(namespace, name)],
-                condition=IfCondition('true' if own[name] else 'false'),
-            )
+            node(name, IfCondition('true' if own[name] else 'false'), own[name])
             for name in OF_MACHINE
         ),
         make_page(kept),
-        Node(
-            package='checkweigher_bringup', executable='batch_reporter', namespace=namespace,
-            ros_arguments=enclave_arguments(namespace, 'batch_reporter'),
-            condition=IfCondition(LaunchConfiguration('batch_reports')), **kept,
-        ),
-    ]  # fmt: skip
+        node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
+    ]
 
 
 def remap_arguments(context):
-    """Return the ROS arguments of `remap`: each rule is that of the node that it names."""
+    """Return the ROS arguments for the rules of `remap`, each of which names its node."""
     rules = LaunchConfiguration('remap').perform(context).split()
     for rule in rules:
         node, _, names = rule.partition(':')
-        # ROS would pass over it, and the line would run without the node between two of its own.
+        # ROS would ignore it, and the line would run without the node between two of its own.
         if node not in NODES or not all(names.partition(':=')):
             known = ', '.join(NODES)
             raise RuntimeError(f'remap: {rule!r} is not NODE:TOPIC:=OTHER, with one of {known}')
@@ -143,30 +142,33 @@ def make_host(context, lanes, host):
     """Return the nodes of one host, a process for each lane, in the environment of that line."""
     if not (lanes and host):
         raise RuntimeError('lanes and host belong together: the file, and a host of it')
-    for name, default, _ in ARGUMENTS:
-        usual = perform_substitutions(context, normalize_to_list_of_substitutions(default))
-        if name not in WITH_LANES and LaunchConfiguration(name).perform(context) != usual:
+    for name in (each for each in ARGUMENTS if each not in WITH_LANES):
+        default = normalize_to_list_of_substitutions(DEFAULTS.get(name, ''))
+        usual = perform_substitutions(context, default)
+        if LaunchConfiguration(name).perform(context) != usual:
             raise RuntimeError(f'{name}: {lanes} says that; see docs/hosts.md')
     line = read_line(Path(lanes))
     kept = kept_running(context)
-    return [
-        *(SetEnvironmentVariable(*each) for each in line.environment().items()),
-        *(
-            Node(
-                package='checkweigher_bringup', executable='line', namespace=share.lane,
-                arguments=list(share.nodes),
-                parameters=[*map(str, share.params), own_file(share)],
-                ros_arguments=[*LOG_LEVEL, *enclave_arguments(share.lane, 'line')],
-                on_exit=partial(on_exit, respawn=kept['respawn']), **kept,
-            )
-            for share in line.shares(host)
-        ),
-        make_page(kept),
-    ]  # fmt: skip
+    ends = partial(on_exit, respawn=kept['respawn'])
+    environment = [SetEnvironmentVariable(*each) for each in line.environment().items()]
+    nodes = [
+        Node(
+            package='checkweigher_bringup',
+            executable='line',
+            namespace=share.lane,
+            arguments=list(share.nodes),
+            parameters=[*map(str, share.params), own_file(share)],
+            ros_arguments=[*LOG_LEVEL, *enclave_arguments(share.lane, 'line')],
+            on_exit=ends,
+            **kept,
+        )
+        for share in line.shares(host)
+    ]
+    return [*environment, *nodes, make_page(kept)]
 
 
 def own_file(share):
-    """Return a file with the parameters that the description itself has, while launch runs."""
+    """Return a file with the parameters of the description itself; it is removed with launch."""
     file = NamedTemporaryFile(suffix='.yaml')  # noqa: SIM115
     _files.append(file)
     write_parameter_file(Path(file.name), {'product': share.product})
@@ -176,20 +178,19 @@ def own_file(share):
 def make_page(kept):
     """Return the page of all lanes, if it is asked for."""
     return Node(
-        package='checkweigher_web', executable='page',
+        package='checkweigher_web',
+        executable='page',
         condition=IfCondition(LaunchConfiguration('page')),
-        ros_arguments=enclave_arguments('', 'page'), **kept,
-    )  # fmt: skip
+        ros_arguments=enclave_arguments('', 'page'),
+        **kept,
+    )
 
 
 def kept_running(context):
     """Return the options of a process that is started again, unless `respawn` is false."""
     respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
-    return {
-        'output': 'screen',
-        'respawn': perform_typed_substitution(context, respawn, bool),
-        'respawn_delay': RESPAWN_DELAY,
-    }
+    respawn = perform_typed_substitution(context, respawn, bool)
+    return {'output': 'screen', 'respawn': respawn, 'respawn_delay': RESPAWN_DELAY}
 
 
 def files_and_parameters(context, params_file):
@@ -215,7 +216,7 @@ def on_exit(event, context, *, respawn):
 
 
 def driver_parameters(context):
-    """Return what the arguments say; what they do not say is left to the parameter file."""
+    """Return the parameters of the driver in the arguments; others are in the parameter file."""
     source, bag, rate = (
         LaunchConfiguration(name).perform(context) for name in ('source', 'bag', 'rate')
     )
@@ -233,6 +234,6 @@ def driver_parameters(context):
 
 
 def reject_parameters(context):
-    """Return no deadlines where the time of the stamps is not that of the clock."""
+    """Disable the deadlines if the pace of the stamps is not that of the clock."""
     rate = LaunchConfiguration('rate').perform(context)
     return {'deadlines': False} if rate and float(rate) != 1 else {}

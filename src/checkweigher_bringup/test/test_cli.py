@@ -13,26 +13,25 @@ from running import BAGS, run_command
 from checkweigher_bringup.cli import COMMANDS, build_parser
 from checkweigher_recording.csv.log_import import ImportParameters
 
-EXAMPLES = {name: example for name, _, example in COMMANDS}
+
+def examples(text: str) -> list[str]:
+    return [line.strip() for line in text.splitlines() if line.startswith('  checkweigher ')]
 
 
-def test_help_lists_every_command_with_its_example():
+def test_help_shows_an_example_of_every_command_that_the_parser_takes():
     done = run_command('--help')
     assert done.returncode == 0
-    for example in EXAMPLES.values():
-        assert example in done.stdout
+    taken = [build_parser().parse_args(line.split()[1:]).command for line in examples(done.stdout)]
+    assert taken == list(COMMANDS)
 
 
-@pytest.mark.parametrize('name', EXAMPLES)
-def test_every_command_has_help_with_its_example(name: str):
+@pytest.mark.parametrize('name', COMMANDS)
+def test_every_command_has_help_with_examples_that_the_parser_takes(name: str):
     done = run_command(name, '--help')
     assert done.returncode == 0
-    assert EXAMPLES[name] in done.stdout
-
-
-@pytest.mark.parametrize('name', EXAMPLES)
-def test_every_example_is_one_that_the_parser_takes(name: str):
-    assert build_parser().parse_args(EXAMPLES[name].split()).command == name
+    for line in examples(done.stdout):
+        words = line.partition('  #')[0].split()[1:]
+        assert build_parser().parse_args(words).command == name
 
 
 def test_help_needs_none_of_the_heavy_imports():

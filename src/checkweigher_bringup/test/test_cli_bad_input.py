@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input: one line that says what and where, exit status 2, nothing half-written."""
 
+from collections.abc import Callable
 from pathlib import Path
 import shutil
 
@@ -24,43 +25,26 @@ def refused(*arguments: object) -> str:
     return lines[0]
 
 
-def copy_of_bag(tmp_path: Path) -> Path:
-    return shutil.copytree(BAG, tmp_path / 'bag')
-
-
-def the_mcap(bag: Path) -> Path:
-    (path,) = bag.glob('*.mcap')
-    return path
+def flipped(data: bytes) -> bytes:
+    place = len(data) // 3
+    return data[:place] + bytes([data[place] ^ 0x10]) + data[place + 1 :]
 
 
 @pytest.mark.parametrize('command', ['weigh', 'replay'])
 class TestBags:
-    def test_missing(self, command: str, tmp_path: Path):
+    def test_what_is_none(self, command: str, tmp_path: Path):
         assert 'there is no such' in refused(command, tmp_path / 'nothing')
-
-    def test_a_folder_that_is_no_bag(self, command: str, tmp_path: Path):
         expected = 'no bag in this folder' if command == 'weigh' else 'not a bag'
         assert expected in refused(command, tmp_path)
-
-    def test_a_file_that_is_no_bag(self, command: str):
         assert 'not a bag' in refused(command, __file__)
 
-    def test_truncated(self, command: str, tmp_path: Path):
-        bag = copy_of_bag(tmp_path)
-        data = the_mcap(bag).read_bytes()
-        the_mcap(bag).write_bytes(data[: len(data) // 2])
-        assert str(the_mcap(bag)) in refused(command, bag)
-
-    def test_a_byte_flipped(self, command: str, tmp_path: Path):
-        bag = copy_of_bag(tmp_path)
-        data = bytearray(the_mcap(bag).read_bytes())
-        data[len(data) // 3] ^= 0x10
-        the_mcap(bag).write_bytes(data)
-        assert str(bag) in refused(command, bag)
-
-    def test_an_empty_file(self, command: str, tmp_path: Path):
-        bag = copy_of_bag(tmp_path)
-        the_mcap(bag).write_bytes(b'')
+    @pytest.mark.parametrize(
+        'damage', [lambda data: data[: len(data) // 2], flipped, lambda _: b'']
+    )
+    def test_damaged(self, command: str, damage: Callable[[bytes], bytes], tmp_path: Path):
+        bag = shutil.copytree(BAG, tmp_path / 'bag')
+        (file,) = bag.glob('*.mcap')
+        file.write_bytes(damage(file.read_bytes()))
         assert str(bag) in refused(command, bag)
 
     def test_no_samples(self, command: str, tmp_path: Path):
@@ -74,8 +58,6 @@ class TestBags:
     ('text', 'names'),
     [
         ('/**/reject:\n  ros__parameters: {lower_limit: .nan}', 'reject.lower_limit'),
-        ('/**/reject:\n  ros__parameters: {lower_limit: -0.1}', 'reject.lower_limit'),
-        ('/**/segmenter:\n  ros__parameters: {zero_time: -1.0}', 'segmenter.zero_time'),
         ('/**/segmenter:\n  ros__parameters: {zero_tme: 1.0}', 'segmenter.zero_tme'),
         ('/**/denoise:\n  ros__parameters: {gamma5: [0.1]}', 'denoise.speeds'),
         ('/**/identifier:\n  ros__parameters: {estimator: best}', 'identifier.estimator'),
@@ -102,8 +84,6 @@ def test_parameters(command: str, text: str, names: str, tmp_path: Path):
         ('weigh', BAG, '--lane', 'other'),
         ('weigh', '/no/such/\x1b[31m\x07'),
         ('replay', BAG, '--listeners', '-1'),
-        ('replay', BAG, '--rate', '-1'),
-        ('replay', BAG, '--rate', 'nan'),
         ('replay', BAG, '--rate', 'fast'),
         ('replay', BAG, '--namespace', '1lane'),
         ('echo', '--count', '0'),
@@ -119,11 +99,7 @@ def test_options(arguments: tuple[object, ...]):
     ('option', 'value'),
     [
         ('--speed', 'nan'),
-        ('--speed', '-60'),
-        ('--mass', '-1'),
-        ('--mass', 'nan'),
         ('--count', '0'),
-        ('--count', '-3'),
         ('--profile', 'moon'),
         ('--seed', '-1'),
         ('--spacing', '0.05'),
@@ -150,9 +126,6 @@ class TestOutputs:
         path.write_text('mine')
         assert 'exists already' in refused(command, BAG, '--csv', path)
         assert path.read_text() == 'mine'
-
-    @pytest.mark.parametrize('command', ['weigh', 'replay'])
-    def test_a_csv_in_a_folder_that_is_not_there(self, command: str, tmp_path: Path):
         assert 'there is no folder' in refused(command, BAG, '--csv', tmp_path / 'a' / 'b.csv')
 
     @pytest.mark.parametrize(

@@ -89,13 +89,7 @@ def test_the_bridge_reads_what_the_layout_shows_and_no_more():
         assert is_let_through(f'/hall/lane1{topic}') == (topic != '/diagnostics')
     of_lane = {topic for topic in PORTS if is_let_through(topic)}
     assert shown <= of_lane
-    for other in (
-        '/parameter_events',
-        '/rosout',
-        '/load_cell/samples',
-        '/weigh_window',
-        '/verdicts',
-    ):
+    for other in ('/parameter_events', '/rosout', '/load_cell/samples', '/verdicts'):
         assert not is_let_through(other)
     assert values['address'] == '127.0.0.1'
     for name in ('client_topic_whitelist', 'service_whitelist', 'param_whitelist'):

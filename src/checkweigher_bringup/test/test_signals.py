@@ -123,6 +123,8 @@ def problem(name: str, number: int, tried: Tried) -> str:
         ('run --processes', signal.SIGKILL, 7),
         ('run', signal.SIGHUP, 2),  # as of a terminal that is closed
         ('tune', signal.SIGKILL, 4),  # with what loky has beside its workers
+        ('tune', signal.SIGINT, 4),
+        ('evaluate', signal.SIGINT, 4),
     ],
 )
 def test_every_process_ends_with_its_command(
@@ -137,7 +139,7 @@ IN_A_TEXT = """
 import os, signal, time
 from checkweigher_bringup import cli
 
-cli.build_parser = lambda _: exec('os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)')
+cli.build_parser = lambda: exec('os.kill(os.getpid(), signal.SIGTERM); time.sleep(60)')
 cli.main([])
 """
 

@@ -1,83 +1,88 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The commands of the checkweigher, one module each: `add_arguments(parser)` and `run(arguments)`.
+"""The commands of the checkweigher, one module each: a table `OPTIONS`, and `run(arguments)`.
 
 The modules import what is heavy in `run` alone, so that ``--help`` is there at once. Options that
-several commands have are made here.
+several commands have are defined here.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
-Parser = argparse._ActionsContainer
+# Usage, kind, help, and default, if any, of an option; see `_add`.
+Option = tuple[Any, ...]
+REQUIRED = {'required': True}  # in place of a default
 
-
-def add_parameter_file(parser: Parser) -> None:
-    """Add `--params`."""
-    parser.add_argument('--params', type=Path, metavar='FILE', help='ROS parameter file (YAML)')
-
-
-def add_namespace(parser: Parser) -> None:
-    """Add `--namespace`."""
-    parser.add_argument('--namespace', default='', metavar='NAME', help='namespace of the lane')
-
-
-def add_new_bag(parser: Parser) -> None:
-    """Add `--output` for a bag."""
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='bag to write')
-
-
-def add_end(parser: Parser, counted: str) -> None:
-    """Add `--count` and `--duration`."""
-    parser.add_argument('--count', type=int, metavar='N', help=f'end after N {counted}')
-    parser.add_argument('--duration', type=float, metavar='S', help='end after S seconds')
-
-
-def add_bags(parser: Parser, what: str) -> None:
-    """Add any number of bags; `what` says what they must have."""
-    parser.add_argument(
-        'bags', nargs='+', metavar='BAG',
-        help=f'{what}: a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with '
-        'bags in it',
-    )  # fmt: skip
-
-
-def add_scheduling(parser: Parser) -> None:
-    """Add how many processes do the work, and where."""
-    add = parser.add_argument
-    add('--jobs', type=int, metavar='N', help='processes; default one for a core')
-    add(
-        '--scheduler',
-        default='local',
-        metavar='ADDRESS',
-        help='local, processes of this machine (default), or a Dask cluster: tcp://HOST:8786',
-    )
+PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
+NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')
+NEW_BAG: Option = ('--output DIR', Path, 'bag to write', REQUIRED)
+ESTIMATOR: Option = ('--estimator NAME', str, 'estimator of the mass; default iswd_eksi')
+LANE: Option = ('--lane NAME', str, 'namespace to take, if the bag has several')
+OVERWRITE: Option = ('--overwrite', bool, 'replace FILE if it exists')
+DURATION: Option = ('--duration S', float, 'end after S seconds')
+RECIPES: Option = ('--recipes FILE', Path, 'recipe file')
+# How many processes do the work, and where.
+SCHEDULING: tuple[Option, ...] = (
+    ('--jobs N', int, 'processes; default one for a core'),
+    ('--scheduler ADDRESS', str, 'local (default), or a Dask cluster: tcp://HOST:8786', 'local'),
+)
+# Parameters of the weighing, the lane, and the CSV file of the results.
+CSV: Option = ('--csv FILE', Path, 'write one row per item to FILE')
+WEIGHING: tuple[Option, ...] = (PARAMS, ESTIMATOR, LANE, CSV, OVERWRITE)
+# What is tuned, for how long, on how many processes and where, and the lane of the bags.
+TUNING: tuple[Option, ...] = (
+    (
+        '--estimator NAME',
+        [str],
+        'one or several, or all; the first one is what a tuned file selects; default of tune the '
+        'best of all on held-out passes',
+    ),
+    ('--budget N', int, 'evaluations of each estimator at each speed; default 240', 240),
+    *SCHEDULING,
+    ('--lane NAME', str, 'namespace to take, if the bags hold several'),
+)
 
 
-def add_weighing(parser: Parser) -> None:
-    """Add the parameters of the weighing, the lane, and the CSV file of the results."""
-    add = parser.add_argument
-    add_parameter_file(parser)
-    add('--estimator', metavar='NAME', help='estimator of the mass; default iswd_eksi')
-    add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
-    add('--csv', type=Path, metavar='FILE', help='write one row per item to FILE')
-    add('--overwrite', action='store_true', help='replace FILE if it exists')
+def bags(text: str) -> Option:
+    """Return the argument for one bag or more; `text` says what they must have."""
+    where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder with bags in it'
+    return 'bags BAG', [str], f'{text}: {where}'
 
 
-def add_recipe(add: Callable[..., object], what: str) -> None:
-    """Add `--recipes` and `--product`; `what` says what the recipe is for."""
-    add('--recipes', type=Path, metavar='FILE', help='recipe file')
-    add('--product', metavar='NAME', help=f'product of it: {what}')
+def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None:
+    """Add options to a parser.
+
+    A text among them is the title of those that follow, and a tuple of options are alternatives.
+    """
+    group: argparse._ActionsContainer = parser
+    for option in options:
+        if isinstance(option, str):
+            group = parser.add_argument_group(option)
+        elif isinstance(option[0], tuple):
+            alternatives = parser.add_mutually_exclusive_group()
+            for each in option:
+                _add(alternatives, *each)
+        else:
+            _add(group, *option)
 
 
-def add_tuning(parser: Parser) -> None:
-    """Add what is tuned, how long, on how many processes and where, and the lane of the bags."""
-    add = parser.add_argument
-    add('--estimator', nargs='+', action='extend', metavar='NAME',
-        help='one or several, or all; the first one is what a tuned file selects; '
-        'default of tune the best of all on held-out passes')  # fmt: skip
-    add('--budget', type=int, metavar='N',
-        help='evaluations of each estimator at each speed; default 240')  # fmt: skip
-    add_scheduling(parser)
-    add('--lane', metavar='NAME', help='namespace to take, if the bags hold several')
+def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *more: Any) -> None:
+    """Add an option or an argument.
+
+    `usage` is its name and, after a space, the name of its value. `kind` is the type of the value,
+    a list with that type for one value or more, a tuple of the choices, or bool for a flag. At last
+    there may be a default, or a dict of further keywords of `add_argument`.
+    """
+    name, _, metavar = usage.partition(' ')
+    values: dict[str, Any] = {'type': kind, 'metavar': metavar}
+    if kind is bool:
+        values = {'action': 'store_true'}
+    elif isinstance(kind, tuple):
+        values = {'choices': kind}
+    elif isinstance(kind, list):
+        values |= {'type': kind[0], 'nargs': '+', 'action': 'extend'}
+    for each in more:
+        values |= each if isinstance(each, dict) else {'default': each}
+    group.add_argument(name, help=text, **values)

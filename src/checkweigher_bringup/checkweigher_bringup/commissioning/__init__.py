@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commissioning at the belt: calibration with masses at rest, setting with passes of known mass."""
+"""Commissioning: calibration with masses at rest, setting with passes of known mass."""

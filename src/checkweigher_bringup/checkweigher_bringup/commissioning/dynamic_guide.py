@@ -1,41 +1,38 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The dynamic setting with a technician: passes of a known mass at one belt speed after another."""
+"""Dynamic setting with a technician: passes of a known mass at several belt speeds."""
 
 import argparse
 from itertools import count
 from pathlib import Path
 from statistics import median
 
+from checkweigher_bringup import settings
 from checkweigher_bringup.commissioning.static_guide import ask
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import check_output_file, make_folder
-from checkweigher_bringup.recorder import record
-from checkweigher_bringup.settings import (
-    check_namespace,
-    check_positive,
-    estimator_names,
-    line_parameters,
-)
-from checkweigher_bringup.training import BUDGET, read_passes, train
+from checkweigher_bringup.recorder import ReferencePasses, record
+from checkweigher_bringup.training import read_passes, train
+from checkweigher_core.records import GRAMS
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
 
 _SECONDS = 60.0  # in a minute
-_TOLERANCE = 0.05  # of the speed; bags of speeds that differ by less are of one
+_TOLERANCE = 0.05  # relative, of the speed of the belt
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Guide through the speeds, train, show how accurate it is, and ask before it replaces."""
+    """Guide through the speeds, train, show the accuracy, and ask before the file is replaced."""
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
     make_folder(folder, exist_ok=True)
-    base = line_parameters(arguments.params, None)
+    base = settings.line_parameters(arguments.params)
     bags = [_record_at(speed, folder, base, arguments) for speed in arguments.speeds]
     new = output.with_name(f'{output.stem}.new{output.suffix}')
-    estimators = estimator_names([arguments.estimator], ()) if arguments.estimator else None
-    train(bags, new, estimators, base, budget=arguments.budget or BUDGET)
+    given = arguments.estimator
+    estimators = settings.estimator_names([given], ()) if given else None
+    train(bags, new, estimators, base, budget=arguments.budget)
     taken = ask(
         f'Type yes to take these parameters over as {output}',
         f'the parameters were taken over; they are in {new}',
@@ -48,15 +45,15 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Refuse options that cannot be used, before anything passes."""
+    """Reject options that cannot be used, before anything passes."""
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
-    check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
+    settings.check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
     if arguments.source is not None or arguments.open:
         raise UserError('--dynamic: takes the passes of a running line, no --source or --open')
-    check_namespace(arguments.namespace)
-    estimator_names([arguments.estimator or 'all'], ())
+    settings.check_namespace(arguments.namespace)
+    settings.estimator_names([arguments.estimator or 'all'], ())
     check_output_file(arguments.output, overwrite=True)
     check_not_installed(arguments.output)
 
@@ -64,14 +61,13 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record the passes at a speed in m/min, again if the belt ran at another; return the bag."""
+    """Record the passes at a speed in m/min, again if the belt ran at another one."""
     while True:
         ask(f'Set the belt to {speed:g} m/min, run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))
         bag = next(path for path in names if not path.exists())
-        record(
-            bag, check_namespace(arguments.namespace), None, inputs_only=True,
-            reference=0.001 * arguments.reference, passes=arguments.passes)  # fmt: skip
+        known = ReferencePasses(arguments.reference / GRAMS, arguments.passes)
+        record(bag, settings.check_namespace(arguments.namespace), inputs_only=True, passes=known)
         passes = [each for each in read_passes([bag], None, base.segmenter).passes if each.whole]
         if len(passes) < arguments.passes:
             raise UserError(

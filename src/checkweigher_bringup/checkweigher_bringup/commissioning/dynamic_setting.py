@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dynamic setting by services: passes of known mass at each belt speed, then training.
 
-The file that training writes waits beside the parameters of the line until `accept_tuned`.
-The commands `record` and `tune` run in processes of their own: training takes minutes of all
-cores, and the line must not wait for it.
+Training writes a file beside the parameters of the line, which `accept_tuned` puts in their place.
+The commands `record` and `tune` run in processes of their own, because training takes minutes on
+all cores, and the line must not wait for it.
 """
 
 from contextlib import ExitStack
@@ -26,9 +26,11 @@ from checkweigher_msgs.srv import RecordPasses
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.machine_folder import own_folder
+from checkweigher_bringup.commissioning.service_call import answering
+from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import memory_file
 from checkweigher_core.changes import TUNED
-from checkweigher_core.parameters import ParameterError, Parameters, parameter
+from checkweigher_core.parameters import Parameters, parameter
 from checkweigher_core.parent_process import child_environment
 from checkweigher_core.records import GRAMS
 from checkweigher_core.ros import ports
@@ -41,22 +43,23 @@ from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for a child to complete its bag
-_LESS_URGENT = 10  # than the line; nice
+_LESS_URGENT = 10  # niceness, so that the line goes first
 _NOTHING_WAITS = f'nothing that was learned waits; call {ports.TUNE_PASSES} first'
 
 
 @dataclass(frozen=True)
 class DynamicSettingParameters(Parameters):
-    """Where what is recorded and learned goes, and what is trained."""
+    """Folder of bags and learned parameters, and what is trained."""
 
     node: ClassVar[str] = 'dynamic_setting'
 
     folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml, must be given')
     estimator: str = parameter(
-        'best', 'estimator to train and to select in machine.yaml; best: the best of all on passes '
+        'best',
+        'estimator to train and to select in machine.yaml; best: the best of all on passes '
         'that were held out',
         choices=('best', *ESTIMATORS),
-    )  # fmt: skip
+    )
     budget: int = parameter(240, 'evaluations at each speed', minimum=1, maximum=1_000_000)
     parameters: str = parameter(
         '', 'parameter file of everything that is not trained; empty for the defaults'
@@ -67,44 +70,51 @@ class DynamicSettingParameters(Parameters):
 
 
 class DynamicSettingNode(StageNode[DynamicSettingParameters]):
-    """Record passes and train on them, one after the other, each in a process of its own."""
+    """Node that records passes and trains on them, each in a process of its own."""
+
+    _child: subprocess.Popen[bytes] | None = None
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
+        self._scratch = ExitStack()
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
-        try:
-            self._folder = own_folder('dynamic_setting', self.parameters.folder)
-        except ParameterError:
-            self.destroy_node()
-            raise
+        self._folder = own_folder(self, self.parameters.folder)
         self._file = self._folder / 'machine.yaml'
         self._learned = self._folder / 'machine.new.yaml'  # until it is taken over
-        self._child: subprocess.Popen[bytes] | None = None
         self._recording: Path | None = None
         self._cancelled = False
-        self._scratch = ExitStack()
         self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
         port = ports.DYNAMIC_SETTING
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
-        self.create_service(RecordPasses, ports.RECORD_PASSES, self._on_record)
-        self.create_service(Trigger, ports.TUNE_PASSES, self._on_tune)
-        self.create_service(Trigger, ports.CANCEL_PASSES, self._on_cancel)
-        self.create_service(Trigger, ports.SHOW_TUNED, self._on_show)
+        self.create_service(RecordPasses, ports.RECORD_PASSES, answering(self._record))
+        for name, callback in (
+            (ports.TUNE_PASSES, self._tune),
+            (ports.CANCEL_PASSES, self._cancel),
+            (ports.SHOW_TUNED, self._show),
+            (ports.RESTART_LINE, self._restart),
+        ):
+            self.create_service(Trigger, name, answering(callback))
         self.create_service(Trigger, ports.ACCEPT_TUNED, self._on_accept)
-        self.create_service(Trigger, ports.RESTART_LINE, self._on_restart)
         self._timer = self.create_timer(_POLL_PERIOD, self._poll, autostart=False)
         self._tell(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 
-    def _bags(self) -> list[Path]:
-        """Return the bags in the order of recording, without the one that is being recorded."""
-        found = ((_number(path), path) for path in self._folder.glob('passes_*'))
-        return [path for number, path in sorted(found) if number and path != self._recording]
+    def _bags(self) -> dict[int, Path]:
+        """Return the bags of passes by their numbers, in order."""
+        found = {}
+        for path in self._folder.glob('passes_*'):
+            if number := re.fullmatch(r'passes_(\d+)', path.name):
+                found[int(number.group(1))] = path
+        return dict(sorted(found.items()))
+
+    def _recorded(self) -> list[Path]:
+        """Return the bags in order of recording, without the one that is being recorded."""
+        return [path for path in self._bags().values() if path != self._recording]
 
     def _tell(self, state: int, text: str, **values: Any) -> None:
         """Publish a new state."""
         self._said = DynamicSetting(
             state=state,
             text=text,
-            bags=[str(bag) for bag in self._bags()],
+            bags=[str(bag) for bag in self._recorded()],
             file=str(self._file) if self._file.exists() else '',
             **{'mass': math.nan, **values},
         )
@@ -115,7 +125,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publisher.publish(self._said)
 
     def _waiting(self) -> str:
-        """Return what can be done with what was learned."""
+        """Return the services that use the learned parameters, in words."""
         return (
             f'tuned: {self._learned} waits; {ports.SHOW_TUNED} shows how accurate it is, '
             f'{ports.ACCEPT_TUNED} takes it over, {ports.CANCEL_PASSES} drops it'
@@ -123,126 +133,109 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
     # Services
 
-    def _busy(self) -> str:
-        """Return why nothing can begin now, empty if it can."""
-        if self._child is None:
-            return ''
-        return f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}'
+    def _check_idle(self) -> None:
+        """Raise UserError while passes are recorded or parameters trained."""
+        if self._child is not None:
+            raise UserError(f'busy: {self._said.text}; wait, or call {ports.CANCEL_PASSES}')
 
-    def _on_record(self, request: Any, response: Any) -> Any:
-        if busy := self._busy():
-            response.message = busy
-        elif not (math.isfinite(request.mass) and request.mass > 0 and request.passes > 0):
-            given = f'mass {request.mass:g} kg, passes {request.passes}'
-            response.message = f'{given}: both must be above 0'
-        else:
-            numbers = [_number(path) for path in self._folder.glob('passes_*')]
-            self._recording = self._folder / f'passes_{max([0, *numbers]) + 1}'
-            grams = f'{GRAMS * request.mass:.6f}'
-            self._begin(
-                'record', '--output', self._recording, '--inputs-only', '--reference', grams,
-                '--passes', request.passes, '--namespace', self.get_namespace().strip('/'),
-            )  # fmt: skip
-            known = {'mass': float(request.mass), 'wanted': int(request.passes)}
-            self._tell(DynamicSetting.RECORDING, 'waiting for the first pass', **known)
-            response.success, response.bag = True, str(self._recording)
-        return response
+    def _record(self, request: Any, response: Any) -> str:
+        self._check_idle()
+        mass, passes = request.mass, request.passes
+        if not (math.isfinite(mass) and mass > 0 and passes > 0):
+            raise UserError(f'mass {mass:g} kg, passes {passes}: both must be above 0')
+        bag = self._folder / f'passes_{max(self._bags(), default=0) + 1}'
+        self._recording = bag
+        known = ('--reference', f'{GRAMS * mass:.6f}', '--passes', passes)
+        lane = self.get_namespace().strip('/')
+        self._begin('record', '--output', bag, '--inputs-only', *known, '--namespace', lane)
+        values = {'mass': float(mass), 'wanted': int(passes)}
+        self._tell(DynamicSetting.RECORDING, 'waiting for the first pass', **values)
+        response.bag = str(bag)
+        return ''
 
-    def _on_tune(self, request: Any, response: Any) -> Any:
-        bags = self._bags()
-        if busy := self._busy():
-            response.message = busy
-        elif not bags:
-            response.message = f'{self._folder}: no passes; call {ports.RECORD_PASSES} first'
-        else:
-            known = self.parameters
-            options = ['--params', known.parameters] if known.parameters else []
-            options += ['--estimator', known.estimator] if known.estimator != 'best' else []
-            self._learned.unlink(missing_ok=True)
-            self._begin(
-                'tune', *bags, '--output', self._learned, '--overwrite', '--budget', known.budget,
-                *options,
-            )  # fmt: skip
-            self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
-            response.success = True
-            response.message = f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
-        return response
+    def _tune(self, request: Any, response: Any) -> str:
+        self._check_idle()
+        bags, known = self._recorded(), self.parameters
+        if not bags:
+            raise UserError(f'{self._folder}: no passes; call {ports.RECORD_PASSES} first')
+        options = ['--params', known.parameters] if known.parameters else []
+        options += ['--estimator', known.estimator] if known.estimator != 'best' else []
+        self._learned.unlink(missing_ok=True)
+        output = ('--output', self._learned, '--overwrite', '--budget', known.budget)
+        self._begin('tune', *bags, *output, *options)
+        self._tell(DynamicSetting.TUNING, f'{known.estimator} on {len(bags)} bags')
+        return f'begun; {ports.DYNAMIC_SETTING.name} says when it is done'
 
-    def _on_cancel(self, request: Any, response: Any) -> Any:
+    def _cancel(self, request: Any, response: Any) -> str:
         """End recording or training, or drop what was learned; passes and parameters stay."""
-        response.success = True
-        response.message = 'nothing is under way'
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
-            response.message = 'it ends; passes that were weighed are kept'
-        elif self._learned.exists():
-            self._learned.unlink()
-            response.message = f'what was learned is dropped; {self._file} stays as it was'
-            self._tell(DynamicSetting.IDLE, response.message)
-        return response
+            return 'it ends; passes that were weighed are kept'
+        if not self._learned.exists():
+            return 'nothing is under way'
+        self._learned.unlink()
+        text = f'what was learned is dropped; {self._file} stays as it was'
+        self._tell(DynamicSetting.IDLE, text)
+        return text
 
-    def _candidate(self) -> bytes | None:
-        """Return what was learned and waits, None without."""
+    def _candidate(self) -> bytes:
+        """Return the learned parameters that wait; UserError without."""
         try:
             return self._learned.read_bytes()
         except FileNotFoundError:
-            return None
+            raise UserError(_NOTHING_WAITS) from None
 
-    def _on_show(self, request: Any, response: Any) -> Any:
-        """Show how accurate the parameters are that wait."""
-        learned = self._candidate()
-        if learned is None:
-            response.message = _NOTHING_WAITS
-        else:
-            text = learned.decode('utf-8', errors='replace')
-            response.success, response.message = True, '\n'.join(accuracy_lines(text))
-        return response
+    def _show(self, request: Any, response: Any) -> str:
+        """Show how accurate the learned parameters are."""
+        text = self._candidate().decode('utf-8', errors='replace')
+        return '\n'.join(accuracy_lines(text))
 
     async def _on_accept(self, request: Any, response: Any) -> Any:
-        """Take over what was learned, once that is in the audit log."""
+        try:
+            response.message = await self._accept()
+            response.success = True
+        except UserError as error:
+            response.message = str(error)
+        return response
+
+    async def _accept(self) -> str:
+        """Make the learned parameters those of the line, once that is in the audit log."""
+        self._check_idle()
         learned = self._candidate()
-        if learned is None or self._busy():
-            response.message = self._busy() or _NOTHING_WAITS
-            return response
         name = self.get_fully_qualified_name()
         value = {'file': str(self._file), 'sha256': hashlib.sha256(learned).hexdigest()}
         if reason := await self.change_record.write(TUNED, name, value):
-            response.message = f'{reason}: not taken over'
-            return response
+            raise UserError(f'{reason}: not taken over')
         try:
-            if self._busy() or self._candidate() != learned:
-                raise OutputError('what was learned has changed meanwhile')
-            response.message = self._take_over()
-            response.success = True
-        except (OutputError, OSError) as error:
-            response.message = f'not taken over: {error}'
-            await self.change_record.write(TUNED, name, response.message)
-        return response
-
-    def _on_restart(self, request: Any, response: Any) -> Any:
-        """Ask for the line to be started again, with the newest version of the file."""
-        if not self.parameters.restart_file:
-            response.message = 'this line is started again where it was started, not from here'
-            return response
-        try:
-            Path(self.parameters.restart_file).touch()
-        except OSError as error:
-            response.message = f'{self.parameters.restart_file}: {error.strerror}'
-            return response
-        response.success, response.message = True, 'the line ends, and starts again'
-        return response
-
-    def _take_over(self) -> str:
-        """Make what was learned the newest version of the file, and say so."""
-        version = replace_version(self._file, self._learned)
+            self._check_idle()
+            if self._candidate() != learned:
+                raise UserError('what was learned has changed meanwhile')
+            version = replace_version(self._file, self._learned)
+        except (UserError, OutputError, OSError) as error:
+            text = f'not taken over: {error}'
+            await self.change_record.write(TUNED, name, text)
+            raise UserError(text) from None
         text = f'{self._file}, version {version}; the line takes it at its next start'
         self._tell(DynamicSetting.IDLE, text)
         self.get_logger().info(text)
         return text
 
+    def _restart(self, request: Any, response: Any) -> str:
+        """Ask for a new start of the line, with the newest version of the file."""
+        file = self.parameters.restart_file
+        if not file:
+            raise UserError('this line is started again where it was started, not from here')
+        try:
+            Path(file).touch()
+        except OSError as error:
+            raise UserError(f'{file}: {error.strerror}') from None
+        return 'the line ends, and starts again'
+
+    # The child
+
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """End a child and its own children, which training would wait for.
+        """End a child and its own children, for which training would wait.
 
         SIGINT would be lost on a child that is just starting where it is ignored, as in a shell's
         background.
@@ -250,17 +243,17 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
 
-    # The child
-
     def _begin(self, *words: object) -> None:
         self._cancelled = False
         with self._output.open('w') as output, self._errors.open('w') as errors:
             self._child = subprocess.Popen(
                 [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)],
-                stdin=subprocess.DEVNULL, stdout=output, stderr=errors,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=errors,
                 env={**child_environment(), 'PYTHONUNBUFFERED': '1'},
                 process_group=0,  # signals of the terminal reach this node alone, which ends it
-            )  # fmt: skip
+            )
         self._timer.reset()
         if words[0] == 'tune':
             os.setpriority(os.PRIO_PROCESS, self._child.pid, _LESS_URGENT)
@@ -275,52 +268,51 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._said.text = lines[-1]
             self._said.passes = sum(line.startswith('pass ') for line in lines)
             self._publish()
-        if status is not None:
-            self._end(status)
-
-    def _end(self, status: int) -> None:
-        """Publish the result of a child that has ended."""
-        errors, passes = _lines(self._errors), int(self._said.passes)
-        was, wanted, mass = self._said.state, int(self._said.wanted), self._said.mass
-        self._child, bag, self._recording = None, self._recording, None
+        if status is None:
+            return
+        self._child = None
         self._timer.cancel()
-        if was == DynamicSetting.RECORDING and bag is not None and not passes:
-            shutil.rmtree(bag, ignore_errors=True)  # it was made for this, and nothing is in it
-        if was == DynamicSetting.TUNING and (status or self._cancelled):
-            self._learned.unlink(missing_ok=True)
         if status and not self._cancelled:
+            self._clean_up(failed=True)
+            errors = _lines(self._errors)
             self._tell(DynamicSetting.FAILED, errors[-1] if errors else f'exit status {status}')
-        elif was == DynamicSetting.RECORDING:
-            text = f'{passes} of {wanted} passes of {GRAMS * mass:g} g recorded'
-            self._tell(DynamicSetting.IDLE, text, passes=passes, wanted=wanted, mass=mass)
-        elif self._cancelled:
-            self._tell(DynamicSetting.IDLE, 'training cancelled')
-        else:
-            self._tell(DynamicSetting.IDLE, self._waiting())
-        if self._said.state == DynamicSetting.FAILED:
             self.warn(self._said.text)
         else:
+            self._end()
             self.get_logger().info(self._said.text)
 
+    def _end(self) -> None:
+        """Publish the result of a child that has finished or was cancelled."""
+        said = self._said
+        self._clean_up(failed=self._cancelled)
+        if said.state == DynamicSetting.RECORDING:
+            passes, wanted = int(said.passes), int(said.wanted)
+            text = f'{passes} of {wanted} passes of {GRAMS * said.mass:g} g recorded'
+            values = {'passes': passes, 'wanted': wanted, 'mass': said.mass}
+            self._tell(DynamicSetting.IDLE, text, **values)
+        else:
+            text = 'training cancelled' if self._cancelled else self._waiting()
+            self._tell(DynamicSetting.IDLE, text)
+
+    def _clean_up(self, *, failed: bool) -> None:
+        """Remove a bag without passes, or the parameters of a training that `failed`."""
+        if self._said.state == DynamicSetting.TUNING and failed:
+            self._learned.unlink(missing_ok=True)
+        if self._recording is not None and not self._said.passes:
+            shutil.rmtree(self._recording, ignore_errors=True)
+        self._recording = None
+
     def destroy_node(self) -> None:
-        """End recording or training first."""
-        child = getattr(self, '_child', None)
-        if child is not None:
-            self._interrupt(child)
+        """Stop recording or training, and destroy the node."""
+        if self._child is not None:
+            self._interrupt(self._child)
             try:
-                child.wait(_END_PATIENCE)
+                self._child.wait(_END_PATIENCE)
             except subprocess.TimeoutExpired:
-                os.killpg(child.pid, signal.SIGKILL)
-                child.wait()
-        if hasattr(self, '_scratch'):
-            self._scratch.close()
+                os.killpg(self._child.pid, signal.SIGKILL)
+                self._child.wait()
+        self._scratch.close()
         super().destroy_node()
-
-
-def _number(path: Path) -> int:
-    """Return the number of a bag of passes, 0 of what is none."""
-    found = re.fullmatch(r'passes_(\d+)', path.name)
-    return int(found.group(1)) if found else 0
 
 
 def _lines(file: Path) -> list[str]:

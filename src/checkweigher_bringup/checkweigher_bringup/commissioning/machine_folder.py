@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 import time
 
+from rclpy.node import Node
+
 from checkweigher_bringup.errors import UserError
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.whole_file import OutputError, write_whole
@@ -25,37 +27,38 @@ products:
 ParameterSets = dict[str, dict[str, object]]  # values by node
 
 
-def own_folder(node: str, name: str) -> Path:
+def own_folder(node: Node, name: str) -> Path:
     """Return the folder that the parameter `folder` of a node names.
 
-    `ParameterError` if nothing can be kept in it.
+    If nothing can be kept in it, the node is destroyed, and a `ParameterError` raised.
     """
     folder = Path(name)
-    if not name or not folder.is_dir():
-        text = f'{name!r} is not a folder; make it, and name it there'
-        raise ParameterError(f'{node}.folder: {text}')
     try:
+        if not name or not folder.is_dir():
+            raise CalibrationError(f'{name!r} is not a folder; make it, and name it there')
         check_not_installed(folder)
     except CalibrationError as error:
-        raise ParameterError(f'{node}.folder: {error}') from None
+        text = f'{node.get_name()}.folder: {error}'
+        node.destroy_node()
+        raise ParameterError(text) from None
     return folder
 
 
 @dataclass(frozen=True)
 class MachineFolder:
-    """Where a line keeps what becomes of its machine; `made` makes it.
+    """Folder with the state of a machine; `made` makes it.
 
-    `cell.yaml` is the calibration, `machine.yaml` what was trained, `recipes.yaml` the products,
-    `items.numbers` and `verdicts.numbers` the latest numbers of items, `audit.log` who changed
-    what, `passes_N` the recorded passes, `kept` the items that were kept, `batches` records and
-    reports of the batches, `plans` those of verifications, `verifications` a folder for each.
+    `cell.yaml` is the calibration, `machine.yaml` the trained parameters, `recipes.yaml` the
+    products, `items.numbers` and `verdicts.numbers` the latest numbers of items, `audit.log` the
+    changes, `passes_N` the recorded passes, `kept` the items that were kept, `batches` records and
+    reports of batches, `plans` the plans of verifications, `verifications` a folder for each.
     """
 
     path: Path
 
     @classmethod
     def made(cls, path: Path) -> 'MachineFolder':
-        """Return the folder, made with recipes to begin with if it is new, or raise UserError."""
+        """Make the folder, with example recipes, if it is new; UserError if that fails."""
         path = path.absolute()
         try:
             check_not_installed(path)
@@ -70,13 +73,8 @@ class MachineFolder:
             raise UserError(f'--folder {path}: cannot be made: {error.strerror}') from None
         return cls(path)
 
-    @property
-    def kept(self) -> Path:
-        """Folder of the items that were kept."""
-        return self.path / 'kept'
-
     def take_restart(self) -> bool:
-        """Return whether somebody has asked for the line to be started again, once."""
+        """Return whether a new start of the line was requested, and clear the request."""
         try:
             self._restart_file.unlink()
         except FileNotFoundError:
@@ -88,19 +86,19 @@ class MachineFolder:
         return self.path / 'restart'
 
     def defaults(self) -> ParameterSets:
-        """Return what holds unless a parameter file says otherwise: a simulated line runs on."""
+        """Return parameters that the files override: a simulated line has no end."""
         return {'driver': {'simulator.count': 0, 'simulator.start_time': int(time.time())}}
 
     def files(self, given: Path | None) -> list[Path]:
-        """Return the parameter files of the line as they are now, what was trained last."""
+        """Return the parameter files in use, including the latest training."""
         trained = self.path / 'machine.yaml'
         known = [] if given is None else [given]
         return [*known, trained] if trained.exists() else known
 
     def parameters(self, given: Path | None, *, restarts: bool) -> ParameterSets:
-        """Return the values that name the folder to the nodes.
+        """Return the parameters with which the nodes use the folder.
 
-        `restarts` says that who starts the line looks at `take_restart`.
+        With `restarts`, the caller starts the line again when `take_restart` returns true.
         """
         setting: dict[str, object] = {'folder': str(self.path)}
         log = str(self.path / 'audit.log')

@@ -1,8 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A performance test on a running line, with the person who lets the test product pass."""
+"""Performance test on a running line, with the person who sends the test product."""
 
 import math
+import queue
 import time
 
 from checkweigher_msgs.srv import BeginTest
@@ -14,23 +15,24 @@ from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 
-_PATIENCE = 5.0  # s, for the line to be found, and for an answer
-_POLL_PERIOD = 0.05  # s
+_PATIENCE = 5.0  # s, to find the line, and for an answer
 
 
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
     """Begin the test, show each pass, and return whether it has passed.
 
-    What is interrupted, or takes longer than `timeout`, s, is broken off. `UserError` says why it
-    cannot be made.
+    A test that is interrupted, or takes longer than `timeout` s, is cancelled. Raises `UserError`
+    if it cannot be made.
     """
     with spinning(lane) as spinner:
         node = PortNode('performance')
-        states: list[PerformanceTest] = []
-        node.subscribe(ports.PERFORMANCE_TEST, states.append)
+        states: queue.Queue[PerformanceTest] = queue.Queue()
+        node.subscribe(ports.PERFORMANCE_TEST, states.put)
         spinner.add(node)
-        _wait_for_line(node, states)  # else the first passes may be over before they are heard
-        before = states[-1]
+        # The first passes may otherwise be over before this node is connected.
+        topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
+        absent = f'nothing on {topic}: is the line running, with a product selected?'
+        before = _next(states, _PATIENCE, absent)
         request = BeginTest.Request(who=who, reason=reason)
         print(ask(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
         print('every item is rejected until the test has ended', flush=True)
@@ -42,34 +44,32 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
             raise
 
 
-def _wait_for_line(node: PortNode, states: list[PerformanceTest]) -> None:
-    end = time.monotonic() + _PATIENCE
-    while not states:
-        if time.monotonic() > end:
-            topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
-            raise UserError(f'nothing on {topic}: is the line running, with a product selected?')
-        time.sleep(_POLL_PERIOD)
+def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) -> PerformanceTest:
+    """Return the next state of the test; UserError with the text `absent` after `patience` s."""
+    try:
+        return states.get(timeout=max(0.0, patience))
+    except queue.Empty:
+        raise UserError(absent) from None
 
 
-def _follow(states: list[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
+def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
     """Show the passes as they come; return whether the test has passed.
 
-    `before` is the state before the test. A fast test has ended before it is seen to run.
+    `before` is the state before the test. A fast test may have ended in the first state after it.
     """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:
-        state = states[-1]
-        is_newer = state.stamp > before.stamp
-        begun |= is_newer and (state.state is PerformanceState.RUNNING or len(state.errors) > 0)
-        if begun:
-            for number in range(shown, len(state.errors)):
-                print(_pass(number, state), flush=True)
-            shown = max(shown, len(state.errors))
-            if state.state is not PerformanceState.RUNNING:
-                return _conclude(state)
-        if time.monotonic() > end:
-            raise UserError(f'no {"end" if begun else "begin"} of the test within {timeout:g} s')
-        time.sleep(_POLL_PERIOD)
+        absent = f'no {"end" if begun else "begin"} of the test within {timeout:g} s'
+        state = _next(states, end - time.monotonic(), absent)
+        is_running = state.state is PerformanceState.RUNNING
+        begun |= state.stamp > before.stamp and (is_running or len(state.errors) > 0)
+        if not begun:
+            continue
+        for number in range(shown, len(state.errors)):
+            print(_pass(number, state), flush=True)
+        shown = len(state.errors)
+        if not is_running:
+            return _conclude(state)
 
 
 def _pass(number: int, state: PerformanceTest) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Samples of a load at rest, from a running line or from a source that is opened for it."""
+"""Samples of a load at rest, from a running line or from a source."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,33 +25,33 @@ _Message = LoadCell | SampleBlock | str
 
 
 class SampleFeed:
-    """Blocks of samples from another thread; `name` says in errors where they come from."""
+    """Blocks of samples from another thread; `name` is their origin in errors."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.load_cell: LoadCell | None = None
         self._messages: queue.Queue[_Message] = queue.Queue()
-        self.latest: SampleBlock | None = None  # of those that `blocks` has given
+        self.latest: SampleBlock | None = None  # yielded by `blocks`
         self._next: int | None = None
 
     def put(self, message: _Message) -> None:
-        """Hand over a block, the load cell, or why none will come; from any thread."""
+        """Add a block, the load cell, or the reason why nothing more comes; from any thread."""
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
-        """Return the load cell, or raise UserError if it does not come."""
+        """Return the load cell; UserError if it does not come."""
         while self.load_cell is None:
             self._take()
         return self.load_cell
 
     def forget(self) -> None:
-        """Drop the samples up to now, which are from before the load was put on."""
+        """Discard the samples up to now, from before the load was on the belt."""
         while not self._messages.empty():
             self._take()
         self._next = None
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int32], bool]]:
-        """Yield counts as they come, and whether they follow on those before."""
+        """Yield the counts of each block, and whether it follows the block before without a gap."""
         while True:
             block = self._take()
             if block is not None:
@@ -76,7 +76,7 @@ class SampleFeed:
 
 @contextmanager
 def line_feed(namespace: str) -> Iterator[SampleFeed]:
-    """Give the samples of a running line."""
+    """Yield the samples of a running line."""
     with spinning(namespace) as spinner:
         node = PortNode('calibrate')
         feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
@@ -88,7 +88,7 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Give the samples of a source, which is closed afterwards."""
+    """Yield the samples of a source, and close it afterwards."""
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

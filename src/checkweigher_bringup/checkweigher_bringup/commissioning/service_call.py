@@ -1,20 +1,37 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of services from another thread than that of the node."""
+"""Services that answer with a message, and calls from another thread than that of the node."""
 
-import time
+from collections.abc import Callable
+import threading
 from typing import Any
 
 from checkweigher_bringup.errors import UserError
 
-_POLL_PERIOD = 0.01  # s
+
+def answering(callback: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
+    """Return the callback of a service that answers with a message.
+
+    `callback` is called with request and response. It returns the message, or raises a UserError
+    with the reason of its refusal.
+    """
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            response.message = callback(request, response)
+            response.success = True
+        except UserError as error:
+            response.message = str(error)
+        return response
+
+    return answer
 
 
 def ask(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:
     """Call a service that changes the line, with an empty request by default; return its message.
 
-    `patience` is how long the service is looked for, and then its answer, s. A `UserError` says
-    that one of them did not come, or that the call was refused.
+    `patience` is the longest time in s to wait for the service, and then for its answer. Raises
+    `UserError` if one of them did not come, or the call was refused.
     """
     client = node.create_client(kind, name)
     try:
@@ -30,10 +47,9 @@ def ask(node: Any, kind: Any, name: str, patience: float, request: Any = None) -
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:
-    """Return the answer of `name` that a future will have; `UserError` if it does not come."""
-    end = time.monotonic() + patience
-    while not future.done():
-        if time.monotonic() > end:
-            raise UserError(f'no answer of {name} within {patience:g} s')
-        time.sleep(_POLL_PERIOD)
+    """Wait for the answer of `name` in a future; `UserError` if it does not come."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    if not done.wait(patience):
+        raise UserError(f'no answer of {name} within {patience:g} s')
     return future.result()

@@ -67,9 +67,9 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 
 
 def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
-    """Ask for something to be done, wait for Enter, and return what was typed before it.
+    """Ask the technician to do something, wait for Enter, and return the text before it.
 
-    `unfinished` says in the error what the input ended before.
+    `unfinished` completes the error message if the input ends.
     """
     print(f'{text}, then press Enter ', end='', file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
@@ -83,9 +83,10 @@ def ask(text: str, unfinished: str = 'the calibration was done: nothing was writ
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Ask for an empty belt, each mass, kg, and the empty belt again, and read each.
+    """Read the empty belt, each mass in kg, and the empty belt again, as the technician loads them.
 
-    Without masses the empty belt is read once. `mass_uncertainty` is standard, of each mass, kg.
+    Without masses the empty belt is read once. `mass_uncertainty` is the standard uncertainty of
+    each mass in kg.
     """
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
     points = []
@@ -100,10 +101,10 @@ def _guided_points(
 
 def read_at_rest(
     feed: SampleFeed, load_cell: LoadCell, steadiness: Steadiness, show: Callable[[str], None]
-) -> StaticReading:  # fmt: skip
+) -> StaticReading:
     """Return the reading of a load as soon as it has been at rest for long enough.
 
-    `show` is called with how it goes, and at the end with nothing.
+    `show` is called with the state of the measurement, and at the end with an empty text.
     """
     feed.forget()
     reading, shown = RestReading(load_cell, steadiness), None
@@ -128,6 +129,6 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
 
 
 def show(text: str) -> None:
-    """Show how it is going, on a terminal, in one line."""
+    """Show a text in the last line of a terminal, in place of the one before."""
     if sys.stderr.isatty():
         print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

@@ -1,13 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure of steps that were recorded before, each into a bag of its own."""
+"""A procedure from recorded steps, each in a bag of its own."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 import itertools
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.errors import UserError
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import (
@@ -31,7 +32,6 @@ from checkweigher_recording.block_cutting import join_recording
 from checkweigher_validation.verification.plan import Plan
 from checkweigher_validation.verification.steps import Step, steps_of
 
-NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 _Record = tuple[int, Port, Any]  # with its stamp, ns
 
 _PORTS = {
@@ -42,28 +42,23 @@ _PORTS = {
 _SAME_LOAD = 0.01  # of the load of a step; a reference mass that differs by more is another load
 
 
-class Identity(Protocol):
-    """What is verified, as JSON for the bag; `at_begin` is asked first."""
-
-    def at_begin(self, values: NodeValues, how: str) -> str:
-        """Return it from the parameters of the nodes, and in which way the procedure is made."""
-
-    def at_end(self, values: NodeValues) -> str:
-        """Return it after the last step, with what has changed since."""
-
-
 def procedure_of_bags(
-    plan: Plan, text: str, bags: Sequence[Path], parameters: LineParameters, identity: Identity,
+    plan: Plan,
+    text: str,
+    bags: Sequence[Path],
+    parameters: LineParameters,
+    identity: Identity,
     output: Path,
-) -> None:  # fmt: skip
+) -> None:
     """Weigh the bags of the steps, and write the bag of the procedure.
 
-    A bag has the name of its step. No parameter changes meanwhile: one identity is that of the end.
+    A bag has the name of its step. Parameters cannot change during the run, so there is one
+    identity.
 
     Raises
     ------
     UserError
-        If a bag is of no step, of another calibration or load, or at the time of another bag.
+        If a bag has no step, has another calibration or load, or overlaps in time with another bag.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
@@ -93,7 +88,7 @@ def procedure_of_bags(
 
 
 def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
-    """Refuse bags that cannot be of one procedure."""
+    """Raise UserError if bags cannot belong to one procedure."""
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
         if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
             raise UserError(f'{after}: begins before {before} ends; they are of no one procedure')
@@ -116,14 +111,14 @@ def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
 def _records(
     bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
 ) -> Iterator[_Record]:
-    """Yield all records of a step in their order; `items` have gone before."""
+    """Yield all records of a step in order; `items` is the number of items before."""
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
         begin, end = _rest(bag, recording, Steadiness(plan.duration, plan.tolerance))
     yield begin, ports.VERIFICATION, VerificationStep(begin, step.name, StepState.BEGUN, begin)
     made: list[_Record] = [(each.stamp, _PORTS[type(each)], each) for each in recording]
     line = WeighingLine(recording.load_cell, parameters)
-    # Not the known masses: the stages take none.
+    # Without the known masses, which the stages do not use.
     for weighing in line.weigh_all(join_recording(recording)):
         made += _results(weighing, items, begin)
     yield from sorted(made, key=lambda each: each[0])  # stable: an estimate before its verdict
@@ -132,19 +127,17 @@ def _records(
 
 
 def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
-    """Yield estimate and verdict, with numbers that no item before has."""
+    """Yield estimate and verdict, with numbers after those of earlier steps."""
     estimate, verdict = weighing.estimate, weighing.verdict
     stamp = verdict.t3 or verdict.t1 or begin
     if verdict.estimate_id:
-        yield (
-            stamp, ports.MASS_ESTIMATE, replace(estimate, item_id=items + estimate.item_id)
-        )  # fmt: skip
+        yield (stamp, ports.MASS_ESTIMATE, replace(estimate, item_id=items + estimate.item_id))
         verdict = replace(verdict, estimate_id=items + verdict.estimate_id)
     yield stamp, ports.VERDICT, replace(verdict, item_id=items + verdict.item_id)
 
 
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
-    """Return begin and end, ns, of the first stretch in which the load is at rest."""
+    """Return begin and end in ns of the first segment in which the load is at rest."""
     reading = RestReading(recording.load_cell, steadiness)
     following: int | None = None
     for block in recording.blocks:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A procedure on a running line with an operator, who is asked for one step after another.
+"""A procedure on a running line, step by step, with an operator.
 
 The operator is at the terminal (`verification_terminal`) or at the page (`verifier`).
 """
@@ -19,14 +19,11 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
+from checkweigher_bringup.commissioning.identity import Identity, NodeValues
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
 from checkweigher_bringup.commissioning.service_call import answer_of, ask
 from checkweigher_bringup.commissioning.static_guide import read_at_rest
-from checkweigher_bringup.commissioning.verification_bags import (
-    Identity,
-    NodeValues,
-    end_of_block,
-)
+from checkweigher_bringup.commissioning.verification_bags import end_of_block
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
 from checkweigher_core.records import (
@@ -58,45 +55,44 @@ from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 _ANSWER_PATIENCE = 20.0  # s, for a service; zeroing waits for the empty belt
 _LAST_PATIENCE = 2.0  # s, for the parameters after the last step; the node may be about to end
-_SILENCE = 10.0  # s without a product, after which that is said
+_SILENCE = 10.0  # s without a product before the operator is told
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # s of samples after the last step, so that all of it is in the bag
-_FLUSH_PERIOD = 1.0  # s
-# Parameters that each ROS node has, which say nothing of the weighing.
+# Parameters of every ROS node, which do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 class BrokenOffError(Exception):
-    """The operator has broken the procedure off."""
+    """The operator has cancelled the procedure."""
 
 
 class Operator(Protocol):
-    """Who makes the steps. Each method may raise `BrokenOffError`, which ends the procedure."""
+    """Person who makes the steps. Each method may raise `BrokenOffError` to end the procedure."""
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Take the steps that will be asked for."""
+        """Set the steps of the procedure."""
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for step `number`, from 0; return why it is skipped, empty once it can be made."""
+        """Ask for step `number`, from 0; return the reason to skip it, empty to make it."""
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Show what came of a step; return whether to go on, not to make it again."""
+        """Show the result of a step; return false if it is to be made again."""
 
     def tell(self, text: str) -> None:
-        """Show what has happened."""
+        """Show an event."""
 
     def show(self, text: str) -> None:
-        """Show how it goes, in place of what was shown so before; called several times a second."""
+        """Show the state of the measurement in place of the one before, several times a second."""
 
 
 def procedure_on_line(
     spinner: Spinner, plan: Plan, text: str, identity: Identity, output: Path, operator: Operator
-) -> None:  # fmt: skip
+) -> None:
     """Guide through the steps, and record them into the bag of the procedure.
 
-    The parameters are read before the first step and after the last one. A procedure that the
-    operator breaks off has the steps up to there. A UserError says that the line does not run, or
-    that the input ended.
+    The parameters are read before the first step and after the last one. If the operator cancels
+    the procedure, it has the steps up to then. Raises UserError if the line does not run, or the
+    input ends.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -113,7 +109,7 @@ def procedure_on_line(
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator).run()
-            # A line that is ending says nothing any more: the report then says that it did not.
+            # A line that is ending does not answer; the report then says so.
             with suppress(UserError, InvalidHandle):
                 if spinner.alive:
                     what = identity.at_end(_parameters(node, _LAST_PATIENCE))
@@ -124,10 +120,10 @@ def procedure_on_line(
 
 
 class VerificationNode(RecorderNode):
-    """Record a lane, and hear and tell what a verification needs of it.
+    """Recorder of a lane, with the samples and verdicts for the steps of a verification.
 
-    `verdicts` has those that came, `latest` is the latest time in ns by samples and verdicts. The
-    queue may be read from any thread.
+    The queue `verdicts` may be read from any thread. `latest` is the latest time of samples and
+    verdicts in ns.
     """
 
     def __init__(self) -> None:
@@ -137,9 +133,8 @@ class VerificationNode(RecorderNode):
         self.verdicts: queue.Queue[Verdict] = queue.Queue()
         self.zeros: list[ZeroChange] = []
         self.latest = 0
-        self._told = self.create_publisher(
-            ports.VERIFICATION.type, ports.VERIFICATION.name, ports.VERIFICATION.qos
-        )
+        port = ports.VERIFICATION
+        self._told = self.create_publisher(port.type, port.name, port.qos)
         self.subscribe(ports.LOAD_CELL_INFO, self.feed.put, qos=ports.LOAD_CELL_INFO.qos)
         self.subscribe(ports.LOAD_CELL_SAMPLES, self._on_samples)
         self.subscribe(ports.VERDICT, self._on_verdict)
@@ -164,19 +159,14 @@ class VerificationNode(RecorderNode):
 
 @contextmanager
 def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
-    """Write what the node records for as long as the block lasts, in a thread of its own."""
+    """Write the recorded messages in a thread of its own while the block runs."""
     ending = threading.Event()
     failures: list[Exception] = []
 
     def write() -> None:
-        flushed = time.monotonic()
         try:
             while not (ending.is_set() and node.messages.empty()):
-                with suppress(queue.Empty):
-                    bag.put(*node.messages.get(timeout=_POLL_PERIOD))
-                if time.monotonic() - flushed > _FLUSH_PERIOD:
-                    flushed = time.monotonic()
-                    bag.flush()
+                node.write(bag)
         except Exception as error:
             failures.append(error)
 
@@ -192,11 +182,11 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
 
 class _Guide:
-    """The operator's way through the steps."""
+    """Sequence of the steps with an operator."""
 
     def __init__(
         self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._node = node
         self._plan = plan
         self._cell = load_cell
@@ -206,7 +196,7 @@ class _Guide:
         self._warm: int | None = None  # ns, begin of the warm-up
 
     def run(self) -> None:
-        """Go through all steps."""
+        """Make all steps."""
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
@@ -218,7 +208,7 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _make(self, number: int, step: Step) -> bool:
-        """Make a step; return whether to go on, not to make it again."""
+        """Make a step; return false if it is to be made again."""
         self._wait_for_warm_up(step)
         reason = self._operator.asked(number, step)
         node = self._node
@@ -233,7 +223,7 @@ class _Guide:
         node.tell(VerificationStep(begin, step.name, StepState.BEGUN, begin))
         try:
             attempt = self._read(step) if step.at_rest else self._count(step, begin)
-        except (CalibrationError, UserError) as error:  # there is no result: it is asked for again
+        except (CalibrationError, UserError) as error:  # no result, so the step is asked for again
             self._operator.tell(f'{step.name}: {error}')
             return False
         node.tell(VerificationStep(attempt.end, step.name, StepState.DONE, attempt.begin))
@@ -242,7 +232,7 @@ class _Guide:
         return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:
-        """Wait until the time of a step of the warm-up has come."""
+        """Wait for the time of a step of the warm-up."""
         if step.minutes is None or self._warm is None:
             return
         due = self._warm + round(step.minutes * MINUTE * NANOSECONDS)
@@ -251,7 +241,7 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _read(self, step: Step) -> Attempt:
-        """Read what rests on the belt."""
+        """Read the load at rest on the belt."""
         feed = self._node.feed
         if step.kind == StepKind.ZEROING:
             self._operator.show('it is zeroed')
@@ -262,14 +252,16 @@ class _Guide:
         end = end_of_block(feed.latest, self._cell)
         scale = 1 / self._cell.counts_per_kg
         reading = AtRest(
-            scale * (found.mean - self._cell.zero_counts), abs(scale) * found.std_error,
-            abs(scale) * found.noise, round(self._steadiness.duration * self._cell.sample_rate),
-        )  # fmt: skip
+            scale * (found.mean - self._cell.zero_counts),
+            abs(scale) * found.std_error,
+            abs(scale) * found.noise,
+            round(self._steadiness.duration * self._cell.sample_rate),
+        )
         begin = end - round(self._steadiness.duration * NANOSECONDS)
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Take the passes of a step; the last one ends it."""
+        """Count the passes of a step; the last one ends it."""
         assert step.load is not None
         items: list[ItemPass] = []
         heard = time.monotonic()
@@ -283,7 +275,7 @@ class _Guide:
                     self._operator.tell(f'no product within {_SILENCE:.0f} s')
                 continue
             heard = time.monotonic()
-            # At the planned speed: what it was, the report reads of the estimate.
+            # With the planned speed; the report uses that of the estimate.
             item = item_pass(verdict, step.speed or math.nan)
             if item.stamp < begin:
                 continue
@@ -302,27 +294,28 @@ class _Guide:
 
 
 def _enough(step: Step, items: list[ItemPass]) -> int:
-    """Return how many items count: those that were weighed, or outside the range all."""
+    """Return the number of items that count: the weighed ones, or all outside the range."""
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 
 def _line(result: Result) -> str:
-    """Return the result of a step in a line."""
+    """Return the result of a step as one line."""
     parts = ['passed' if result.passed else 'FAILED']
     if (reading := result.attempt.reading) is None:
         parts.append(f'n {result.count}, faults {result.faults}')
     else:
         parts.append(f'reading {GRAMS * reading.mass:+.4f} g')
     for name, value, limit in (
-        ('error', result.error, result.max_error), ('std. dev.', result.std_dev, result.max_std_dev)
-    ):  # fmt: skip
+        ('error', result.error, result.max_error),
+        ('std. dev.', result.std_dev, result.max_std_dev),
+    ):
         if math.isfinite(value) and math.isfinite(limit):
             parts.append(f'{name} {GRAMS * value:+.4f} g of {GRAMS * limit:.4f} g')
     return ', '.join([*parts, *result.failures])
 
 
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
-    """Return the parameters of the stages and the driver as they are; `patience` in s."""
+    """Return the current parameters of the nodes, each within `patience` s."""
     found: NodeValues = {}
     for name in ports.NODES:
         client = AsyncParameterClient(node, name)

@@ -11,17 +11,17 @@ _UNFINISHED = 'the verification was done; what was recorded is in the bag'
 
 
 class Terminal:
-    """Ask by lines of the terminal; one that ends is a UserError."""
+    """Operator at the terminal; the end of the input raises UserError."""
 
     def __init__(self) -> None:
         self._steps: Sequence[Step] = ()
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Take the steps that will be asked for."""
+        """Set the steps of the procedure."""
         self._steps = steps
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step; return why it is skipped."""
+        """Ask for a step; return the reason to skip it, if any."""
         show('')
         title = f'{number + 1}/{len(self._steps)} {step.name}'
         return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
@@ -32,10 +32,10 @@ class Terminal:
         return passed or ask('Type r to make it again, or nothing to go on', _UNFINISHED) != 'r'
 
     def tell(self, text: str) -> None:
-        """Print what has happened."""
+        """Print an event."""
         show('')
         print(text, flush=True)
 
     def show(self, text: str) -> None:
-        """Show how it goes, where there is a terminal."""
+        """Show the state of the measurement, on a terminal."""
         show(text)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verification by services: the operator is at the page.
 
-The procedure is the one of the terminal. It runs in a thread of its own, and waits there for what
-the operator answers.
+The procedure is that of the terminal. It runs in a thread of its own, and waits there for the
+answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,13 +18,12 @@ from typing import Any, ClassVar
 from checkweigher_msgs.srv import AnswerVerification, BeginVerification
 from std_srvs.srv import Trigger
 
+from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.machine_folder import own_folder
+from checkweigher_bringup.commissioning.service_call import answering
 from checkweigher_bringup.commissioning.verification import report_on
-from checkweigher_bringup.commissioning.verification_bags import Identity
-from checkweigher_bringup.commissioning.verification_guide import (
-    BrokenOffError,
-    procedure_on_line,
-)
+from checkweigher_bringup.commissioning.verification_guide import BrokenOffError, procedure_on_line
+from checkweigher_bringup.errors import UserError
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.printable import one_line
 from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
@@ -33,18 +32,14 @@ from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_core.whole_file import write_whole
-from checkweigher_validation.verification.plan import (
-    VERIFICATIONS,
-    Plan,
-    read_plan,
-)
+from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_plan
 from checkweigher_validation.verification.steps import Step
 
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # s, for the bag and the report of a procedure that ends with the node
-_LINES = 100  # of a step, that are told
+_LINES = 100  # of a step, the most that are published
 _LONGEST = 200  # characters of a reason
-# What may be answered where something is asked.
+# Answers that are allowed in each state.
 _ANSWERS = {
     ProgressState.ASKING: (StepAnswer.MAKE, StepAnswer.SKIP),
     ProgressState.DECIDING: (StepAnswer.MAKE, StepAnswer.GO_ON),
@@ -53,7 +48,7 @@ _ANSWERS = {
 
 @dataclass(frozen=True)
 class VerifierParameters(Parameters):
-    """Where plans and verifications are."""
+    """Folder of plans and verifications, and audit log."""
 
     node: ClassVar[str] = 'verifier'
 
@@ -62,7 +57,7 @@ class VerifierParameters(Parameters):
 
 
 class RemoteOperator:
-    """An operator who is told by records of `tell_all` how it goes, and answers from elsewhere."""
+    """Operator elsewhere on the graph: gets the progress from `tell_all`, and calls `answer`."""
 
     def __init__(
         self, said: VerificationProgress, tell_all: Callable[[VerificationProgress], None]
@@ -76,17 +71,15 @@ class RemoteOperator:
     # The thread of the procedure
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Take the steps."""
+        """Publish the steps."""
         self._say(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Wait until the step is to be made, or skipped with the reason that is returned."""
+        """Wait until the step can be made; return the reason to skip it, if any."""
         known = self._said
-        # Lines of an attempt that came to nothing say why it is asked for again.
+        # The lines of a failed attempt explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
-        answer, reason = self._ask(
-            ProgressState.ASKING, step=number, text=step.to_do, lines=lines
-        )  # fmt: skip
+        answer, reason = self._ask(ProgressState.ASKING, step=number, text=step.to_do, lines=lines)
         if answer is StepAnswer.SKIP:
             self._say(results=self._results(number, f'skipped: {reason}'))
             return reason
@@ -94,7 +87,7 @@ class RemoteOperator:
         return ''
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Tell the result; wait for what to do about a step that failed."""
+        """Publish the result; if the step failed, ask whether to make it again."""
         self._say(results=self._results(number, found))
         if passed:
             return True
@@ -104,22 +97,22 @@ class RemoteOperator:
         return answer is StepAnswer.GO_ON
 
     def tell(self, text: str) -> None:
-        """Tell what has happened in this step."""
+        """Publish an event of this step."""
         self._go_on()
         self._say(lines=(*self._said.lines, one_line(text))[-_LINES:])
 
     def show(self, text: str) -> None:
-        """Tell how it goes."""
+        """Publish the state of the measurement."""
         self._go_on()
         if text != self._said.text:
             self._say(text=text)
 
     def finish(self) -> None:
-        """Tell that the steps are over."""
+        """Publish that the steps are over."""
         self._say(state=ProgressState.MAKING, text='the report is written')
 
     def end(self, text: str) -> None:
-        """Tell how the procedure has ended."""
+        """Publish the end of the procedure."""
         self._say(state=ProgressState.IDLE, text=one_line(text))
 
     def _ask(self, state: ProgressState, **values: Any) -> tuple[StepAnswer, str]:
@@ -149,50 +142,49 @@ class RemoteOperator:
 
     @property
     def ended(self) -> bool:
-        """Whether the procedure has ended."""
+        """True if the procedure has ended."""
         return self._said.state is ProgressState.IDLE
 
-    def answer(self, question: int, answer: StepAnswer, reason: str) -> str:
-        """Take an answer; return why it cannot be one, empty if it is."""
+    def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
+        """Accept an answer; UserError if it does not fit what is asked."""
         with self._lock:
             said = self._said
             if question != said.question or said.state not in _ANSWERS:
-                return 'this is not asked any more: look at what is'
+                raise UserError('this is not asked any more: look at what is')
             if answer not in _ANSWERS[said.state]:
-                return 'a step that has failed is made again, or left as it is'
+                raise UserError('a step that has failed is made again, or left as it is')
             if answer is StepAnswer.SKIP and not reason:
-                return 'say why the step is skipped: the report says so'
+                raise UserError('say why the step is skipped: the report says so')
             # The next one is to another question.
             self._said = replace(said, state=ProgressState.MAKING)
         self._answers.put((answer, reason))
-        return ''
 
     def break_off(self) -> None:
-        """Have the procedure end; what was made counts."""
+        """End the procedure; the steps made so far count."""
         self._broken_off.set()
 
 
 class VerifierNode(StageNode[VerifierParameters]):
     """Guide verifications, one at a time."""
 
+    _thread: threading.Thread | None = None
+
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(VerifierParameters, read_only=True, overrides=overrides)
-        try:
-            self._folder = own_folder('verifier', self.parameters.folder)
-        except ParameterError:
-            self.destroy_node()
-            raise
+        self._folder = own_folder(self, self.parameters.folder)
         self._operator: RemoteOperator | None = None
-        self._thread: threading.Thread | None = None
         port = ports.VERIFICATION_PROGRESS
-        # No output, which takes the lock of the process: whoever ends it waits for the thread.
+        # Not an output: that takes the lock of the process, whose end waits for the thread.
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
-        self.create_service(BeginVerification, ports.BEGIN_VERIFICATION, self._on_begin)
-        self.create_service(AnswerVerification, ports.ANSWER_VERIFICATION, self._on_answer)
-        self.create_service(Trigger, ports.CANCEL_VERIFICATION, self._on_cancel)
+        for kind, name, callback in (
+            (BeginVerification, ports.BEGIN_VERIFICATION, self._begin),
+            (AnswerVerification, ports.ANSWER_VERIFICATION, self._answer),
+            (Trigger, ports.CANCEL_VERIFICATION, self._cancel),
+        ):
+            self.create_service(kind, name, answering(callback))
 
     def start(self) -> None:
-        """Tell where plans and verifications are."""
+        """Publish the folder of plans and verifications."""
         super().start()
         self._tell(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
@@ -202,47 +194,46 @@ class VerifierNode(StageNode[VerifierParameters]):
 
     # Services
 
-    def _on_begin(self, request: Any, response: Any) -> Any:
-        if self._operator is not None and not self._operator.ended:
-            response.message = f'busy: a verification goes on; call {ports.CANCEL_VERIFICATION}'
-            return response
+    @property
+    def _busy(self) -> RemoteOperator | None:
+        """Operator of the current verification, if there is one."""
+        return None if self._operator is None or self._operator.ended else self._operator
+
+    def _begin(self, request: Any, response: Any) -> str:
+        if self._busy:
+            raise UserError(f'busy: a verification goes on; call {ports.CANCEL_VERIFICATION}')
         try:
             plan = read_plan(request.plan)
         except ParameterError as error:
-            response.message = f'the plan: {error}'
-            return response
+            raise UserError(f'the plan: {error}') from None
         name = f'{datetime.now(UTC):%Y%m%dT%H%M%SZ}'
         said = VerificationProgress(
             0, ProgressState.MAKING, folder=str(self._folder), name=name, text='it begins'
-        )  # fmt: skip
+        )
         self._operator = RemoteOperator(said, self._tell)
         self._tell(said)
-        self._thread = threading.Thread(
-            target=self._make, args=(plan, request.plan, name, self._operator), daemon=True
-        )
+        procedure = (plan, request.plan, name, self._operator)
+        self._thread = threading.Thread(target=self._make, args=procedure, daemon=True)
         self._thread.start()
-        response.success, response.message = True, f'verification {name} has begun'
-        return response
+        return f'verification {name} has begun'
 
-    def _on_answer(self, request: Any, response: Any) -> Any:
-        if self._operator is None or self._operator.ended:
-            response.message = f'no verification goes on; call {ports.BEGIN_VERIFICATION}'
-        elif request.answer not in tuple(StepAnswer):
-            response.message = f'{request.answer}: is no answer'
-        else:
-            reason = one_line(request.reason.strip(), _LONGEST)
-            answer = StepAnswer(request.answer)
-            response.message = self._operator.answer(request.question, answer, reason)
-        response.success = not response.message
-        return response
+    def _answer(self, request: Any, response: Any) -> str:
+        operator = self._busy
+        if operator is None:
+            raise UserError(f'no verification goes on; call {ports.BEGIN_VERIFICATION}')
+        if request.answer not in tuple(StepAnswer):
+            raise UserError(f'{request.answer}: is no answer')
+        reason = one_line(request.reason.strip(), _LONGEST)
+        operator.answer(request.question, StepAnswer(request.answer), reason)
+        return ''
 
-    def _on_cancel(self, request: Any, response: Any) -> Any:
-        """Break the procedure off."""
-        response.success, response.message = True, 'nothing is under way'
-        if self._operator is not None and not self._operator.ended:
-            self._operator.break_off()
-            response.message = 'it ends; its report has the steps that were made'
-        return response
+    def _cancel(self, request: Any, response: Any) -> str:
+        """End the procedure."""
+        operator = self._busy
+        if operator is None:
+            return 'nothing is under way'
+        operator.break_off()
+        return 'it ends; its report has the steps that were made'
 
     # The procedure
 
@@ -267,15 +258,14 @@ class VerifierNode(StageNode[VerifierParameters]):
             self.warn(f'verification {name}: {type(error).__name__}: {error}')
 
     def shut_down(self) -> None:
-        """Break off what is under way."""
+        """End the current procedure."""
         if self._operator is not None:
             self._operator.break_off()
 
     def destroy_node(self) -> None:
         """Wait for the bag and the report first."""
-        thread = getattr(self, '_thread', None)
-        if thread is not None:
-            thread.join(_END_PATIENCE)
+        if self._thread is not None:
+            self._thread.join(_END_PATIENCE)
         super().destroy_node()
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Description of a line over several hosts: which lane runs which of its nodes where.
+"""Description of a line over several hosts: which host runs which nodes of each lane.
 
 .. code-block:: yaml
 
@@ -20,7 +20,7 @@
           server: [product, denoise, identifier]
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import ipaddress
 from pathlib import Path
@@ -32,7 +32,7 @@ from checkweigher_core.ros.ports import NODES
 from checkweigher_core.settings_files import Settings, settings_of
 from checkweigher_core.yaml_files import opened
 
-# Items are timed by the clock of one host, and announced and judged although the network is down.
+# On one host: its clock times the items, and they are announced and judged without the network.
 AT_MACHINE = ('driver', 'segmenter', 'reject')
 HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery beside a server
 SERVER_PORT = 11811  # of a discovery server, by eProsima
@@ -40,24 +40,13 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]{0,63}')
 
 
 @dataclass(frozen=True, slots=True)
-class Lane:
-    """A lane: where its nodes run, and with which parameters."""
-
-    name: str  # namespace
-    nodes: Mapping[str, tuple[str, ...]]  # by host
-    params: tuple[Path, ...] = ()
-    recipes: Path | None = None
-    product: str = ''
-
-
-@dataclass(frozen=True, slots=True)
 class Share:
     """The nodes of a lane that a host runs in one process."""
 
-    lane: str
+    lane: str  # its namespace
     nodes: tuple[str, ...]
     params: tuple[Path, ...]
-    product: Mapping[str, str]  # parameters of the node product, that win over the files
+    product: Mapping[str, str]  # parameters of the node product, which override the files
 
     @property
     def name(self) -> str:
@@ -67,26 +56,21 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class LineDescription:
-    """Hosts by name with their addresses, and lanes."""
+    """Hosts by name with their addresses, and for each lane the shares of the hosts."""
 
     hosts: Mapping[str, str]
-    lanes: tuple[Lane, ...]
+    lanes: tuple[Mapping[str, Share], ...]
     discovery: str = HOSTS
 
     def shares(self, host: str) -> tuple[Share, ...]:
         """Return what a host runs; `SettingsError` if there is no such host."""
         if host not in self.hosts:
-            raise SettingsError(
-                f'host {host}: not in the line description; it has {_list(self.hosts)}'
-            )
-        return tuple(
-            Share(lane.name, lane.nodes[host], lane.params, _values(lane))
-            for lane in self.lanes
-            if host in lane.nodes
-        )
+            known = _list(self.hosts)
+            raise SettingsError(f'host {host}: not in the line description; it has {known}')
+        return tuple(lane[host] for lane in self.lanes if host in lane)
 
     def environment(self) -> dict[str, str]:
-        """Return the environment by which the nodes of all hosts find each other, and no others."""
+        """Return the environment in which the nodes of all hosts find each other, and no others."""
         if self.discovery == SUBNET:
             return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
         if self.discovery == HOSTS:
@@ -98,15 +82,9 @@ class LineDescription:
         return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_DISCOVERY_SERVER': server}
 
 
-def _values(lane: Lane) -> dict[str, str]:
-    """Return the parameters of the node product that the description has itself."""
-    values = {'recipes': str(lane.recipes or ''), 'product': lane.product}
-    return {name: value for name, value in values.items() if value}
-
-
 @dataclass(frozen=True)
 class _LaneEntry(Settings):
-    """A lane as it is described: the host of all nodes, or the nodes of each host."""
+    """A lane in the file: the host of all nodes, or the nodes of each host."""
 
     name: str = parameter(text='namespace')
     host: str = parameter('', 'host of all nodes')
@@ -117,7 +95,7 @@ class _LaneEntry(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the table with a list of files where one is named alone."""
+        """Return the table, with `params` as a list if it is a single file."""
         params = content.get('params') if isinstance(content, dict) else None
         return {**content, 'params': [params]} if isinstance(params, str) else content
 
@@ -127,44 +105,53 @@ class _LaneEntry(Settings):
             raise SettingsError('needs host (of all nodes) or nodes (by host), one of them')
         if self.product and not self.recipes:
             raise SettingsError('needs recipes that have it', 'product')
-        placed = [name for names in (self.nodes or {}).values() for name in names]
-        for host, names in (self.nodes or {}).items():
-            if not names:
-                raise SettingsError('names no node', 'nodes', host)
-            for name in names:
-                if name not in NODES:
-                    raise SettingsError(f'{name!r} is none of {_list(NODES)}', 'nodes', host)
-                if placed.count(name) > 1:
-                    raise SettingsError(f'{name} is there twice', 'nodes', host)
-        if self.nodes is not None and (missing := [name for name in NODES if name not in placed]):
-            raise SettingsError(f'no host has {_list(missing)}', 'nodes')
-        shares = [set(names) for names in (self.nodes or {}).values()]
-        if shares and not any(share.issuperset(AT_MACHINE) for share in shares):
-            text = f'{_list(AT_MACHINE)} are on several hosts; put them on the one at the machine'
-            raise SettingsError(text, 'nodes')
+        if self.nodes is not None:
+            _check_nodes(self.nodes)
 
-    def lane(self, hosts: Mapping[str, str], folder: Path) -> Lane:
-        """Return the lane; its files are beside the description."""
-        own = self.nodes or {self.host: tuple(NODES)}
-        for host in own:
+    def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
+        """Return the share of each host; the files of the lane are beside the description."""
+        nodes = self.nodes or {self.host: tuple(NODES)}
+        for host in nodes:
             if host not in hosts:
                 place = ('nodes', host) if self.nodes else ('host',)
-                raise SettingsError(
-                    f'{host!r} is none of the hosts {_list(hosts)}', 'lanes', self.name, *place
-                )
-        nodes = {
-            host: tuple(name for name in NODES if name in names) for host, names in own.items()
+                text = f'{host!r} is none of the hosts {_list(hosts)}'
+                raise SettingsError(text, 'lanes', self.name, *place)
+        params = tuple(_file(folder / each, 'lanes', self.name, 'params') for each in self.params)
+        product = {'product': self.product} if self.product else {}
+        if self.recipes:
+            product['recipes'] = str(_file(folder / self.recipes, 'lanes', self.name, 'recipes'))
+        return {
+            host: Share(self.name, tuple(each for each in NODES if each in names), params, product)
+            for host, names in nodes.items()
         }
-        files = tuple(_file(folder / each, 'lanes', self.name, 'params') for each in self.params)
-        recipes = (
-            _file(folder / self.recipes, 'lanes', self.name, 'recipes') if self.recipes else None
-        )
-        return Lane(self.name, nodes, files, recipes, self.product)
+
+
+def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
+    """Raise SettingsError unless a host has some nodes, which have no other place."""
+    if not names:
+        raise SettingsError('names no node', 'nodes', host)
+    for name in names:
+        if name not in NODES:
+            raise SettingsError(f'{name!r} is none of {_list(NODES)}', 'nodes', host)
+        if placed.count(name) > 1:
+            raise SettingsError(f'{name} is there twice', 'nodes', host)
+
+
+def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
+    """Raise SettingsError unless each node runs on one host, those at the machine on the same."""
+    placed = [name for names in nodes.values() for name in names]
+    for host, names in nodes.items():
+        _check_share(host, names, placed)
+    if missing := [name for name in NODES if name not in placed]:
+        raise SettingsError(f'no host has {_list(missing)}', 'nodes')
+    if not any({*names}.issuperset(AT_MACHINE) for names in nodes.values()):
+        text = f'{_list(AT_MACHINE)} are on several hosts; put them on the one at the machine'
+        raise SettingsError(text, 'nodes')
 
 
 @dataclass(frozen=True)
 class LineFile(Settings):
-    """A line as it is described."""
+    """The file that describes a line."""
 
     hosts: Mapping[str, str] = parameter(text='addresses by the names of the hosts')
     lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by their namespaces')
@@ -189,7 +176,7 @@ def read_line(path: Path) -> LineDescription:
     with opened(path) as content:
         file = settings_of(LineFile, content)
         hosts = {name: str(ipaddress.ip_address(each)) for name, each in file.hosts.items()}
-        lanes = tuple(each.lane(hosts, path.parent) for each in file.lanes.values())
+        lanes = tuple(each.shares(hosts, path.parent) for each in file.lanes.values())
     return LineDescription(hosts, lanes, file.discovery)
 
 

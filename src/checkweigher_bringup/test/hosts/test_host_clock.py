@@ -44,7 +44,6 @@ def test_the_bound_is_that_of_the_manual_of_chronyc():
         (LOST, Level.WARN, 'not synchronised'),
         (DRIFTING, Level.WARN, 'right to 150 ms'),
         ('', Level.WARN, 'does not answer'),
-        ('506 Cannot talk to daemon\n', Level.WARN, 'does not answer'),
         (FOLLOWS[:60], Level.WARN, 'does not answer'),
     ],
 )

@@ -4,7 +4,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-import csv
 import os
 from pathlib import Path
 import random
@@ -16,7 +15,6 @@ from mcap.writer import CompressionType, Writer
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
-from running import run_command
 
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_recording.bags.definitions import BagError, typestore
@@ -214,27 +212,3 @@ def test_no_damage_gives_other_masses(
     outcomes = try_damages(copy, whole, damage, EXAMPLES or count)
 
     assert outcomes['refused'] > outcomes['right']
-
-
-@pytest.mark.parametrize('damage', [flipped, None])
-def test_weigh_says_so_in_one_line_or_writes_the_same_table(
-    bag: Path, tmp_path: Path, damage: Damage | None
-):
-    path = shutil.copytree(bag, tmp_path / 'bag')
-    file = path / 'line_0.mcap'
-    data = file.read_bytes()
-    file.write_bytes(data[:-100] if damage is None else damage(data, random.Random(1)))
-
-    done = run_command('weigh', path, '--csv', tmp_path / 'damaged.csv')
-
-    if done.returncode == 0:
-        assert run_command('weigh', bag, '--csv', tmp_path / 'whole.csv').returncode == 0
-        one, other = (
-            list(csv.reader((tmp_path / f'{name}.csv').open(encoding='utf-8', newline='')))
-            for name in ('damaged', 'whole')
-        )
-        assert one == other
-    else:
-        assert done.returncode == 2
-        assert len(done.stderr.strip().splitlines()) == 1
-        assert not (tmp_path / 'damaged.csv').exists()

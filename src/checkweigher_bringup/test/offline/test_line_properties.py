@@ -89,15 +89,18 @@ def test_a_line_that_is_difficult(name: str, estimator: str, length_known: bool)
     check_line(DIFFICULT[name], estimator, [200 * MS, None], length_known=length_known)
 
 
-@pytest.mark.parametrize(('estimator', 'count'), [('mean', 250), ('iswd_eksi', 50)])
+@pytest.mark.parametrize(
+    ('estimator', 'count'),
+    [
+        ('mean', 250),
+        ('iswd_eksi', 50),
+        pytest.param('mean', 18_000, marks=pytest.mark.soak),
+        pytest.param('iswd_eksi', 2_000, marks=pytest.mark.soak),
+    ],
+)
 def test_each_product_has_one_verdict_and_only_sound_ones_are_accepted(estimator: str, count: int):
     tally = check_lines(estimator, EXAMPLES or count)
 
+    print(f'\n{estimator}: {tally}')
     assert tally.decisions['ACCEPT'] > tally.products / 5  # not all is spoilt
     assert tally.decisions['FAULT'] > tally.products / 5
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize(('estimator', 'count'), [('mean', 18_000), ('iswd_eksi', 2_000)])
-def test_many_lines(estimator: str, count: int):
-    print(f'\n{estimator}: {check_lines(estimator, EXAMPLES or count)}')

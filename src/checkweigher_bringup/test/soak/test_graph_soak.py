@@ -5,10 +5,8 @@
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-import gc
 import os
 from pathlib import Path
-import sys
 import time
 from typing import Any
 
@@ -18,14 +16,11 @@ from processes import LINE, parameter_file, resident_memory
 import pytest
 from rclpy.node import Node
 
-from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Process, node_command, running_processes, spinning
 from checkweigher_core.records import Reference, Verdict
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_record
-from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, WeighingLine
-from checkweigher_production.nodes.product import ProductNode
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
 # 90 m/min, and each product enters soon after the one before it has left the belt.
@@ -182,46 +177,6 @@ def test_a_shift_has_the_verdicts_of_weigh_and_leaks_nothing(
     assert verdicts == list(offline(count))
     for name in memory.resident:
         assert memory.growth(name) < MAX_GROWTH, f'{name} grows\n{memory.report()}'
-
-
-@pytest.mark.soak
-def test_no_node_keeps_an_object_of_each_item():
-    count = 12_000
-    source = {f'simulator.{name}': value for name, value in CLOSE.items()}
-    judged = np.zeros(count + 1, int)
-
-    def on_verdict(message: Any) -> None:
-        judged[message.item_id] += 1
-
-    with spinning() as spinner:
-        listener = Node('listener')
-        listener.create_subscription(
-            ports.VERDICT.type, ports.VERDICT.name, on_verdict, ports.VERDICT.stage_qos
-        )
-        spinner.add(listener)
-        for name, make in STAGE_NODES.items():
-            spinner.add(make({'deadlines': False} if name == 'reject' else {}))
-        spinner.add(ProductNode())
-        spinner.add(DriverNode({'rate': RATE, 'simulator.count': count, **source}))
-        items, objects = np.empty(100_000), np.empty(100_000)
-        looks, heard = 0, time.monotonic()
-        while (passed := int(judged.sum())) < count:
-            time.sleep(PERIOD)
-            if passed == judged.sum():
-                assert time.monotonic() - heard < PATIENCE, f'silent after {passed} verdicts'
-                continue
-            heard = time.monotonic()
-            gc.collect()
-            items[looks], objects[looks] = judged.sum(), sys.getallocatedblocks()
-            looks += 1
-    settled = np.flatnonzero(items[:looks] >= SETTLED)
-    slope = float(np.polyfit(items[settled], objects[settled], 1)[0])
-    print(
-        f'\n{count} items: {objects[settled[0]]:.0f} objects after {items[settled[0]]:.0f}, '
-        f'{objects[looks - 1]:.0f} at the end; {slope:+.4f} for each item'
-    )
-    assert (judged[1:] == 1).all()
-    assert slope < 0.1  # what is kept of each item is at least 1
 
 
 @pytest.mark.soak

@@ -29,10 +29,7 @@ def line(tmp_path: Path) -> Iterator[SupervisedLine]:
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
 @pytest.mark.parametrize('name', NODES)
 def test_every_item_has_one_verdict_whichever_node_dies(
-    line: SupervisedLine,
-    name: str,
-    number: signal.Signals,
-    record_property: Any,
+    line: SupervisedLine, name: str, number: signal.Signals, record_property: Any
 ):
     line.judge_until(Verdict.ACCEPT)
     line.found.clear()  # with lossless: false, items pass before the line is there

@@ -1,48 +1,41 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learn parameters from passes of known mass."""
+"""Learn parameters from passes of known mass.
+
+checkweigher tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml
+checkweigher tune day1 --output machine.yaml --scheduler tcp://10.0.0.5:8786
+"""
 
 import argparse
 from pathlib import Path
 
-from checkweigher_bringup.commands import add_bags, add_tuning
+from checkweigher_bringup.commands import OVERWRITE, REQUIRED, TUNING, bags
 
-EXAMPLES = ('tune day1 --output machine.yaml --scheduler tcp://10.0.0.5:8786',)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `tune`."""
-    add = parser.add_argument
-    add_bags(parser, 'bags with reference_mass, of any speeds')
-    add('--output', type=Path, required=True, metavar='FILE', help='parameter file to write')
-    add('--overwrite', action='store_true', help='replace FILE if it exists')
-    add_tuning(parser)
-    add('--params', type=Path, metavar='FILE', help='parameters of everything that is not tuned')
+OPTIONS = (
+    bags('bags with reference_mass, of any speeds'),
+    ('--output FILE', Path, 'parameter file to write', REQUIRED),
+    OVERWRITE,
+    *TUNING,
+    ('--params FILE', Path, 'parameters of everything that is not tuned'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune and write the parameter file."""
+    from checkweigher_bringup import settings
     from checkweigher_bringup.output import check_output_file
-    from checkweigher_bringup.settings import (
-        check_positive,
-        estimator_names,
-        line_parameters,
-        on_scheduler_of,
-        places_of,
-    )
-    from checkweigher_bringup.training import BUDGET, train
+    from checkweigher_bringup.training import train
     from checkweigher_recording.archive.finding import find_bags
 
     given = arguments.estimator
-    estimators = estimator_names(given, ('iswd_eksi',)) if given else None
-    check_positive(arguments, 'budget', 'jobs')
-    check_output_file(arguments.output, arguments.overwrite)
-    base = line_parameters(arguments.params, None, arguments.lane)
-    bags = places_of(arguments, find_bags(arguments.bags))
-    with on_scheduler_of(arguments) as n_jobs:
-        broken = train(
-            bags, arguments.output, estimators, base, budget=arguments.budget or BUDGET,
-            lane=arguments.lane, n_jobs=n_jobs,
-        )  # fmt: skip
-    print(f'{arguments.output}: written; weigh, replay and the nodes take it as their parameters')
+    estimators = settings.estimator_names(given, ('iswd_eksi',)) if given else None
+    settings.check_positive(arguments, 'budget', 'jobs')
+    output: Path = arguments.output
+    check_output_file(output, arguments.overwrite)
+    lane, budget = arguments.lane, arguments.budget
+    base = settings.line_parameters(arguments.params, lane=lane)
+    bags = settings.places_of(arguments, find_bags(arguments.bags))
+    with settings.on_scheduler_of(arguments) as n_jobs:
+        broken = train(bags, output, estimators, base, budget=budget, lane=lane, n_jobs=n_jobs)
+    print(f'{output}: written; weigh, replay and the nodes take it as their parameters')
     return int(broken > 0)

@@ -1,57 +1,40 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify a machine: a procedure on a running line or from bags, and its report."""
+"""Verify the machine by the book, and write the report.
+
+checkweigher verify plan.yaml --output /tmp/verification
+checkweigher verify --from 2026-05-28/bag 2026-06-28/bag --output again
+"""
 
 import argparse
 from pathlib import Path
 import sys
 
-from checkweigher_bringup.commands import add_namespace, add_parameter_file
-from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.commands import NAMESPACE, PARAMS
+from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.printable import one_line
 
-EXAMPLES = ('verify --from 2026-05-28/bag 2026-06-28/bag --output again',)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `verify`."""
-    add = parser.add_argument
-    add(
-        'plan',
-        type=Path,
-        nargs='?',
-        metavar='PLAN',
-        help='plan of the verification (YAML); on a running line the steps are asked for in turn',
-    )
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument(
-        '--bags',
-        type=Path,
-        nargs='+',
-        action='extend',
-        metavar='BAG',
-        help='recorded steps, each bag named as its step, instead of a running line',
-    )
-    what.add_argument(
-        '--from',
-        dest='procedure',
-        nargs='+',
-        action='extend',
-        metavar='BAG',
-        help='make the same report again, from the bag of a whole procedure; of several bags, or '
-        'a folder with bags in it, each in a folder of its own',
-    )
-    what.add_argument('--steps', action='store_true', help='show the steps of the plan')
-    what.add_argument('--example', action='store_true', help='show a plan with comments')
-    add(
-        '--output',
-        type=Path,
-        metavar='DIR',
-        help='new folder for report.html, report.json, the bag of the procedure and the parameters',
-    )
-    add_parameter_file(parser)
-    add('--audit', type=Path, metavar='LOG', help='audit log of the line, whose digest is reported')
-    add_namespace(parser)
+_PLAN = 'plan of the verification (YAML); on a running line the steps are asked for in turn'
+_STEPS = 'recorded steps, each bag named as its step, instead of a running line'
+OPTIONS = (
+    ('plan PLAN', Path, _PLAN, {'nargs': '?'}),
+    (
+        ('--bags BAG', [Path], _STEPS),
+        (
+            '--from BAG',
+            [str],
+            'make the same report again, from the bag of a whole procedure; of several bags, or a '
+            'folder with bags in it, each in a folder of its own',
+            {'dest': 'procedure'},
+        ),
+        ('--steps', bool, 'show the steps of the plan'),
+        ('--example', bool, 'show a plan with comments'),
+    ),
+    ('--output DIR', Path, 'new folder for the reports, the bag and the parameters'),
+    PARAMS,
+    ('--audit LOG', Path, 'audit log of the line, whose digest is reported'),
+    NAMESPACE,
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -81,7 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
-    """Make the reports of bags again, each by its name; 1 if one is not passed or not made."""
+    """Make the reports of bags again, each in a folder of its name.
+
+    Returns 1 if one of them did not pass or could not be made.
+    """
     from checkweigher_bringup.commissioning import verification
     from checkweigher_core.whole_file import check_new
     from checkweigher_recording.bags.definitions import BagError
@@ -95,7 +81,7 @@ def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
             one = argparse.Namespace(**vars(arguments) | {'procedure': bag, 'output': folder})
             verdict = verification.verify(one)
         except BagError as error:
-            print(f'{one_line(error)}; passed over', file=sys.stderr, flush=True)
+            warn(f'{error}; passed over')
             verdict = 'passed over'
         failed += verdict != 'passed'
         print(f'{number} of {len(bags)}: {one_line(bag)}: {verdict}', flush=True)
@@ -103,7 +89,7 @@ def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
 
 
 def _show_steps(path: Path) -> int:
-    """Print the steps of a plan, one a line."""
+    """Print the steps of a plan, one per line."""
     from checkweigher_bringup.commissioning.verification import plan_of
     from checkweigher_validation.verification.steps import steps_of
 

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands for a line that runs, and for its page."""
+"""Commands for a running line, and for its page."""

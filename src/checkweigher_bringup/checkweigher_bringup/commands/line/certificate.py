@@ -1,18 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make a self-signed certificate for the page."""
+"""Make a self-signed certificate for the page, and show its fingerprint.
+
+checkweigher certificate scale7.local 192.168.1.7 --certificate page.crt --key page.key
+"""
 
 import argparse
 from pathlib import Path
 
+from checkweigher_bringup.commands import REQUIRED
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `certificate`."""
-    add = parser.add_argument
-    add('names', nargs='+', metavar='NAME',
-        help='host name or address by which browsers open the page')  # fmt: skip
-    add('--certificate', type=Path, required=True, metavar='FILE', help='to write')
-    add('--key', type=Path, required=True, metavar='FILE', help='to write, for the owner alone')
+OPTIONS = (
+    ('names NAME', [str], 'host name or address by which browsers open the page'),
+    ('--certificate FILE', Path, 'to write', REQUIRED),
+    ('--key FILE', Path, 'to write, for the owner alone', REQUIRED),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,27 +1,27 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Show masses and verdicts of a running graph as they come."""
+"""Show masses and verdicts of a running graph as they come.
+
+checkweigher echo --namespace lane1
+"""
 
 import argparse
 import math
 import queue
-import sys
 import time
 
-from checkweigher_bringup.commands import add_end, add_namespace
+from checkweigher_bringup.commands import DURATION, NAMESPACE
 
 _PATIENCE = 5.0  # s without a verdict before the reason is shown
 _POLL_PERIOD = 0.2  # s
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `echo`."""
-    add_namespace(parser)
-    add_end(parser, 'verdicts')
+OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Show one line per verdict until interrupted."""
+    from checkweigher_bringup.errors import warn
     from checkweigher_bringup.listening import EchoNode
     from checkweigher_bringup.output import Table
     from checkweigher_bringup.settings import check_namespace, check_positive
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
                 except queue.Empty:
                     if time.monotonic() - node.heard > _PATIENCE:
                         node.heard = time.monotonic()
-                        print(node.silence(), file=sys.stderr, flush=True)
+                        warn(node.silence())
         except KeyboardInterrupt:
             pass
         finally:

@@ -1,17 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Write the security policy of a line for SROS2: what each node may publish, take and call."""
+"""Write the security policy of a line for SROS2: what each node may do.
+
+checkweigher policy --namespace lane1 lane2 --output policy.xml
+"""
 
 import argparse
 from pathlib import Path
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `policy`."""
-    parser.add_argument('--namespace', nargs='*', default=[''], metavar='NAME',
-                        help='the lanes; default one without a namespace')  # fmt: skip
-    parser.add_argument('--output', type=Path, metavar='FILE', help='file; default standard output')
-    parser.add_argument('--overwrite', action='store_true', help='replace a file that exists')
+_LANES = 'the lanes; default one without a namespace'
+OPTIONS = (
+    ('--namespace NAME', str, _LANES, {'nargs': '*', 'default': ['']}),
+    ('--output FILE', Path, 'file; default standard output'),
+    ('--overwrite', bool, 'replace a file that exists'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,9 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Show what is wrong with a running line, worst first, and what to check."""
+"""Show what is wrong with a running line, worst first, and what to check.
+
+checkweigher status --count 1
+"""
 
 import argparse
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import count
 import math
 from shutil import get_terminal_size
 import sys
@@ -11,27 +16,26 @@ import textwrap
 import time
 from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import add_end
+from checkweigher_bringup.commands import DURATION
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
-    from checkweigher_core.ros.status_board import Row
+    from checkweigher_core.ros.status_board import Row, StatusBoard
 
 _PERIOD = 1.0  # s
-_PATIENCE = 5.0  # s, in which the first report of a running line comes
-_FIRST_LOOK = 1.5  # s from then on, in which every node reports
+_PATIENCE = 5.0  # s, for the first report of a running line
+_FIRST_LOOK = 1.5  # s after it, for the reports of all nodes
 _NARROWEST = 40  # columns of text
 _COLUMNS = '{:5}  {:{wide}}  {:12}  '
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `status`."""
-    parser.add_argument('--namespace', default='', metavar='NAME', help='only this lane')
-    parser.add_argument('--all', action='store_true',
-                        help='one row for each lane of the graph, the worst first')  # fmt: skip
-    add_end(parser, 'tables, one a second')
-    parser.add_argument('--values', action='store_true',
-                        help='show the figures of what is well, too')  # fmt: skip
+OPTIONS = (
+    ('--namespace NAME', str, 'only this lane', ''),
+    ('--all', bool, 'one row for each lane of the graph, the worst first'),
+    ('--count N', int, 'end after N tables, one a second'),
+    DURATION,
+    ('--values', bool, 'show the figures of what is well, too'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -46,29 +50,30 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.all and arguments.namespace:
         raise UserError('--all: is of all lanes; leave --namespace away')
     check_positive(arguments, 'count', 'duration')
-    duration = arguments.duration or math.inf
     board = StatusBoard(check_namespace(arguments.namespace))
-    began = time.monotonic()
-    shown, rows = 0, board.rows(began)
     with spinning() as spinner:
         node = PortNode('status')
         node.subscribe(ports.DIAGNOSTICS, lambda m: board.add(time.monotonic(), m.status))
         spinner.add(node)
-        try:
-            while not board.heard and time.monotonic() < began + min(_PATIENCE, duration):
-                time.sleep(0.05)
-            if board.heard:
-                time.sleep(_FIRST_LOOK)
-            while True:
-                rows = board.rows(time.monotonic())
-                _print(rows, values=arguments.values, heard=board.heard, lanes=arguments.all)
-                shown += 1
-                if shown == arguments.count or time.monotonic() - began >= duration:
-                    break
-                time.sleep(_PERIOD)
-        except KeyboardInterrupt:
-            pass
-    return 0 if worst(rows) < Level.ERROR else 1
+        with suppress(KeyboardInterrupt):
+            _show_tables(board, arguments)
+    return 0 if worst(board.rows(time.monotonic())) < Level.ERROR else 1
+
+
+def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
+    """Show a table every second, after the first reports."""
+    end = time.monotonic() + (arguments.duration or math.inf)
+    patience = min(time.monotonic() + _PATIENCE, end)
+    while not board.heard and time.monotonic() < patience:
+        time.sleep(0.05)
+    if board.heard:
+        time.sleep(_FIRST_LOOK)
+    for shown in count(1):
+        rows = board.rows(time.monotonic())
+        _print(rows, values=arguments.values, heard=board.heard, lanes=arguments.all)
+        if shown == arguments.count or time.monotonic() >= end:
+            return
+        time.sleep(_PERIOD)
 
 
 def _print(rows: 'list[Row]', *, values: bool, heard: bool, lanes: bool) -> None:
@@ -100,7 +105,7 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
     """Yield the lines of a table, `width` columns wide if that leaves room for the text.
 
-    Rows that are not OK show their hint and their figures; with `values` the others do, too.
+    Rows that are not OK have a hint and figures, with `values` all rows.
     """
     from checkweigher_core.health.findings import Level
 

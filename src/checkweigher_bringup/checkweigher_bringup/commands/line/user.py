@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Add, list, change and remove the users of the page."""
+"""Add, list, change and remove the users of the page.
+
+checkweigher user add anna --role operator
+"""
 
 import argparse
 from dataclasses import replace
@@ -13,55 +16,52 @@ from checkweigher_bringup.errors import UserError
 _ROLES = 'viewer', 'operator', 'technician'
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `user`."""
-    add = parser.add_argument
-    add('action', choices=('add', 'list', 'password', 'remove'),
-        help='the password is typed twice, or is a line of the standard input')  # fmt: skip
-    add('name', nargs='?', metavar='NAME', help='of the user; not with list')
-    add('--role', choices=_ROLES,
-        help='viewer: sees; operator: products, batches, zero, start and stop; technician: '
-        'calibration, tuning and limits as well')  # fmt: skip
-    add('--users', type=Path, metavar='FILE',
-        help='default checkweigher/users in $XDG_CONFIG_HOME or ~/.config')  # fmt: skip
+_PASSWORD = 'the password is typed twice, or is a line of the standard input'
+OPTIONS = (
+    ('action', ('add', 'list', 'password', 'remove'), _PASSWORD),
+    ('name NAME', str, 'of the user; not with list', {'nargs': '?'}),
+    (
+        '--role',
+        _ROLES,
+        'viewer: sees; operator: products, batches, zero, start and stop; technician: '
+        'calibration, tuning and limits as well',
+    ),
+    ('--users FILE', Path, 'default checkweigher/users in $XDG_CONFIG_HOME or ~/.config'),
+)
+
+
+def _check(action: str, name: str | None, role: str | None) -> None:
+    """Raise UserError unless an action has the options that it needs."""
+    if (name is None) != (action == 'list'):
+        raise UserError(f'{action}: must have a NAME, and only list has none')
+    if (role is None) != (action != 'add'):
+        raise UserError(f'{action}: must have a --role, and only add has one')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Change the file of users, or show it."""
-    from checkweigher_web.access.users import (
-        Role,
-        User,
-        check_name,
-        default_users,
-        hash_password,
-        read_users,
-        write_users,
-    )
+    from checkweigher_web.access import users as accounts
 
-    path = arguments.users or default_users()
-    if (arguments.name is None) != (arguments.action == 'list'):
-        raise UserError(f'{arguments.action}: must have a NAME, and only list has none')
-    if (arguments.role is None) != (arguments.action != 'add'):
-        raise UserError(f'{arguments.action}: must have a --role, and only add has one')
-    users = read_users(path) if path.exists() or arguments.action != 'add' else {}
-    if arguments.action == 'list':
+    path, action = arguments.users or accounts.default_users(), arguments.action
+    _check(action, arguments.name, arguments.role)
+    users = accounts.read_users(path) if path.exists() or action != 'add' else {}
+    if action == 'list':
         for user in users.values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
-    name = check_name(arguments.name)
-    if (name in users) != (arguments.action != 'add'):
+    name = accounts.check_name(arguments.name)
+    if (name in users) != (action != 'add'):
         known = 'is there already' if name in users else 'is not there'
         raise UserError(f'{path}: user {name} {known}; checkweigher user list shows all')
-    if arguments.action == 'remove':
+    if action == 'remove':
         del users[name]
+    elif action == 'add':
+        role = accounts.Role[arguments.role.upper()]
+        users[name] = accounts.User(name, role, accounts.hash_password(name, _password(name)))
     else:
-        known = hash_password(name, _password(name))
-        old = users.get(name)
-        users[name] = (
-            replace(old, hash=known) if old else User(name, Role[arguments.role.upper()], known)
-        )
-    write_users(path, users)
-    print(f'{path}: {name} {_DONE[arguments.action]}')
+        users[name] = replace(users[name], hash=accounts.hash_password(name, _password(name)))
+    accounts.write_users(path, users)
+    print(f'{path}: {name} {_DONE[action]}')
     return 0
 
 

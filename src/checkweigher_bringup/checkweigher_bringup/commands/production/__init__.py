@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands for what was produced and changed."""
+"""Commands for batches, performance tests, and the audit log."""

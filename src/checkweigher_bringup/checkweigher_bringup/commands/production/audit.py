@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify an audit log, show what was changed, and seal the log with a key."""
+"""Verify the chain of an audit log and show what was changed.
+
+checkweigher audit /var/log/checkweigher/lane1.log
+"""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -18,22 +21,18 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_seal import Seal
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `audit`."""
-    add = parser.add_argument
-    add('log', type=Path, metavar='LOG', help='audit log; LOG.head is beside it')
-    add('--hash', metavar='HASH',
-        help='an entry with this hash, noted elsewhere, has to be there')  # fmt: skip
-    add('--json', action='store_true', help='print JSON instead of a table')
-    add('--seal', type=Path, metavar='KEY',
-        help='seal the log: sign its last hash with this Ed25519 private key (PEM)')  # fmt: skip
-    add('--trust', type=Path, metavar='PUBLIC',
-        help='hold the log against its seals, by this Ed25519 public key (PEM)')  # fmt: skip
-    add('--seals', type=Path, metavar='FILE', help='file of the seals (default: LOG.seals)')
+OPTIONS = (
+    ('log LOG', Path, 'audit log; LOG.head is beside it'),
+    ('--hash HASH', str, 'an entry with this hash, noted elsewhere, has to be there'),
+    ('--json', bool, 'print JSON instead of a table'),
+    ('--seal KEY', Path, 'seal the log: sign its last hash by this Ed25519 private key (PEM)'),
+    ('--trust PUBLIC', Path, 'Ed25519 public key (PEM) to verify the seals of the log'),
+    ('--seals FILE', Path, 'file of the seals (default: LOG.seals)'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the changes; 1 if the chain is broken, or is not the one that was sealed."""
+    """Show the changes; 1 if the chain is broken, or differs from the sealed one."""
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import (
         hold_to_seals,
@@ -61,11 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the hash that has to be there, empty if none was given; `UserError` if it is none."""
+    """Return the hash of the option, empty without; UserError if it is not a hash."""
     if given is None:
         return ''
     noted = given.strip().lower()
-    # That of a variable which was not set would be held to nothing.
+    # An empty one, as of a variable that is not set, would be no check at all.
     if not re.fullmatch('[0-9a-f]{64}', noted):
         raise UserError(f'--hash {given!r}: is no hash of an entry, 64 hexadecimal digits')
     return noted
@@ -84,7 +83,7 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
 
 def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
-    """Return the entries before the first bad line, what is wrong with that line, and the seals."""
+    """Return the entries before the first bad line, the problem of that line, and the seals."""
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,

@@ -1,18 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make the performance test of the product on the line."""
+"""Make the performance test that the recipe asks for.
+
+checkweigher performance --who anna
+"""
 
 import argparse
 
+from checkweigher_bringup.commands import REQUIRED
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `performance`."""
-    add = parser.add_argument
-    add('--who', required=True, metavar='NAME', help='who makes it; goes into the audit log')
-    add('--reason', default='', metavar='TEXT', help='why it is made now')
-    add('--namespace', default='', metavar='NAME', help='of the lane')
-    add('--timeout', type=float, default=600.0, metavar='S',
-        help='break it off if it has not ended by then (default: 600)')  # fmt: skip
+OPTIONS = (
+    ('--who NAME', str, 'who makes it; goes into the audit log', REQUIRED),
+    ('--reason TEXT', str, 'why it is made now', ''),
+    ('--namespace NAME', str, 'of the lane', ''),
+    ('--timeout S', float, 'break it off if it has not ended by then (default: 600)', 600.0),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,47 +1,45 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Cut an item out of a bag, as a small bag for a report."""
+"""Cut an item out of a bag, as a small bag for a report.
+
+checkweigher keep shift1 --item 17 --output item17
+"""
 
 import argparse
 from pathlib import Path
 
-from checkweigher_bringup.commands import add_new_bag, add_parameter_file
+from checkweigher_bringup.commands import ESTIMATOR, LANE, NEW_BAG, PARAMS, REQUIRED
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `keep`."""
-    add = parser.add_argument
-    add('bag', type=Path, metavar='BAG', help='folder of a bag, or an .mcap file')
-    add('--item', type=int, required=True, metavar='N', help='its number, as weigh shows it')
-    add_new_bag(parser)
-    add_parameter_file(parser)
-    add('--estimator', metavar='NAME', help='estimator of the mass; default iswd_eksi')
-    add('--lane', metavar='NAME', help='namespace to take, if the bag has several')
+OPTIONS = (
+    ('bag BAG', Path, 'folder of a bag, or an .mcap file'),
+    ('--item N', int, 'its number, as weigh shows it', REQUIRED),
+    NEW_BAG,
+    PARAMS,
+    ESTIMATOR,
+    LANE,
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Cut the item out and show it as it is weighed in the small bag."""
     from checkweigher_bringup.errors import UserError
-    from checkweigher_bringup.output import Table, print_warning
+    from checkweigher_bringup.output import Table, read_with_warning
     from checkweigher_bringup.settings import line_parameters
     from checkweigher_core.whole_file import check_new
-    from checkweigher_recording.bags.reading import read_bag
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_validation.accuracy.results import weigh
     from checkweigher_validation.item_recording import keep_item
 
     parameters = line_parameters(arguments.params, arguments.estimator, arguments.lane)
     check_new(arguments.output)
-    recording = read_bag(arguments.bag, arguments.lane, progress=True)
-    print_warning(recording)
+    recording = read_with_warning(arguments.bag, arguments.lane)
     results = weigh(recording, parameters, progress=True)
     found = [each for each in results if each.estimate.item_id == arguments.item]
     if not found:
         raise UserError(f'--item {arguments.item}: {arguments.bag} has items 1..{len(results)}')
     part, result = keep_item(recording, parameters, found[0].estimate, found[0].verdict)
     write_bag(arguments.output, part.load_cell, part, arguments.lane or '')
-    table = Table(part.blocks[0].stamp)
-    table.show(result)
+    Table(part.blocks[0].stamp).show(result)
     print(
         f'{arguments.output}: item {arguments.item} of {arguments.bag} is item '
         f'{result.estimate.item_id} of this bag'

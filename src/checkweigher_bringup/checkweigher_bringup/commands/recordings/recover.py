@@ -1,22 +1,20 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make a whole bag of a recording that broke off."""
+"""Make a whole bag of a recording that broke off.
+
+checkweigher recover shift1 --output shift1_whole
+"""
 
 import argparse
 from pathlib import Path
 
-from checkweigher_bringup.commands import add_new_bag
+from checkweigher_bringup.commands import NEW_BAG
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `recover`."""
-    parser.add_argument('bag', type=Path, metavar='BAG',
-                        help='folder without metadata.yaml, or cut .mcap file')  # fmt: skip
-    add_new_bag(parser)
+OPTIONS = (('bag BAG', Path, 'folder without metadata.yaml, or cut .mcap file'), NEW_BAG)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the bag; what is there stays as it is."""
+    """Write the bag; the recording stays as it is."""
     from checkweigher_recording.bags.recovery import recover_bag
 
     count = recover_bag(arguments.bag, arguments.output)

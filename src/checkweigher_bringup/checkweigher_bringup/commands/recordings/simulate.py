@@ -1,19 +1,21 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Write a bag of simulated products."""
+"""Write a bag of simulated products with known masses.
+
+checkweigher simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line
+"""
 
 import argparse
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from checkweigher_bringup.commands import add_new_bag, add_recipe
+from checkweigher_bringup.commands import NEW_BAG, RECIPES, REQUIRED
 from checkweigher_bringup.errors import UserError
 
 if TYPE_CHECKING:
     from checkweigher_core.recording import Event
 
-# Options in the units of the trade: the parameter, which is in SI, and how many of the unit make
-# one of SI.
+# Options in customary units: the parameter in SI units, the unit, and its number in one SI unit.
 _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
@@ -23,36 +25,31 @@ _CONVERTED = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `simulate`; the defaults are those of SimulationParameters."""
-    add = parser.add_argument
-    add('--speed', type=float, required=True, metavar='M_PER_MIN', help='belt speed, m/min')
-    add('--mass', type=float, nargs='+', action='extend', required=True, metavar='G',
-        help='mass of the products, g; several take turns')  # fmt: skip
-    add('--count', type=int, default=25, metavar='N', help='number of products')
-    add('--profile', metavar='NAME', default='paper',
-        help='machine and what shakes it: paper (default), roller, soft, floor, quiet, or '
-        'machine:SEED, one of a family, with its own sample rate, sensitivity and lengths',
-    )  # fmt: skip
-    add('--seed', type=int, default=1, metavar='S', help='of all that is random')
-    add('--start-time', type=int, metavar='S', help='stamp of the first sample, s since 1970')
-    add_new_bag(parser)
-    for name, unit, text in (
-        ('spacing', 'M', 'between leading edges of successive products'),
-        ('product-length', 'M', 'length of the products'),
-        ('weigh-length', 'M', 'between the two eyes'),
-        ('zero-drift', 'G_PER_H', 'drift of the empty belt'),
-        ('lead-in', 'S', 'empty belt before the first product'),
-        ('run-out', 'S', 'empty belt after the last product'),
-    ):
-        add(f'--{name}', type=float, metavar=unit, help=text)
-
-    filler = parser.add_argument_group('the filler before the scale').add_argument
-    filler('--filler-drift', type=float, metavar='G', help='drift in 1000 products, g')
-    filler('--filler-spread', type=float, metavar='G',
-           help='standard deviation from product to product, g')  # fmt: skip
-    filler('--filler-delay', type=int, metavar='N', help='products between filler and scale')
-    add_recipe(filler, 'its filler follows the feedback of this recipe')
+_PROFILES = (
+    'machine and what shakes it: paper (default), roller, soft, floor, quiet, or machine:SEED, '
+    'one of a family, with its own sample rate, sensitivity and lengths'
+)
+OPTIONS = (
+    ('--speed M_PER_MIN', float, 'belt speed, m/min', REQUIRED),
+    ('--mass G', [float], 'mass of the products, g; several take turns', REQUIRED),
+    ('--count N', int, 'number of products', 25),
+    ('--profile NAME', str, _PROFILES, 'paper'),
+    ('--seed S', int, 'of all that is random', 1),
+    ('--start-time S', int, 'stamp of the first sample, s since 1970'),
+    NEW_BAG,
+    ('--spacing M', float, 'between leading edges of successive products'),
+    ('--product-length M', float, 'length of the products'),
+    ('--weigh-length M', float, 'between the two eyes'),
+    ('--zero-drift G_PER_H', float, 'drift of the empty belt'),
+    ('--lead-in S', float, 'empty belt before the first product'),
+    ('--run-out S', float, 'empty belt after the last product'),
+    'the filler before the scale',
+    ('--filler-drift G', float, 'drift in 1000 products, g'),
+    ('--filler-spread G', float, 'standard deviation from product to product, g'),
+    ('--filler-delay N', int, 'products between filler and scale'),
+    RECIPES,
+    ('--product NAME', str, 'product of it: its filler follows the feedback of this recipe'),
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -96,14 +93,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _to_si(option: str, value: float) -> float:
-    """Return the value of an option in SI; a refusal is in the unit of the option."""
+    """Return the value of an option in SI units; UserError, in the unit of the option."""
     from checkweigher_core.parameters import describe
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
     name, unit, per_si = _CONVERTED[option]
     allowed = describe(SimulationParameters.entries()[name])
     converted = value / per_si
-    if not allowed.minimum <= converted <= allowed.maximum:  # NaN is not
+    if not allowed.minimum <= converted <= allowed.maximum:  # false for NaN
         raise UserError(
             f'--{option} {value:g}: must be between {per_si * allowed.minimum:g} and '
             f'{per_si * allowed.maximum:g} {unit}'

@@ -1,9 +1,14 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Weigh a bag offline: the stages in one loop, no ROS graph."""
+"""Weigh bags offline, with the same stages as the graph.
+
+checkweigher weigh bags/paper_60 --csv masses.csv
+checkweigher weigh shift*/ --output results  # a Parquet file per bag, and a summary
+checkweigher weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786
+"""
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from functools import partial
 from itertools import chain
@@ -13,31 +18,27 @@ import sys
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, TextIO
 
-from checkweigher_bringup.commands import add_bags, add_scheduling, add_weighing
-from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.commands import SCHEDULING, WEIGHING, bags
+from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.printable import one_line
 
 if TYPE_CHECKING:
     from checkweigher_core.recording import Recording
     from checkweigher_dsp.pipeline.line import LineParameters
-    from checkweigher_validation.accuracy.results import ItemResult
     from checkweigher_validation.archive.weighing import Weighed
 
-EXAMPLES = (
-    'weigh shift*/ --output results                     # a Parquet file per bag, and a summary',
-    'weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786',
+
+_FOLDER = (
+    'write a Parquet file per bag, and summary.csv, to DIR; what is there of the same bags, '
+    'parameters and program is kept'
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `weigh`."""
-    add_bags(parser, 'bags')
-    add_weighing(parser)
-    many = parser.add_argument_group('any number of bags')
-    many.add_argument('--output', type=Path, metavar='DIR',
-                      help='write a Parquet file per bag, and summary.csv, to DIR; what is there '
-                      'of the same bags, parameters and program is kept')  # fmt: skip
-    add_scheduling(many)
+OPTIONS = (
+    bags('bags'),
+    *WEIGHING,
+    'any number of bags',
+    ('--output DIR', Path, _FOLDER),
+    *SCHEDULING,
+)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,12 +66,10 @@ def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParamet
     from checkweigher_recording.bags.reading import over_stretches
 
     check_output_file(arguments.csv, arguments.overwrite)
-    # On the disk until the end of the bag has been read: it may show that nothing is to be used.
-    with _spool() as table, _spool() as rows, local_bag(bag) as path:
-        work = partial(_weigh, parameters=parameters, table=table, rows=rows)
-        over_stretches(work, path, arguments.lane, progress=True)
-        table.seek(0)
-        rows.seek(0)
+    with local_bag(bag) as path:
+        work = partial(_weigh, parameters=parameters)
+        table, rows = over_stretches(work, path, arguments.lane, progress=True)
+    with table, rows:
         if arguments.csv is not None:
             write_whole(arguments.csv, rows)
         shutil.copyfileobj(table, sys.stdout)
@@ -78,7 +77,7 @@ def _weigh_one(bag: str, arguments: argparse.Namespace, parameters: 'LineParamet
 
 
 def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> int:
-    """Weigh any number of bags and write the results of each; 1 if a bag was passed over."""
+    """Weigh any number of bags and write the results of each; 1 if a bag was skipped."""
     from checkweigher_bringup.settings import on_scheduler_of, places_of
     from checkweigher_recording.archive.finding import find_bags, result_names
     from checkweigher_validation.archive.program import program
@@ -97,54 +96,43 @@ def _weigh_all(arguments: argparse.Namespace, parameters: 'LineParameters') -> i
         results = ResultsFolder(arguments.output, jobs)
         with closing(weigh_bags(results.jobs, n_jobs)) as done:
             for found in done:
-                _tell(results.take(found), results.progress, arguments.scheduler)
-    said = results.close()
-    print(f'{arguments.output}: {said}')
+                _report(results.take(found), results.progress, arguments.scheduler)
+    print(f'{arguments.output}: {results.close()}')
     return int(results.broken > 0)
 
 
-def _tell(weighed: 'Weighed', progress: str, scheduler: str) -> None:
-    """Print a line on a bag, and on stderr what is wrong with it."""
-    lines = weighed.summary.notes if weighed.summary else ()
-    said = [f'{weighed.bag}: {line}' for line in lines]
+def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
+    """Print a line on a bag, and its warnings on stderr."""
+    for note in weighed.summary.notes if weighed.summary else ():
+        warn(f'{weighed.bag}: {note}')
     if weighed.problem:
         known = scheduler != 'local' and weighed.host
         where = f'on worker {weighed.host}: ' if known else ''
-        said = [f'{where}{weighed.problem}; passed over']
-    for line in said:
-        print(one_line(line), file=sys.stderr, flush=True)
+        warn(f'{where}{weighed.problem}; passed over')
     items = f'{weighed.summary.items} items' if weighed.summary else 'passed over'
     print(f'{progress}: {one_line(weighed.bag)}: {items}', flush=True)
 
 
-def _spool() -> TextIO:
-    return TemporaryFile('w+', encoding='utf-8', errors='surrogatepass', newline='')
+def _weigh(stretches: 'Iterable[Recording]', parameters: 'LineParameters') -> tuple[TextIO, TextIO]:
+    """Weigh a bag that is read in segments; return files with its table and the rows of its CSV.
 
-
-def _weigh(
-    stretches: 'Iterable[Recording]', parameters: 'LineParameters', table: TextIO, rows: TextIO
-) -> None:
-    """Write the table of a bag that comes in stretches, and the rows of its CSV."""
-    from checkweigher_bringup.output import Table, print_warning
+    Nothing is shown until the end of the bag has been read, because an error there voids it all.
+    """
+    from checkweigher_bringup.output import Table, with_warning
     from checkweigher_validation.accuracy.columns import write_csv
     from checkweigher_validation.accuracy.results import weigh_stretches
 
-    for file in (table, rows):
-        file.seek(0)
-        file.truncate()
     stretches = iter(stretches)
     first = next(stretches)
+    table, rows = _spool(), _spool()
     shown = Table(first.blocks[0].stamp, table)
-
-    def told() -> 'Iterator[Recording]':
-        for stretch in chain([first], stretches):
-            print_warning(stretch)
-            yield stretch
-
-    def seen() -> 'Iterator[ItemResult]':
-        for result in weigh_stretches(told(), parameters):
-            shown.show(result)
-            yield result
-
-    write_csv(rows, seen())
+    recordings = map(with_warning, chain([first], stretches))
+    write_csv(rows, map(shown.show, weigh_stretches(recordings, parameters)))
     shown.close()
+    table.seek(0)
+    rows.seek(0)
+    return table, rows
+
+
+def _spool() -> TextIO:
+    return TemporaryFile('w+', encoding='utf-8', errors='surrogatepass', newline='')

@@ -40,7 +40,6 @@ class Scale:
 
     def __init__(self) -> None:
         self.mass = 0.0
-        self.moves = 0.0  # kg/s
         self._ending = threading.Event()
         rclpy.init()
         self._node = rclpy.create_node('scale')
@@ -57,7 +56,6 @@ class Scale:
         random, index, due = np.random.default_rng(1), 0, time.monotonic()
         while not self._ending.wait(max(due - time.monotonic(), 0.0)):
             due += BLOCK / RATE
-            self.mass += self.moves * BLOCK / RATE
             counts = ZERO + SENSITIVITY * self.mass + 40 * random.normal(size=BLOCK)
             block = SampleBlock(time.time_ns(), index, np.round(counts).astype(np.int32))
             samples.publish(to_message(ports.LOAD_CELL_SAMPLES, block))
@@ -95,30 +93,6 @@ def test_a_line_that_runs_is_calibrated_in_a_dialogue(scale: Scale, tmp_path: Pa
     assert found['zero_counts'] == pytest.approx(ZERO, abs=10)
     # The file is one that the commands and the nodes take.
     line_parameters(output, None)
-
-
-@pytest.mark.soak
-def test_a_load_that_moves_is_read_when_it_has_come_to_rest(scale: Scale, tmp_path: Path):
-    dialogue = Dialogue(
-        '--zero', '--source', 'simulator', '--output', tmp_path / 'scale.yaml', '--duration', 0.5
-    )
-    dialogue.asked()
-    scale.moves = 0.05
-    dialogue.answer()
-    while scale.mass < 0.05:  # for as long as it would take to read it twice
-        time.sleep(0.01)
-    assert dialogue.process.poll() is None
-    assert not (tmp_path / 'scale.yaml').exists()
-    scale.moves = 0.0
-    rested = scale.mass
-    status, _, errors = dialogue.end()
-    assert status == 0, errors
-    content = yaml.safe_load((tmp_path / 'scale.yaml').read_text())
-    found = content['/**/driver']['ros__parameters']['simulator']
-    assert found['counts_per_kg'] == TAKEN_FOR.counts_per_kg
-    assert found['zero_counts'] == pytest.approx(
-        ZERO + SENSITIVITY * rested, abs=0.05 * BLOCK / RATE * SENSITIVITY + 20
-    )
 
 
 @pytest.mark.soak

@@ -35,20 +35,18 @@ def faulty_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_one_process_gives_the_same_rows_as_offline(rows: Rows):
-    offline = rows('weigh', BAGS / 'paper_60')
-    assert rows('replay', BAGS / 'paper_60', '--rate', '0') == offline
+@pytest.mark.parametrize(
+    ('name', 'options'),
+    [
+        ('paper_60', ('--rate', '0')),
+        ('paper_90', ('--rate', '0', '--processes')),
+        ('paper_75', ('--rate', '20', '--namespace', 'lane1')),
+    ],
+)
+def test_a_replay_gives_the_same_rows_as_offline(rows: Rows, name: str, options: tuple[str, ...]):
+    offline = rows('weigh', BAGS / name)
+    assert rows('replay', BAGS / name, *options) == offline
     assert len(offline) == 25
-
-
-def test_separate_processes_give_the_same_rows_as_offline(rows: Rows):
-    bag = BAGS / 'paper_90'
-    assert rows('replay', bag, '--rate', '0', '--processes') == rows('weigh', bag)
-
-
-def test_a_paced_replay_in_a_namespace_gives_the_same_rows(rows: Rows):
-    bag = BAGS / 'paper_75'
-    assert rows('replay', bag, '--rate', '20', '--namespace', 'lane1') == rows('weigh', bag)
 
 
 @pytest.mark.parametrize('processes', [False, True])

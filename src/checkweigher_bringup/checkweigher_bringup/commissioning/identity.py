@@ -1,0 +1,114 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Identity of a verified machine: its program, parameters and audit log, and their changes."""
+
+from collections.abc import Iterable, Iterator, Sequence
+import hashlib
+from importlib.metadata import version
+import json
+from pathlib import Path
+
+from checkweigher_bringup.spinning import write_parameter_file
+from checkweigher_core.printable import one_line
+from checkweigher_production.audit_log import AuditError, Entry, read_log
+from checkweigher_validation.archive.program import program_digest
+
+NodeValues = dict[str, dict[str, object]]  # parameters by node and name
+
+_LONGEST = 80  # characters of a value in a sentence
+# Kinds of entries of the audit log that change the machine; setting the zero is a step.
+_CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
+_PACKAGES = ('dsp', 'recording', 'driver', 'validation', 'web', 'bringup')
+
+
+class Identity:
+    """Identity of a machine, from its audit log and its parameters, which are written to a file.
+
+    Raises OSError or AuditError if the log cannot be read, or its chain is broken.
+    """
+
+    def __init__(self, file: Path, audit: Path | None) -> None:
+        self._file = file
+        self._audit = audit
+        digests, entries = _read_audit(audit)
+        self._known = dict[str, object](digests)
+        self._entries = len(entries)  # before the first step
+        self._values: NodeValues = {}
+
+    def at_begin(self, values: NodeValues, how: str) -> str:
+        """Return the identity before the first step, as JSON; `how` is the kind of procedure."""
+        write_parameter_file(self._file, values)
+        self._values = values
+        self._known |= {
+            'program': f'checkweigher {version("checkweigher_bringup")}',
+            'program_sha256': program_digest(_PACKAGES),
+            'parameters_sha256': hashlib.sha256(self._file.read_bytes()).hexdigest(),
+            'how': how,
+            'changes': None,
+        }
+        return json.dumps(self._known)
+
+    def at_end(self, values: NodeValues) -> str:
+        """Return the identity after the last step, with the changes since the first."""
+        changes = list(_changes(self._values, values))
+        try:  # the steps themselves are in the log: the zero, and on the page each answer
+            digests, entries = _read_audit(self._audit)
+            self._known |= digests
+            changes += _changes_in_log(entries[self._entries :])
+        except (AuditError, OSError) as error:  # the procedure is worth its report all the same
+            changes.append(f'The audit log cannot be used after the last step: {one_line(error)}.')
+        self._known['changes'] = changes
+        return json.dumps(self._known)
+
+
+def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
+    """Yield a sentence for each parameter that has changed after the last step."""
+    for node in sorted({*before, *after}):
+        if node not in before or node not in after:
+            when = 'before the first' if node in before else 'after the last'
+            yield f'Node {node} told its parameters only {when} step.'
+            continue
+        old, new = before[node], after[node]
+        for name in sorted({*old, *new}):
+            was, now = (_shown(values, name) for values in (old, new))
+            if was != now:
+                yield (
+                    f'Parameter {node}.{name} was {one_line(was, _LONGEST)} before the first step '
+                    f'and {one_line(now, _LONGEST)} after the last one.'
+                )
+
+
+def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
+    """Yield a sentence for each entry that changed the machine."""
+    for entry in entries:
+        if entry.kind not in _CHANGING:
+            continue
+        what = f'{entry.kind} {entry.subject} of {entry.source}'
+        parts = entry.time, what, repr(entry.old), repr(entry.new), entry.who or 'not known'
+        time, subject, old, new, who = (one_line(part, _LONGEST) for part in parts)
+        yield f'Audit log, {time}: {subject} from {old} to {new}, by {who}.'
+
+
+def _shown(values: dict[str, object], name: str) -> str:
+    return repr(values[name]) if name in values else 'not there'
+
+
+def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
+    """Return name, digest and last hash of an audit log, and its entries.
+
+    Raises AuditError if its chain is broken.
+    """
+    if path is None:
+        return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()
+    while True:  # until no entry has come in between
+        before, found = path.read_bytes(), read_log(path)
+        if path.read_bytes() == before:
+            break
+    if not found.whole:
+        raise AuditError(f'{path}: the chain is broken at line {found.bad_line}: {found.reason}')
+    digests = {
+        'audit_log': str(path),
+        'audit_log_sha256': hashlib.sha256(before).hexdigest(),
+        'audit_log_last_hash': found.entries[-1].hash if found.entries else None,
+    }
+    return digests, found.entries
