@@ -16,13 +16,7 @@ from running import PATIENCE
 
 from checkweigher_bringup.line import STAGE_NODES
 from checkweigher_bringup.spinning import Spinner
-from checkweigher_core.records import (
-    NANOSECONDS,
-    Eye,
-    EyeEdge,
-    LoadCell,
-    MassEstimate,
-)
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, MassEstimate
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import stamp_from, to_message
 from checkweigher_core.ros.outputs import Output
@@ -129,24 +123,12 @@ class Line:
         begin = (1_700_000_000 + 5 * self.judged) * NANOSECONDS
         t1, t2, t3, t4 = (begin + tenths * NANOSECONDS // 10 for tenths in range(4))
         self.publish(ports.LOAD_CELL_INFO, to_message(ports.LOAD_CELL_INFO, BELT, stamp=begin))
-        for stamp, eye, blocked in (
-            (t1, Eye.INFEED, True), (t2, Eye.INFEED, False),
-            (t3, Eye.OUTFEED, True), (t4, Eye.OUTFEED, False),
-        ):  # fmt: skip
-            edge = EyeEdge(stamp, eye, blocked)
+        for stamp in (t1, t2, t3, t4):
+            eye = Eye.INFEED if stamp in (t1, t2) else Eye.OUTFEED
+            edge = EyeEdge(stamp, eye, stamp in (t1, t3))
             self.publish(ports.PHOTO_EYES, to_message(ports.PHOTO_EYES, edge))
-        estimate = MassEstimate(
-            self.judged,
-            t1,
-            t2,
-            t3,
-            mass=mass,
-            std_dev=1e-4,
-            belt_speed=1.0,
-            line_speed=1.0,
-            product_length=length,
-            reasons=reasons,
-        )
+        known = {'belt_speed': 1.0, 'line_speed': 1.0, 'product_length': length}
+        estimate = MassEstimate(self.judged, t1, t2, t3, reasons, mass, 1e-4, **known)
         self.publish(ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate))
         while True:
             verdict = self.verdicts.get(timeout=PATIENCE)

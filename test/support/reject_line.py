@@ -5,7 +5,7 @@
 from dataclasses import replace
 
 from checkweigher_msgs.msg import StopRequest, Verdict
-from graph import heard, publish, wait_for
+from graph import call, heard, publish, wait_for
 from rclpy.node import Node
 from running import PATIENCE
 from std_srvs.srv import Trigger
@@ -17,9 +17,14 @@ from checkweigher_core.ros.conversion import to_message
 from checkweigher_dsp.nodes.reject import RejectNode
 
 CELL = LoadCell(
-    sample_rate=960.0, counts_per_kg=5e5, zero_counts=0.0, min_counts=-(2**23),
-    max_counts=2**23 - 1, capacity=7.2, weigh_length=0.2,
-)  # fmt: skip
+    sample_rate=960.0,
+    counts_per_kg=5e5,
+    zero_counts=0.0,
+    min_counts=-(2**23),
+    max_counts=2**23 - 1,
+    capacity=7.2,
+    weigh_length=0.2,
+)
 START = 1_700_000_000 * NANOSECONDS
 
 
@@ -43,7 +48,7 @@ class RejectLine:
         self.node = Node('others')
         self.verdicts = heard(self.node, ports.VERDICT)
         self.stops = heard(self.node, ports.STOP_REQUEST, latched=True)
-        self.reset = self.node.create_client(Trigger, ports.RESET_STOP_REQUEST)
+        self._diagnostics = heard(self.node, ports.DIAGNOSTICS)
         self.edges = self.node.create_publisher(
             ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
         )
@@ -56,7 +61,24 @@ class RejectLine:
         info = to_message(ports.LOAD_CELL_INFO, CELL, stamp=START)
         publish(self.node, ports.LOAD_CELL_INFO, info)
         # Edges come on another topic: they must not overtake it.
-        wait_for(lambda: self.reject._stage.weigh_length is not None)
+        self.wait_for_count('load_cell/info received', 1)
+
+    def wait_for_count(self, name: str, count: int) -> None:
+        """Wait until the diagnostics of the reject node show a count."""
+        counted: dict[str, str] = {}
+        while counted.get(name) != str(count):
+            status, *_ = self._diagnostics.get(timeout=PATIENCE)[1].status
+            if status.name.endswith('/reject'):
+                counted = {value.key: value.value for value in status.values}
+
+    def reset(self) -> bool:
+        """Reset the stop request, and return whether that was done."""
+        return bool(call(self.node, Trigger, ports.RESET_STOP_REQUEST).success)
+
+    def weigh(self, number: int) -> None:
+        """Publish the mass of an item."""
+        message = to_message(ports.MASS_ESTIMATE, estimate(number, 0.15))
+        publish(self.node, ports.MASS_ESTIMATE, message)
 
     def pass_item(self, number: int) -> None:
         """Let an item pass the eyes, announced as it leaves."""

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the stages: declared once, with unit, range and meaning, for nodes, files and docs.
+"""Parameters of the stages with unit, range and meaning, for nodes, files and docs.
 
-The parameters of a stage are a frozen dataclass whose fields are made by `parameter`. The node
-declares them to ROS from these fields, a command reads them from the same YAML, and `make docs`
-writes the tables of docs/parameters.md and config/line.yaml from them.
+The parameters of a stage are a frozen dataclass whose fields are declared by `parameter`. The node
+declares the same fields to ROS, a command reads them from the same YAML, and `make docs` writes the
+tables of docs/parameters.md and config/line.yaml from them.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -15,8 +15,9 @@ from typing import Any, ClassVar, Self, cast
 
 from checkweigher_core.printable import one_line
 
-_MAX_LENGTH = 100_000  # values of a list, characters of a text
+_MAX_VALUES = 100_000  # of a list
 _MAX_COST = 0.05  # s, of an item
+_ALL = '**'  # addresses all nodes
 
 
 class ParameterError(ValueError):
@@ -69,10 +70,9 @@ def describe(entry: 'Field[Any]') -> Description:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base of all parameter sets: checks types and ranges, all or nothing.
+    """Base of all parameter sets, which checks types and ranges.
 
-    A field may be a set of its own, whose parameters are then named with a dot, as in
-    ``tvlpf.gain``.
+    A field may be another set, whose parameters are then named with a dot, as in ``tvlpf.gain``.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class Parameters:
         On the first field that is of a wrong type, NaN or out of range.
     """
 
-    # The node that declares the set, as it is named in parameter files.
+    # Name in parameter files of the node that declares the set.
     node: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
-        """Make a set from names and values; names that are absent keep their defaults."""
+        """Return a set with these values; absent names keep their defaults."""
         known = cls.entries()
         for name in values:
             if name not in known:
@@ -118,14 +118,14 @@ class Parameters:
 
 
 def _names_like(name: str, known: list[str]) -> list[str]:
-    """Return the names of the inner set that `name` means, or else all, inner ones summed up."""
+    """Return the names of the inner set of `name`, or all names with inner sets abbreviated."""
     prefix, dot, _ = name.rpartition('.')
     inner = [other for other in known if dot and other.startswith(prefix + dot)]
     return inner or sorted({f'{n.partition(".")[0]}.*' if '.' in n else n for n in known})
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return `value` in the field's type, or raise `ParameterError`."""
+    """Return `value` in the type of the field, or raise `ParameterError`."""
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:
@@ -133,24 +133,26 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
 
 
 def convert(kind: type, description: Description, value: object) -> object:
-    """Return a value as `kind`; ValueError says what it has to be."""
+    """Return a value as `kind`; ValueError says which values are allowed."""
     if issubclass(kind, (bool, str)):
-        if not isinstance(value, kind):
-            expected = 'a string' if kind is str else 'true or false'
-            raise ValueError(f'{reprlib.repr(value)} is not {expected}')
-        if description.choices and value not in description.choices:
-            choices = ', '.join(description.choices)
-            raise ValueError(f'{reprlib.repr(value)} is not one of {choices}')
-        if isinstance(value, str) and len(value) > _MAX_LENGTH:
-            raise ValueError(f'{len(value)} characters, at most {_MAX_LENGTH}')
-        return value
-    if issubclass(kind, tuple):
-        if isinstance(value, str) or not isinstance(value, Collection):
-            raise ValueError(f'{reprlib.repr(value)} is not a list of numbers')
-        if len(value) > _MAX_LENGTH:
-            raise ValueError(f'{len(value)} values, at most {_MAX_LENGTH}')
-        return tuple(_number(float, description, element) for element in value)
-    return _number(kind, description, value)
+        return _word(kind, description, value)
+    if not issubclass(kind, tuple):
+        return _number(kind, description, value)
+    if isinstance(value, str) or not isinstance(value, Collection):
+        raise ValueError(f'{reprlib.repr(value)} is not a list of numbers')
+    if len(value) > _MAX_VALUES:
+        raise ValueError(f'{len(value)} values, at most {_MAX_VALUES}')
+    return tuple(_number(float, description, element) for element in value)
+
+
+def _word(kind: type, description: Description, value: object) -> object:
+    if not isinstance(value, kind):
+        expected = 'a string' if kind is str else 'true or false'
+        raise ValueError(f'{reprlib.repr(value)} is not {expected}')
+    if description.choices and value not in description.choices:
+        choices = ', '.join(description.choices)
+        raise ValueError(f'{reprlib.repr(value)} is not one of {choices}')
+    return value
 
 
 def _number(kind: type, description: Description, value: object) -> float:
@@ -168,10 +170,10 @@ def _number(kind: type, description: Description, value: object) -> float:
 
 
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
-    """Raise ParameterError if a window would take too long.
+    """Raise ParameterError if the processing of a window would take too long.
 
-    `cost` returns an estimate in s from the parameters `names`; the one that raises it most above
-    what it is by default is to be lowered.
+    `cost` returns an estimate of the time in s from the parameters `names`. The message names the
+    parameter whose default would lower it most.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:
@@ -191,43 +193,52 @@ def _is_common(name: str) -> bool:
 
 
 def by_node(
-    sections: object, sets: Mapping[str, type[Parameters]], other_nodes: tuple[str, ...] = (),
+    sections: object,
+    sets: Mapping[str, type[Parameters]],
+    other_nodes: tuple[str, ...] = (),
     lane: str | None = None,
-) -> dict[str, dict[str, object]]:  # fmt: skip
+) -> dict[str, dict[str, object]]:
     """Return names and values for each node from the sections of a ROS parameter file.
 
-    A section ``/**`` addresses all nodes that know the name, ``/**/segmenter`` or
-    ``/lane1/segmenter`` one of them, and wins over it. `sets` has the classes of parameters by name
-    of the node; sections of `other_nodes` are passed over. `lane` is the namespace of the nodes,
-    where the file addresses several lanes.
+    A section ``/**`` addresses all nodes that have a parameter of the name. A section such as
+    ``/**/segmenter`` or ``/lane1/segmenter`` addresses one node, and wins over it. `sets` has the
+    classes of parameters by node; sections of `other_nodes` are ignored. `lane` is the namespace of
+    the nodes, needed if the file addresses several lanes.
 
     Raises
     ------
     SettingsError
-        If it is no parameter file, addresses a node or under ``/**`` a parameter that does not
-        exist, or several lanes without `lane`.
+        If the sections are none of a parameter file, address an unknown node or under ``/**`` an
+        unknown parameter, or address several lanes without `lane`.
     """
     found = check_sections(sections)
-    own: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes)}
-    shared: dict[str, object] = {}
+    given: dict[str, dict[str, object]] = {node: {} for node in (*sets, *other_nodes, _ALL)}
     passed_over = _of_other_lanes(map(str, found), lane)
     known = {node: parameters.entries() for node, parameters in sets.items()}
     for address, values in found.items():
         node = str(address).rsplit('/', 1)[-1]
-        if node != '**' and node not in own:
-            raise SettingsError(f'addresses none of {", ".join(own)}', address)
+        if node not in given:
+            raise SettingsError(f'addresses none of {", ".join([*sets, *other_nodes])}', address)
         if str(address) in passed_over:
             continue
-        for name, value in flatten(values).items():
-            if node == '**' and not (_is_common(name) or name in set().union(*known.values())):
-                why = f'none of {", ".join(sets)} has a parameter {name}'
-                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
-            (shared if node == '**' else own[node])[name] = value
+        named = {name: value for name, value in flatten(values).items() if not _is_common(name)}
+        if node == _ALL:
+            _check_names(named, sets, address)
+        given[node] |= named
     return {
-        node: {name: value for name, value in shared.items() if name in names}
-        | {name: value for name, value in own[node].items() if not _is_common(name)}
+        node: {name: value for name, value in given[_ALL].items() if name in names} | given[node]
         for node, names in known.items()
     }
+
+
+def _check_names(
+    names: Iterable[str], sets: Mapping[str, type[Parameters]], address: object
+) -> None:
+    """Raise `SettingsError` for a name that no set has."""
+    for name in names:
+        if not any(name in parameters.entries() for parameters in sets.values()):
+            why = f'none of {", ".join(sets)} has a parameter {name}'
+            raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
 
 
 def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
@@ -248,7 +259,7 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
     made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
     node, _, own = name.partition('.')
     for address, section in sections.items():
-        if str(address).rsplit('/', 1)[-1] in ('**', node):
+        if str(address).rsplit('/', 1)[-1] in (_ALL, node):
             values = section['ros__parameters']
             if own in flatten(values):
                 steps = [own] if own in values else own.split('.')

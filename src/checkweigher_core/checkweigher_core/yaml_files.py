@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of plain values, YAML or JSON: what is refused in them gets its file and its line."""
+"""Files of plain values, YAML or JSON; errors in them have the file and the line."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -19,9 +19,7 @@ def opened(source: Path | str) -> Iterator[Any]:
     begin, content = f'{source}: ' if isinstance(source, Path) else '', None
     try:
         text = source.read_text(encoding='utf-8') if isinstance(source, Path) else source
-        with suppress(json.JSONDecodeError):  # YAML, too, may begin so
-            content = json.loads(text) if text.startswith('{') else None
-        content = yaml.load(text, _Loader) if content is None else content
+        content = _parsed(text)
         yield content
     except SettingsError as error:
         raise SettingsError(f'{begin}line {_line(content, error.path)}: {error}') from None
@@ -32,6 +30,13 @@ def opened(source: Path | str) -> Iterator[Any]:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         problem = getattr(error, 'strerror', None) or ' '.join(str(error).split())
         raise SettingsError(f'{begin}{problem}') from None
+
+
+def _parsed(text: str) -> Any:
+    if text.startswith('{'):
+        with suppress(json.JSONDecodeError):  # YAML in flow style begins so too
+            return json.loads(text)
+    return yaml.load(text, _Loader)
 
 
 class _Table(dict[Any, Any]):
@@ -48,7 +53,7 @@ class _Loader(yaml.SafeLoader):
         return str(node.value)
 
     def table(self, node: Any) -> _Table:
-        """Return a table; a key that is there twice is refused, YAML would take the last value."""
+        """Return a table; refuse a repeated key, of which YAML would use the last value."""
         lines: dict[str, int] = {}
         for key, _ in node.value:
             if str(key.value) in lines:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A load cell on a port is calibrated by the services of the driver, on a line that runs."""
 
-from collections.abc import Iterator
 from pathlib import Path
 import queue
 from typing import Any
@@ -18,21 +17,17 @@ from std_srvs.srv import Trigger
 import yaml
 
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_production.audit_log import read_log
 from checkweigher_production.nodes.product import ProductNode
 
+LANE = 'calibrating'
+
 TAKEN_FOR, SENSITIVITY, ZERO = 500_000.0, 480_000, 1_250_000  # of the device, which is the truth
 NOISE = 40  # counts, more than that of the device
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('calibrating') as running:
-        yield running
 
 
 class Technician:

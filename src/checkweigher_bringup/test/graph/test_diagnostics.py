@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What /diagnostics tells over real DDS, of a line that is well and of all that can go wrong."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 import re
@@ -11,16 +10,16 @@ from typing import Any
 
 from graph import publish, wait_for
 from lines import simulated
-import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from reject_line import START, RejectLine, edges
 from running import PATIENCE, ROOT, run_command
 
 from checkweigher_bringup.commands.line.status import table
 from checkweigher_bringup.line import STAGE_NODES
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.health.findings import Level
-from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Item, LoadCell, SampleBlock
+from checkweigher_core.records import EyeEdge, SampleBlock
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.status_board import Row, StatusBoard, headline
@@ -32,13 +31,6 @@ from checkweigher_production.nodes.product import ProductNode
 LANE = 'diagnosed'
 # Whether these are well depends on what else the machine does meanwhile.
 OF_THE_MACHINE = ('Clock', 'Verdicts', 'Line', 'Windows')
-START = 1_700_000_000 * NANOSECONDS
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning(LANE) as running:
-        yield running
 
 
 class Told:
@@ -182,29 +174,16 @@ def test_a_subscriber_that_asks_for_more_is_only_warned_of(spinner: Spinner):
 
 
 def test_verdicts_that_come_late_and_masses_that_do_not_come_are_errors(spinner: Spinner):
-    cell = LoadCell(960.0, 5e5, 0.0, -(2**23), 2**23 - 1, 7.2, 0.2)
     told = Told(spinner)
     # The rejector has to be told before the product is at the outfeed eye.
-    spinner.add(RejectNode({'rejector_distance': 0.0, 'actuator_delay': 0.1}))
-    publish(told.node, ports.LOAD_CELL_INFO, to_message(ports.LOAD_CELL_INFO, cell, stamp=START))
-    eyes = told.node.create_publisher(
-        ports.PHOTO_EYES.type, ports.PHOTO_EYES.name, ports.PHOTO_EYES.qos
-    )
-    items = told.node.create_publisher(ports.ITEMS.type, ports.ITEMS.name, ports.ITEMS.qos)
-    wait_for(lambda: eyes.get_subscription_count() > 0 and items.get_subscription_count() > 0)
-    for number in range(3):
-        for step, eye, blocked in (
-            (0, Eye.INFEED, True), (2, Eye.INFEED, False), (4, Eye.OUTFEED, True),
-        ):  # fmt: skip
-            stamp = START + number * NANOSECONDS + step * NANOSECONDS // 10
-            eyes.publish(to_message(ports.PHOTO_EYES, EyeEdge(stamp, eye, blocked)))
-    # The announcements come on another topic: they must not overtake the edges.
-    wait_for(lambda: f'{LANE}/reject' in told.last)
-    wait_for(lambda: told.values('reject').get('photo_eyes received') == '9')
-    for number in range(3):
-        t1, t2, t3 = (START + number * NANOSECONDS + k * NANOSECONDS // 10 for k in (0, 2, 4))
-        item = Item(t1, 0, number + 1, t1, t2, t3, 0.5, True)
-        items.publish(to_message(ports.ITEMS, item))
+    line = RejectLine(spinner, rejector_distance=0.0, actuator_delay=0.1)
+    for number in (1, 2, 3):
+        for edge in edges(number):
+            line.edges.publish(to_message(ports.PHOTO_EYES, edge))
+    # The announcements come on another topic, and must not overtake the edges.
+    line.wait_for_count('photo_eyes received', 9)
+    for number in (1, 2, 3):
+        line.announce(number)
 
     hint = told.wait('reject: Verdicts', Level.ERROR, '3 verdicts came after the reject time')
     assert 'actuator_delay' in hint

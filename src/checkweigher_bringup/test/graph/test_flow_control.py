@@ -3,7 +3,6 @@
 """A replay at full speed over a network that holds the edges up: it waits for them."""
 
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import asdict
 import json
 from pathlib import Path
@@ -12,18 +11,17 @@ from typing import Any
 
 from graph import make_stages, wait_for
 from processes import parameter_file
-import pytest
 from rclpy.node import Node
 from running import BAGS
 from verdicts import offline_verdicts
 
-from checkweigher_bringup.spinning import Spinner, node_command, running_processes, spinning
+from checkweigher_bringup.spinning import Spinner, node_command, running_processes
 from checkweigher_core.records import Verdict
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_record
 from checkweigher_recording.bags.reading import read_bag
 
-NAMESPACE = 'held_up'
+LANE = 'held_up'
 BAG = BAGS / 'paper_30'
 DELAY = 0.15  # s; at full speed that is ten seconds of signal, and edges may be 2 s late
 
@@ -59,12 +57,6 @@ class SlowEdges(Node):
             self._eyes.publish(self._edges.popleft()[1])
 
 
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning(NAMESPACE) as running:
-        yield running
-
-
 def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: Path):
     witness = Witness()
     for node in (*make_stages(), witness, SlowEdges()):
@@ -73,7 +65,7 @@ def test_a_replay_waits_for_edges_that_are_held_up(spinner: Spinner, tmp_path: P
         tmp_path / 'driver.yaml',
         {'driver': {'source': 'bag', 'bag.path': str(BAG), 'rate': 0.0}},
     )
-    driver = node_command(ports.NODES['driver'], NAMESPACE, file)
+    driver = node_command(ports.NODES['driver'], LANE, file)
     driver += ['-r', 'photo_eyes:=camera/photo_eyes']
     expected = offline_verdicts(read_bag(BAG))
     with running_processes({'driver': driver}):

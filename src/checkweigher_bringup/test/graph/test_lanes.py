@@ -9,7 +9,7 @@ from typing import Any
 
 from checkweigher_msgs.msg import StopRequest
 from checkweigher_msgs.srv import NewBatch, SelectProduct
-from graph import wait_for
+from graph import call, wait_for
 from processes import LINE, parameter_file
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
@@ -29,6 +29,8 @@ from checkweigher_recording.simulation.simulator import Simulation, SimulationPa
 # Of each lane, with its bags: one has no namespace, and one begins with the name of another.
 MASSES = {'': 0.1, 'lane1': 0.15, 'lane11': 0.2}
 CHANGED = 'lane1'
+# All are UNDER. 30 m are 20 s for a machine that is busy with something else.
+REJECT = {'lower_limit': 0.3, 'max_rejects_in_a_row': 2, 'rejector_distance': 30.0}
 RECIPES = """
 products:
   crisps: {nominal: 0.14, upper_limit: 0.4, parameters: {identifier: {estimator: hann}}}
@@ -58,12 +60,7 @@ class Lane:
             folder / f'parameters_{namespace}.yaml',
             {
                 'driver': {'simulator.count': 0, **source},
-                # All are UNDER. 30 m are 20 s for a machine that is busy with something else.
-                'reject': {
-                    'lower_limit': 0.3,
-                    'max_rejects_in_a_row': 2,
-                    'rejector_distance': 30.0,
-                },
+                'reject': REJECT,
                 # Without a product a line with recipes accepts nothing, by no limits.
                 'product': {
                     'recipes': str(recipes) if namespace == CHANGED else '',
@@ -84,11 +81,7 @@ class Lane:
         self.node.create_subscription(topic.type, topic.name, callback, topic.qos)
 
     def call(self, kind: Any, name: str, **request: object) -> Any:
-        client = self.node.create_client(kind, name)
-        wait_for(client.service_is_ready)
-        future = client.call_async(kind.Request(**request))
-        wait_for(future.done)
-        return future.result()
+        return call(self.node, kind, name, **request)
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters of all nodes of the lane."""

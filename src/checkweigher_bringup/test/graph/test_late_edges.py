@@ -2,22 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Edges that are held up on their way to the reject node: the products go on."""
 
-from collections.abc import Iterator
 import time
 
-from graph import publish
-import pytest
-from reject_line import RejectLine, estimate
+from reject_line import RejectLine
 
-from checkweigher_bringup.spinning import Spinner, spinning
-from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_message
+from checkweigher_bringup.spinning import Spinner
 
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('late_edges') as running:
-        yield running
+LANE = 'late_edges'
 
 
 def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner):
@@ -27,6 +18,6 @@ def test_an_item_whose_edges_come_after_its_reject_time_is_late(spinner: Spinner
     assert not line.verdict().late
     time.sleep(5.5)  # item 2 passes 1 s after item 1; its edges do not
     line.pass_item(2)
-    publish(line.node, ports.MASS_ESTIMATE, to_message(ports.MASS_ESTIMATE, estimate(2, 0.15)))
+    line.weigh(2)
     verdict = line.verdict()
     assert (verdict.item_id, verdict.late) == (2, True)

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.health.findings import Finding, Level
+from checkweigher_core.ros import ports
 from checkweigher_core.ros.outputs import Output
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_validation.accuracy.passes import known_passes
@@ -44,8 +45,9 @@ def test_what_was_learned_outlives_a_restart_and_not_the_service(
     assert finding(identifier).text == 'off'
     identifier.set_parameters([Parameter(name, value=value) for name, value in LEARN.items()])
 
+    windows = next(each for each in identifier.inputs if each.port is ports.DENOISED_WINDOW)
     for each in passes:
-        identifier._on_window(each.window)
+        windows.take(each.window)
 
     assert '1 of 1 speeds and lengths are weighed' in finding(identifier).text
     (record,) = tmp_path.glob('checkweigher/*.learned')

@@ -3,7 +3,6 @@
 """Random messages, bytes, calls and parameters: no node dies, and the line weighs after it."""
 
 from collections import Counter
-from collections.abc import Iterator
 import os
 import random
 import time
@@ -23,10 +22,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.listening import ResultListener
-from checkweigher_bringup.spinning import Spinner, spinning
+from checkweigher_bringup.spinning import Spinner
 from checkweigher_core.ros import ports
 from checkweigher_production.nodes.product import ProductNode
 
+LANE = 'fuzz'
 EXAMPLES = int(os.environ.get('CHECKWEIGHER_EXAMPLES', '0'))
 BURST = 50  # messages, after which all must have arrived
 
@@ -130,12 +130,6 @@ class Counters:
         )
         last = [told[-1] for told in self._told.values()]
         return sum(n for counted in last for key, n in counted.items() if key.endswith('refused'))
-
-
-@pytest.fixture
-def spinner() -> Iterator[Spinner]:
-    with spinning('fuzz') as running:
-        yield running
 
 
 def torment_line(spinner: Spinner, count: int, seed: int) -> Counter[str]:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of a node, written into the audit log of its lane before they are made."""
+"""Entries of the changes of a node in the audit log of its lane, made before the changes."""
 
 import json
 import time
@@ -18,15 +18,15 @@ _PATIENCE = 2.0  # s, for the answer
 _DISCOVERY = 3.0  # s from the start of the node on, in which the service may yet be found
 _LOOK_PERIOD = 0.1  # s
 
-# s after an entry in which its change is made, or not any more.
+# Time in s after an entry within which its change is made, or not at all.
 TIME_TO_CHANGE = _PATIENCE + 1.0
 
 
 class ChangeRecord:
-    """Client of the node that has the audit log of the lane, if one has.
+    """Client of the node with the audit log of the lane.
 
-    That node offers the service only with a log. Once it has been seen, nothing is changed without
-    an entry any more, until the node with the client ends.
+    That node offers the service only if it has a log. Once the service has been seen, nothing is
+    changed without an entry any more, until the node with the client ends.
     """
 
     def __init__(self, node: Node) -> None:
@@ -39,11 +39,11 @@ class ChangeRecord:
         self._needed = False
 
     def look(self) -> None:
-        """Notice that there is a log; to be called now and then."""
+        """Check whether there is a log; to be called periodically."""
         self._needed = self._needed or self._client.service_is_ready()
 
     async def write(self, kind: str, subject: str, value: object) -> str:
-        """Write what something is about to become; return why it must not, empty if it may."""
+        """Write a change that is about to be made; return why it must not be, empty if it may."""
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
             await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
@@ -57,7 +57,7 @@ class ChangeRecord:
             future = self._client.call_async(request)
             answer = await in_time(self._node, self._group, future, _PATIENCE)
             self._client.remove_pending_request(future)
-        # An answer that a process which stood still has late: the log has moved on by then.
+        # A process that was halted may get an answer late, when the log has moved on.
         if answer is None or time.monotonic() - asked > _PATIENCE:
             return f'not in the audit log: no answer of the node product for {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Connections of a node: who publishes and takes its topics, and whose QoS does not fit."""
+"""Connections of a node: the other ends of its topics, and a QoS that does not fit."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,7 +16,7 @@ _PATIENCE = 5.0  # s, in which the nodes of a line find each other
 
 
 class Connections:
-    """Watch of the inputs and outputs of a node that was started at `began`, s of its clock."""
+    """Watch of the inputs and outputs of a node, which was started at `began` in s."""
 
     def __init__(self, node: PortNode, began: float) -> None:
         self._node = node
@@ -26,16 +26,16 @@ class Connections:
         self._told: set[str] = set()  # of the endpoints whose QoS does not fit
 
     def refused(self, now: float, name: str, why: str) -> None:
-        """Note that a message could not be used."""
+        """Add a message that was refused."""
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
     def lacks_input(self, port: Port) -> bool:
-        """Return whether a port that this node takes has no publisher."""
+        """Return whether an input has no publisher."""
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Connections; `now` in s on the clock of the beginning."""
+        """Return the aspect Connections; `now` in s of the same clock as `began`."""
         self._refused.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []
@@ -59,7 +59,7 @@ class Connections:
         return conclude('Connections', 'all there', found, values)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
-        """Yield the endpoints at the other end whose QoS does not fit; DDS connects only others."""
+        """Yield a concern for each endpoint at the other end whose QoS does not fit."""
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
@@ -75,7 +75,7 @@ class Connections:
             yield Concern(level, text, f'change the QoS of {who} to that of docs/topics.md')
 
     def _others(self, end: Input | Output) -> list[Any]:
-        """Return the endpoints at the other end, if DDS has not connected all of them."""
+        """Return the endpoints at the other end, none if DDS has connected all of them."""
         node, name = self._node, end.topic_name
         if isinstance(end, Output):
             if node.count_subscribers(name) <= end.publisher.get_subscription_count():
@@ -99,7 +99,7 @@ def has_matched_all(node: Node, *outputs: Output) -> bool:
 
 
 def _partner(end: Input | Output) -> str:
-    """Return the nodes that have to be at the other end, empty if none has to."""
+    """Return the nodes that are expected at the other end, empty for none."""
     port = end.port
     if isinstance(end, Input):
         return port.maker if end.needed and port.maker in port.expected else ''

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records to messages and back: field by field, under the same names, but for what `_FORMS` says.
+"""Conversion of records to messages and back, field by field except for `_FORMS`.
 
-Reading takes any object with the fields of the message, so that the same functions serve rclpy and
-readers of bags. Writing converts every field to the exact Python type: rclpy does not check, and
-a numpy scalar in a field aborts the process when the message is serialised.
+Any object with the fields of the message can be read, so that the same functions serve rclpy and
+readers of bags. Every field is written in the exact Python type, because rclpy does not check it,
+and a numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
@@ -25,7 +25,7 @@ from checkweigher_core.ros.ports import ALL, Port
 
 @dataclass(frozen=True)
 class _Form:
-    """How a record stands in its message: field by field under the same names, but for these."""
+    """Differences between a record and its message, which otherwise have the same fields."""
 
     # Field of the record that is the stamp of the header, and in the header alone unless `names`
     # has it; '' where the caller gives the stamp.
@@ -43,20 +43,20 @@ class _Form:
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
-    """Return an estimate that has a reason if it has no mass: its message may not be filled in."""
+    """Return an estimate with a reason if it has no mass, as of an empty message."""
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
 
 def _with_text(message: Any, request: records.StopRequest) -> records.StopRequest:
-    """Return a stop request with what its hint says beyond that of the reason."""
+    """Return a stop request with the part of its hint that is not the hint of the reason."""
     text = message.hint.removeprefix(request.reason.hint).removeprefix(': ')
     return replace(request, text=text)
 
 
 _WEIGHED = 1  # of MassEstimate.status
 _RUN = 1  # of StopRequest.state; 0 is STOP
-_MAX_TEXT, _MAX_ENTRIES = 10_000, 10_000  # characters; entries of a list
+_MOST = 10_000  # characters, or entries of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
@@ -94,8 +94,8 @@ _PORTS = {port.record: port for port in ALL if port.record is not None}
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """Return the message of a record for rclpy.
 
-    `record` is of the port's class; None gives the message that there is no such record, where
-    the port has one. `stamp` (ns) is for the header, where the record has none of its own.
+    `record` is of the port's class, or None for the message that there is no such record. `stamp`
+    in ns is for the header of a record without a stamp.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -106,21 +106,23 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the fields of a record's message by name.
 
-    Header and times are mappings, arrays of the type of the message and contiguous; all else is of
-    plain Python types, but for the records of a record, which are messages of rclpy.
+    Header and times are mappings. Arrays are contiguous and of the type of the message. Records in
+    the record are messages of rclpy, and all other fields plain Python values.
     """
     plan = _plan(cast(Any, type(record)))
-    time = _time(plan.stamp(record) if plan.stamp else stamp)
-    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': plan.frame(record)}}
+    form = plan.form
+    time = _time(getattr(record, form.stamp) if form.stamp else stamp)
+    frame = form.frame if isinstance(form.frame, str) else form.frame(record)
+    fields: dict[str, Any] = {'header': {'stamp': time, 'frame_id': frame}}
     for place, get, convert in plan.write:
         fields[place] = convert(get(record))
     return fields
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message of rclpy or of a bag, None if it says that there is none.
+    """Return the record of a message of rclpy or of a bag, None if the message says so.
 
-    Its arrays are those of the message, not to be written to: others may have the same message.
+    Its arrays are those of the message, and read-only.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def to_record(port: Port, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill in an empty message: one that is made of parts makes them all twice."""
+    """Fill in an empty message, which is faster than to construct it of its parts."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
@@ -156,8 +158,6 @@ class _Plan:
     """Conversion of a class of records, field by field."""
 
     form: _Form
-    stamp: _Get | None  # of the header, from the record; None where the caller gives it
-    frame: _Get
     # Name in the message, how to get the value from the record, and what converts it.
     write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
     # How to get each field of the record from the message, and what converts it.
@@ -167,12 +167,7 @@ class _Plan:
 @cache
 def _plan(kind: Any) -> _Plan:
     form = _FORMS.get(kind, _Form())
-    frame = form.frame
-    plan = _Plan(
-        form,
-        attrgetter(form.stamp) if form.stamp else None,
-        (lambda _: frame) if isinstance(frame, str) else frame,
-    )
+    plan = _Plan(form)
     names = {form.stamp: 'header.stamp', **form.names}
     for name, hint in get_type_hints(kind, include_extras=True).items():
         if name in form.lacks:
@@ -190,7 +185,7 @@ def _plan(kind: Any) -> _Plan:
 
 
 def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
-    """Return how to get and to convert a field that messages of older bags lack."""
+    """Return the functions that get and convert a field which messages of older bags lack."""
     return (
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),
@@ -207,17 +202,16 @@ def newer_fields(record: type) -> frozenset[str]:
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:
-    """Return what converts a value of this type for a message."""
+    """Return the function that converts a value of this type for a message."""
     if hint in (records.Stamp, records.Stamp | None):
         return _time
     if get_origin(hint) is np.ndarray:
         return partial(np.ascontiguousarray, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
-        kind = get_args(hint)[0]
-        if kind in _PORTS:
-            return lambda parts: [to_message(_PORTS[kind], each) for each in parts]
-        convert = _writer(kind)
+        convert = _writer(get_args(hint)[0])
         return lambda values: list(map(convert, values))
+    if hint in _PORTS:
+        return partial(to_message, _PORTS[hint])
     if issubclass(hint, str):
         return _text
     for plain in (bool, int, float):
@@ -227,7 +221,7 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
 
 
 def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
-    """Return what makes a value of this type of the field of a message."""
+    """Return the function that converts the field of a message to this type."""
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
@@ -235,23 +229,25 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
-        kind = get_args(hint)[0]
-        if kind in _PORTS:
-            read: _Get = partial(to_record, _PORTS[kind])
-        else:
-            read = _short if kind is str else kind
-        return lambda values: tuple(map(read, _bounded(values, _MAX_ENTRIES)))
+        read = _reader(get_args(hint)[0], None)
+        return lambda values: tuple(map(read, _bounded(values)))
+    if hint in _PORTS:
+        return partial(to_record, _PORTS[hint])
     if hint is str:
-        return _short
+        return lambda text: str(_bounded(text))
     if issubclass(hint, Enum) and unknown is not None:
-        members = {member.value: member for member in hint}
-        return lambda value: members.get(value, unknown)
+        return _member_reader(hint, unknown)
     reader: Callable[[Any], Any] = hint
     return reader
 
 
+def _member_reader(kind: type[Enum], unknown: Any) -> Callable[[Any], Any]:
+    members = {member.value: member for member in kind}
+    return lambda value: members.get(value, unknown)
+
+
 def _text(value: str) -> str:
-    """Return a plain string that UTF-8 can hold; a file name or YAML may have others."""
+    """Return a string for UTF-8, with escapes for surrogates of file names or YAML."""
     text = str(value)
     return text if text.isascii() else text.encode(errors='backslashreplace').decode()
 
@@ -274,19 +270,15 @@ def _dtype(hint: Any) -> np.dtype[Any]:
     return np.dtype(get_args(get_args(hint)[1])[0])
 
 
-def _bounded(field: Any, most: int) -> Any:
-    """Return a field of a message; ValueError if it is longer than one of the line ever is."""
+def _bounded(field: Any, most: int = _MOST) -> Any:
+    """Return a field of a message; ValueError if it is longer than one of a line can be."""
     if len(field) > most:
         raise ValueError(f'{len(field)} in a field of a message, at most {most}')
     return field
 
 
-def _short(field: str) -> str:
-    return str(_bounded(field, _MAX_TEXT))
-
-
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the values of a field, not to be written to: other nodes may have the same message."""
+    """Return the values of a field, read-only because other nodes may have the same message."""
     values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False
     return values

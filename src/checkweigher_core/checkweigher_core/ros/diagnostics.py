@@ -23,8 +23,8 @@ _LOG_PERIOD = 1.0  # s
 class Diagnostics:
     """Publisher of the findings of a node.
 
-    The first status is the node's own: the worst of all, the last warning, the counters, the
-    name of its host. The others are named '<node>: <Aspect>', as those of diagnostic_updater.
+    The first status is that of the node: the worst level, the last warning, the counters, and the
+    name of its host. The others are named '<node>: <Aspect>', as by diagnostic_updater.
     `diagnose` returns the findings for a time of the monotonic clock in s.
     """
 
@@ -39,11 +39,11 @@ class Diagnostics:
         self.connections = Connections(node, time.monotonic())
 
     def start(self) -> None:
-        """Publish from now on, with the nodes that start at the same time."""
+        """Begin to publish once a second."""
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
-        """Name the load cell that the findings are about."""
+        """Set the load cell of the findings."""
         parts = (load_cell.model, load_cell.serial_number)
         self._hardware_id = '/'.join(part for part in parts if part) or 'checkweigher'
 
@@ -68,7 +68,7 @@ class Diagnostics:
         ]
         name = self._node.get_fully_qualified_name().lstrip('/')
         own = self._status(name, self._summary(findings))
-        others = [self._status(f'{name}: {finding.aspect}', finding) for finding in findings]
+        others = [self._status(f'{name}: {each.aspect}', each) for each in findings]
         message = DiagnosticArray(status=[own, *others])
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._output.send(message)
@@ -97,18 +97,14 @@ class Diagnostics:
         return Finding('', level, text, values=values)
 
     def _status(self, name: str, finding: Finding) -> DiagnosticStatus:
-        return status_of(name, finding, self._hardware_id)
-
-
-def status_of(name: str, finding: Finding, hardware_id: str = '') -> DiagnosticStatus:
-    """Return a finding as the status of this name."""
-    return DiagnosticStatus(
-        level=bytes([finding.level]),
-        name=name,
-        message=one_line(finding.message),
-        hardware_id=hardware_id,
-        values=[
-            KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
-            for key, v in finding.values.items()
-        ],
-    )
+        """Return a finding as the status of this name."""
+        return DiagnosticStatus(
+            level=bytes([finding.level]),
+            name=name,
+            message=one_line(finding.message),
+            hardware_id=self._hardware_id,
+            values=[
+                KeyValue(key=key, value=f'{v:.6g}' if isinstance(v, float) else one_line(v))
+                for key, v in finding.values.items()
+            ],
+        )

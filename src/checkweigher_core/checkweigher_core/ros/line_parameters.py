@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of other nodes of the lane: read, and set together or not at all."""
+"""Parameters of other nodes of the lane, which are set together or not at all."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,26 +11,28 @@ from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.task import Future
 
-from checkweigher_core.ros.graph.place import PARTICIPANT, full_name, is_held
+from checkweigher_core.ros.graph.place import PARTICIPANT, is_held
 from checkweigher_core.ros.node_parameters import ros_parameters
+from checkweigher_dsp.nodes.strangers import full_name
 
 Values = dict[str, object]
 
 
 class RefusedError(Exception):
-    """A node did not take a parameter, or did not answer; the message says which and why."""
+    """A node refused a parameter or did not answer; the message names it and the reason."""
 
 
 class HalfSetError(RefusedError):
-    """A node refused a change, and another one could not be given back what it had before."""
+    """A node refused a change, and the change of another node could not be undone."""
 
 
 class LineParametersClient:
     """Client of the parameter services of the nodes of a lane.
 
     Its coroutines are for callbacks of a single-threaded executor, which serves others while one
-    waits for an answer. That needs a callback group of its own: the group of the callback that
-    waits is taken until it ends. The others are in the namespace of `node`; `patience` is in s.
+    waits for an answer. The client has its own callback group, because the group of the waiting
+    callback is taken until that ends. The other nodes are in the namespace of `node`; `patience` is
+    in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -58,8 +60,8 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, all or none.
 
-        `RefusedError` if a node refuses; what the others had taken is put back then, else it is a
-        `HalfSetError`.
+        `RefusedError` if a node refuses, after the changes of the others have been undone;
+        `HalfSetError` if that fails.
         """
         for node in changes:
             if not self.ready(node):
@@ -71,14 +73,14 @@ class LineParametersClient:
                 done.append(node)
                 await self._set_one(node, values)
         except RefusedError as error:
-            # Also in the last one: a node that does not answer may yet have changed something.
+            # The last one too, because a node that does not answer may have made its change.
             lost = [text for node in done if (text := await self._put_back(node, before[node]))]
             if lost:
                 raise HalfSetError('; '.join([str(error), *lost])) from None
             raise
 
     async def _put_back(self, node: str, values: Values) -> str:
-        """Set what a node had before; return why that failed."""
+        """Restore the parameters of a node; return why that failed, empty if it did not."""
         try:
             await self._set_one(node, values)
         except RefusedError as error:
@@ -108,8 +110,8 @@ class LineParametersClient:
 class LineNodes:
     """Watch of the starts of the nodes in the namespace of a node.
 
-    Each node has a publisher of its parameter events, and each start another one. The graph shows
-    that even where the messages of the start itself were lost.
+    Each start of a node makes a new publisher of its parameter events. The graph shows it even if
+    the messages of the start were lost.
     """
 
     def __init__(self, node: Node) -> None:

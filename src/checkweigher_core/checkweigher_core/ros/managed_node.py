@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes with a life cycle: what touches the machine is safe until it is told to work."""
+"""Nodes with a life cycle, whose outputs are safe until they are activated."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,9 +20,9 @@ _FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ER
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """A stage node with the states of a ROS managed node.
 
-    A subclass says what to do in `configure`, `activate`, `deactivate` and `clean_up`, and calls
-    `begin` when it is made. An exception in one of them is logged and lets the transition fail:
-    rclpy would swallow it. With the parameter ``autostart`` the node configures and activates
+    A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
+    the end of its constructor. An exception in one of them is logged, and the transition fails.
+    rclpy would not log it. With the parameter ``autostart`` the node configures and activates
     itself. `state` is unconfigured, inactive, active or finalized.
     """
 
@@ -40,7 +40,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
                 service.callback = self._refusing(service.callback)
 
     def configure(self) -> None:
-        """Get ready to work; ValueError with one line if that cannot be done."""
+        """Prepare to work; ValueError with one line if that fails."""
 
     def activate(self) -> None:
         """Begin to work."""
@@ -49,12 +49,12 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         """Stop working and leave the outputs safe."""
 
     def clean_up(self) -> None:
-        """Let go of what `configure` got hold of."""
+        """Release the resources of `configure`."""
 
     def begin(self) -> None:
-        """Configure now, if the node is to start by itself; `start` activates it.
+        """Configure the node if it starts by itself; `start` activates it.
 
-        `ParameterError` if it cannot be configured; the node is destroyed then.
+        If that fails, destroy the node and raise `ParameterError`.
         """
         if not getattr(self.parameters, 'autostart', True):
             return
@@ -66,21 +66,21 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             raise ParameterError(self._failure)
 
     def start(self) -> None:
-        """Activate, if the node is to start by itself."""
+        """Activate the node if it starts by itself."""
         super().start()
         if getattr(self.parameters, 'autostart', True) and self.state == 'inactive':
             self.trigger_activate()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure; what fails leaves the node unconfigured."""
+        """Configure; a failure leaves the node unconfigured."""
         return self._attempt('configure', self.configure, 'inactive', _FAILURE)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Activate; what fails leaves the node inactive."""
+        """Activate; a failure leaves the node inactive."""
         return self._attempt('activate', self.activate, 'active', _FAILURE)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate; what fails goes on to `on_error`, for the node must not stay active."""
+        """Deactivate; a failure leads to `on_error`, because the node must not stay active."""
         return self._attempt('deactivate', self.deactivate, 'inactive', _ERROR)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -88,23 +88,23 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('clean up', self.clean_up, 'unconfigured', _ERROR)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the outputs safe, in any state."""
+        """Set the outputs safe, in any state."""
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the outputs safe; the node is unconfigured then, or finalized if that fails."""
+        """Set the outputs safe; the node is then unconfigured, or finalized after a failure."""
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'
         return recovered
 
     def shut_down(self) -> None:
-        """Leave the outputs safe before the process ends."""
+        """Set the outputs safe before the process ends."""
         if self.state in ('unconfigured', 'inactive', 'active'):
             self.trigger_shutdown()
 
     def destroy_node(self) -> None:
-        """Destroy the node with its state machine, which would keep its place in the graph."""
+        """Destroy the node and its state machine, which would keep the node in the graph."""
         super().destroy_node()
         for name in vars(self).get('_life_cycle', ()):  # empty if a parameter was refused
             delattr(self, name)
@@ -130,9 +130,9 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return the service so that a transition which this state lacks is refused.
+        """Return the service with a refusal of transitions that the state does not have.
 
-        rclpy raises out of spin, which would end the process.
+        rclpy would raise out of the executor, which would end the process.
         """
 
         def answer(request: Any, response: Any) -> Any:

@@ -20,7 +20,7 @@ P = TypeVar('P', bound=Parameters)
 
 
 def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
-    """Return parameters of ROS of these names and values."""
+    """Return names and values as parameters of ROS."""
     return [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in values.items()
@@ -49,9 +49,9 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 
 
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
-    """Declare a parameter set to ROS and return it with the values that the node was given.
+    """Declare a parameter set to ROS and return it with the values given to the node.
 
-    `ParameterError` if one of them cannot be used.
+    `prefix` is put before the names. `ParameterError` if a value cannot be used.
     """
     values = {}
     for own_name, entry in parameters.entries().items():
@@ -61,7 +61,7 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
             declared = node.declare_parameter(name, default, descriptor(entry, read_only=read_only))
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f'{node.get_name()}.{name}: {error}') from None
-        # rcl takes an empty list of a parameter file for a parameter without a value.
+        # rcl reads an empty list in a parameter file as a parameter without a value.
         empty = declared.value is None and isinstance(entry.default, tuple)
         values[own_name] = () if empty else declared.value
     return parameters.from_mapping(values)

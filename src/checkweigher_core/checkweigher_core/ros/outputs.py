@@ -32,15 +32,15 @@ LOCK = threading.RLock()
 # Outputs of this process with a lease: DDS shows no liveliness to inputs of the same process.
 _alive_here: list['Output'] = []
 Callback = Callable[[Any], None]  # takes a record
-# Endpoints have no event callbacks but those of inputs which watch that their makers live: each is
+# Endpoints have no event callbacks except for the liveliness of makers, because each callback is
 # one more entity that every wake of the executor collects. `Connections` finds a QoS that does not
 # fit.
 
 
 class Output:
-    """Where a node sends the records of a port.
+    """Output of a node for the records of a port.
 
-    The `takers` of the same process get each record by a plain call, all others from `publisher`.
+    The `takers` in the same process get each record by a plain call, all others from `publisher`.
     """
 
     def __init__(self, node: Any, port: Port) -> None:
@@ -55,7 +55,7 @@ class Output:
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
     def send(self, record: Any, **header: Any) -> None:
-        """Hand a record to the takers; `header` goes to the message alone."""
+        """Pass a record to the takers; `header` is for the message alone."""
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
                 is_message = self.port.record is None
@@ -65,22 +65,22 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Note that all takers of the process are known."""
+        """Begin to send, once all takers of the process are known."""
 
     def count(self) -> int:
-        """Return how many take the records, in this process and over DDS."""
+        """Return the number of takers, in this process and over DDS."""
         return len(self.takers) + int(self.publisher.get_subscription_count())
 
 
 class HeldOutput(Output):
-    """Send records, and keep those that come before their consumer is there.
+    """Output that keeps its records until there is a consumer.
 
-    At start-up the nodes of a line find each other in any order: without this, what the first one
-    sends before it has found the second would be lost, and an item without its verdict. Once
-    there has been a consumer nothing is held any more: a stale window helps no one. A taker in
-    the same process is a consumer from the start. Elsewhere it is a node that publishes records of
-    the port `answer`, under any name: a recorder that was there first does not pass for it, unless
-    it remains alone. Without `answer` any subscriber is the consumer.
+    At start-up the nodes of a line find each other in any order. Records that are sent before would
+    be lost, and their items without a verdict. After the first consumer no record is held any more,
+    because a stale window helps no one. A taker in the same process is a consumer from the start.
+    In another process it is a node that publishes records of the port `answer`, under any name. A
+    recorder is therefore no consumer, unless it remains the only subscriber. Without `answer` any
+    subscriber is the consumer.
     """
 
     def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:
@@ -89,7 +89,7 @@ class HeldOutput(Output):
         self._answer = answer
         self._held: deque[Any] | None = deque(maxlen=_MAX_HELD)
         self._first_seen: float | None = None
-        self._matched = (0, 0.0)  # how many, and since when
+        self._matched = (0, 0.0)  # number of subscribers, and since when
 
     def send(self, record: Any, **header: Any) -> None:
         """Send a record now, or as soon as its consumer is there."""
@@ -100,7 +100,7 @@ class HeldOutput(Output):
                 self._held.append(record)
 
     def connected(self) -> None:
-        """Send from now on to the takers of the process, or look for a consumer elsewhere."""
+        """Send to the takers of the process, or begin to look for a consumer elsewhere."""
         if self.takers:
             self._release()
         else:
@@ -125,7 +125,7 @@ class HeldOutput(Output):
 
     def _has_consumer(self, matched: int) -> bool:
         readers = self._node.get_subscriptions_info_by_topic(self.topic_name)
-        # The graph may know of a reader that the publisher has yet to match.
+        # The graph may list a reader that the publisher has not matched yet.
         if matched < len(readers):
             return False
         if self._answer is None:
@@ -146,11 +146,11 @@ class HeldOutput(Output):
 
 
 class Input:
-    """Where a node takes the records of a port, from its `makers` or over DDS.
+    """Input of a node for the records of a port, from its `makers` or over DDS.
 
-    The callback gets each record; what it raises is passed to ``node.refuse``. There is a
-    `subscription`, with `qos`, only if there are no makers in the same process. A `needed` input
-    without any maker is an error of the line.
+    The callback gets each record; its exceptions go to ``node.refuse``. There is a `subscription`,
+    with `qos`, only if no maker is in the same process. A `needed` input without a maker is an
+    error of the line.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class Input:
         return self._lives or any(each.topic_name == self.topic_name for each in _alive_here)
 
     def take(self, record: Any) -> None:
-        """Hand a record to the node."""
+        """Pass a record to the node."""
         self._node.received(self.port)
         try:
             self._callback(record)
@@ -180,7 +180,7 @@ class Input:
             self._node.refuse(self.port, error)
 
     def subscribe(self) -> None:
-        """Take records over DDS."""
+        """Subscribe to the records over DDS."""
         events = SubscriptionEventCallbacks(
             liveliness=self._on_liveliness if self.port.lease else None,
             use_default_callbacks=False,
@@ -189,7 +189,7 @@ class Input:
         self.subscription = _endpoint(create, self.port, call, self.qos, event_callbacks=events)
 
     def count(self) -> int:
-        """Return how many make the records."""
+        """Return the number of makers of the records."""
         if self.subscription is None:
             return len(self.makers)
         return int(self.subscription.get_publisher_count())
@@ -210,20 +210,12 @@ class Input:
 def connect(nodes: Sequence[Any]) -> None:
     """Connect the inputs of the nodes of a process, before any of them begins to work.
 
-    An input whose topic an output of these nodes makes, with a QoS that fits, is called by that
-    output, and takes nothing over DDS. All other inputs subscribe. A node that is no `PortNode`
-    has none.
+    If an output of these nodes has the topic of an input, and a QoS that fits, it calls that input.
+    All other inputs subscribe over DDS. A node that is no `PortNode` has no inputs.
     """
-    members = [node for node in nodes if hasattr(node, 'inputs')]
-    outputs = [output for node in members for output in node.outputs]
-    for entry in (entry for node in members for entry in node.inputs):
-        entry.makers = [
-            output
-            for output in outputs
-            if output.topic_name == entry.topic_name
-            and output.port.type is entry.port.type
-            and fits(output.qos, entry.qos)
-        ]
+    outputs = [output for node in nodes for output in getattr(node, 'outputs', ())]
+    for entry in [entry for node in nodes for entry in getattr(node, 'inputs', ())]:
+        entry.makers = [output for output in outputs if _feeds(output, entry)]
         for output in entry.makers:
             output.takers.append(entry)
         if not entry.makers:
@@ -232,8 +224,13 @@ def connect(nodes: Sequence[Any]) -> None:
         output.connected()
 
 
+def _feeds(output: Output, entry: Input) -> bool:
+    same = output.topic_name == entry.topic_name and output.port.type is entry.port.type
+    return same and fits(output.qos, entry.qos)
+
+
 def disconnect(node: Any) -> None:
-    """Let go of the inputs and outputs of a node that is about to be destroyed."""
+    """Disconnect a node that is about to be destroyed."""
     with LOCK:
         for entry in node.inputs:
             for output in entry.makers:

@@ -15,14 +15,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from checkweigher_core.printable import one_line
-from checkweigher_core.ros.outputs import (
-    LOCK,
-    Callback,
-    HeldOutput,
-    Input,
-    Output,
-    disconnect,
-)
+from checkweigher_core.ros.outputs import LOCK, Callback, HeldOutput, Input, Output, disconnect
 from checkweigher_core.ros.ports import Port
 
 if TYPE_CHECKING:
@@ -32,8 +25,8 @@ if TYPE_CHECKING:
 class PortNode(Node):
     """A node whose callbacks all have the lock of the process.
 
-    The node takes records once `checkweigher_core.ros.outputs.connect` has connected it. `spinner`
-    serves it; it may serve others beside it.
+    It receives records once `checkweigher_core.ros.outputs.connect` has connected it. `spinner`
+    serves it, and possibly others.
     """
 
     spinner: 'Spinner | None' = None
@@ -44,7 +37,7 @@ class PortNode(Node):
         super().__init__(name, **options)
 
     def start(self) -> None:
-        """Begin to work: the node is connected and served."""
+        """Begin to work, once the node is connected and served."""
 
     def output(self, port: Port) -> Output:
         """Return an output of a port."""
@@ -59,13 +52,13 @@ class PortNode(Node):
     def subscribe(
         self, port: Port, callback: Callback, *, qos: QoSProfile | None = None, needed: bool = True
     ) -> Input:
-        """Have a callback called with each record of a port; see `Input`."""
+        """Register a callback for the records of a port; see `Input`."""
         entry = Input(self, port, callback, qos or port.stage_qos, needed=needed)
         self.inputs.append(entry)
         return entry
 
     def received(self, port: Port) -> None:
-        """Note that a record has come."""
+        """Process the arrival of a record."""
 
     def refuse(self, port: Port, error: Exception) -> None:
         """Log a record that the callback cannot use, which is not fatal."""
@@ -74,86 +67,72 @@ class PortNode(Node):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
     ) -> Timer:
-        """Create a timer; an exception of its callback is told of, not fatal."""
-        return super().create_timer(
-            timer_period_sec, self._guarded(locked(callback), 'a timer failed'), *args, **options
-        )
+        """Create a timer; an exception of its callback is logged and not fatal."""
+        guarded = self._guarded(locked(callback), 'a timer failed')
+        return super().create_timer(timer_period_sec, guarded, *args, **options)
 
     def create_subscription(
-        self, msg_type: Any, topic: str, callback: Callable[..., Any], *args: Any,
-        raw: bool = False, **options: Any,
-    ) -> Subscription:  # fmt: skip
-        """Subscribe; bytes that are no message and what the callback raises are not fatal.
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        *args: Any,
+        raw: bool = False,
+        **options: Any,
+    ) -> Subscription:
+        """Create a subscription; a malformed message or an exception is logged and not fatal.
 
-        rclpy would raise the former out of its executor, and keep the callback group taken. With
-        `raw` the callback gets the bytes.
+        rclpy would raise out of its executor for a malformed message, and keep the callback group
+        taken. With `raw` the callback gets the bytes.
         """
 
         def convert(data: bytes) -> Any:
             return callback(data if raw else deserialize_message(data, msg_type))
 
         guarded = self._guarded(convert, f'refused a message on {topic}')
-
-        def take(data: bytes) -> None:  # rclpy looks at its arguments
-            guarded(data)
-
-        return super().create_subscription(msg_type, topic, take, *args, raw=True, **options)
+        return super().create_subscription(msg_type, topic, guarded, *args, raw=True, **options)
 
     def _guarded(
-        self, callback: Callable[..., Any], what: str,
+        self,
+        callback: Callable[..., Any],
+        what: str,
         otherwise: Callable[[], Any] = lambda: None,
-    ) -> Callable[..., Any]:  # fmt: skip
-        """Return a callback whose exceptions are told of by `fail`; it returns `otherwise` then."""
+    ) -> Callable[..., Any]:
+        """Return a callback that passes exceptions to `fail`, and returns `otherwise` then."""
 
-        def call(*args: Any) -> Any:
+        async def call(*args: Any) -> Any:
             try:
-                return callback(*args)
+                result = callback(*args)
+                return await result if inspect.iscoroutine(result) else result
             except Exception as error:
                 self.fail(error, what)
                 return otherwise()
 
-        async def call_in_steps(*args: Any) -> Any:
-            try:
-                return await callback(*args)
-            except Exception as error:
-                self.fail(error, what)
-                return otherwise()
-
-        return call_in_steps if inspect.iscoroutinefunction(callback) else call
+        return call
 
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Offer a service; a call that cannot be answered is answered with an empty response.
+        """Create a service; the answer to a call that fails is an empty response.
 
-        The services of the parameters are created here too: in rclpy 7.1 an unknown type of a
-        value raises.
+        rclpy creates the services of the parameters here too, which raise for a value of an unknown
+        type.
         """
         own = locked(callback)
 
-        def checked(response: Any) -> Any:
-            serialize_message(response)  # raises for a text that no message can hold
-            return response
+        async def answer(request: Any, response: Any) -> Any:
+            result = own(request, response)
+            answered = await result if inspect.iscoroutine(result) else result
+            serialize_message(answered)  # raises for a text that no message can hold
+            return answered
 
-        def answer(request: Any, response: Any) -> Any:
-            return checked(own(request, response))
-
-        async def answer_later(request: Any, response: Any) -> Any:
-            return checked(await own(request, response))
-
-        waits = inspect.iscoroutinefunction(callback)
-        guarded = self._guarded(
-            answer_later if waits else answer, f'refused a call of {srv_name}', srv_type.Response
-        )
-
-        # A request whose bytes are none keeps the group of its service taken: a group of its own.
-        options['callback_group'] = (
-            options.get('callback_group') or MutuallyExclusiveCallbackGroup()
-        )
-        return super().create_service(srv_type, srv_name, guarded, **options)
+        guarded = self._guarded(answer, f'refused a call of {srv_name}', srv_type.Response)
+        # A malformed request keeps the callback group taken, so each service has its own.
+        group = options.pop('callback_group', None) or MutuallyExclusiveCallbackGroup()
+        return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Tell of an exception that ends a callback, and not the node."""
+        """Log an exception that ends a callback, and not the node."""
         self.warn(f'{what}: {type(error).__name__}: {error}')
 
     def warn(self, text: str) -> None:
@@ -161,7 +140,7 @@ class PortNode(Node):
         self.get_logger().warning(one_line(text))
 
     def destroy_node(self) -> None:
-        """Destroy the node; the others of its process hand it nothing more."""
+        """Destroy the node, and disconnect it from the others of its process."""
         disconnect(self)
         super().destroy_node()
 

@@ -23,10 +23,10 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
 
-# Of glibc: from this size on memory goes back to the system at once. By itself the limit rises with
-# what is freed, and a process keeps what one large message took.
+# Size from which glibc returns memory to the system at once. By default it rises with the size of
+# freed blocks, and a process would keep the memory of one large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17  # name in malloc.h; bytes
-_FAREWELL = Duration(seconds=1)  # for the last words of a process that is about to end
+_FAREWELL = Duration(seconds=1)  # for the last messages of a process that is about to end
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
@@ -39,9 +39,9 @@ def run_all(
 ) -> None:
     """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP; see `run`.
 
-    The nodes start in the order in which they were made, and shut down in the opposite one. Signals
-    stay with Python and only end the wait of the main thread. Those of rclpy take the context away
-    from what is under way, and KeyboardInterrupt comes up in the middle of a message.
+    The nodes start in the order of their creation, and shut down in the opposite order. Signals
+    only end the wait of the main thread. The signal handlers of rclpy would destroy the context
+    during a callback, and KeyboardInterrupt would interrupt the processing of a message.
     """
     stopping = threading.Event()
     starting = True
@@ -51,10 +51,7 @@ def run_all(
         if starting:
             raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as nohup has it
-        signal.signal(signal.SIGHUP, stop)
+    _on_signals(stop)
     nodes: Sequence[Node] = ()
     spinner: Spinner | None = None
     try:
@@ -63,7 +60,7 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # What rclpy does for the first thing that is logged takes 0.1 s and more: not in mid-line.
+        # rclpy calls this for its first log message, which then takes 0.1 s or more.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -73,12 +70,12 @@ def run_all(
         print(f'checkweigher: {one_line(error)}', file=sys.stderr)
         raise SystemExit(2) from None
     except (Exception, KeyboardInterrupt):
-        # C++ on the way up may have made another exception of the KeyboardInterrupt.
+        # C++ code may have turned the KeyboardInterrupt into another exception.
         if not stopping.is_set():
             raise
     finally:
-        # Ctrl-C comes twice to a node of ros2 launch, from the terminal and from launch: the
-        # second one must find nothing that it could break.
+        # A node of ros2 launch gets Ctrl-C twice, from the terminal and from launch. The second
+        # one must not interrupt the shutdown.
         starting = False
         if spinner is not None:
             _shut_down(nodes, spinner)
@@ -92,8 +89,15 @@ def run_all(
         raise SystemExit(1)  # its traceback has been printed
 
 
+def _on_signals(stop: Callable[..., None]) -> None:
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # as under nohup
+        signal.signal(signal.SIGHUP, stop)
+
+
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
-    """Have each node leave in order, the last one first, while the others still work."""
+    """Shut down the nodes one by one, the last one first, while the others still work."""
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
             continue
@@ -112,6 +116,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # A parameter file that is not there or no YAML, a namespace that is none; rcl appends
-        # places in its own source.
+        # For a missing or malformed parameter file, or a malformed namespace. rcl appends places in
+        # its own source.
         raise ParameterError(str(error).split(', at /')[0]) from None

@@ -14,21 +14,28 @@ _TRIGGER = 'std_srvs/srv/Trigger'
 # Nodes beside the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
-# Those of a machine, which tell how they are as the line does.
+# Nodes beside the line that publish diagnostics.
 OF_MACHINE = SETTING, VERIFIER
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
-# What rclpy gives each node, by names that follow the node's own.
+# Services that rclpy gives each node; their names follow the name of the node.
 SETTER = 'set_parameters_atomically'
 PARAMETER_SERVICES = (
-    'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
-    'set_parameters', SETTER,
-)  # fmt: skip
+    'describe_parameters',
+    'get_parameter_types',
+    'get_parameters',
+    'list_parameters',
+    'set_parameters',
+    SETTER,
+)
 NODE_SERVICES = (*PARAMETER_SERVICES, 'get_type_description')
 LIFE_CYCLE_SERVICES = (
-    'change_state', 'get_state', 'get_available_states', 'get_available_transitions',
+    'change_state',
+    'get_state',
+    'get_available_states',
+    'get_available_transitions',
     'get_transition_graph',
-)  # fmt: skip
+)
 
 
 class Service(NamedTuple):
@@ -38,9 +45,9 @@ class Service(NamedTuple):
     kind: str  # as ROS names it
     server: str  # node
     callers: tuple[str, ...]  # nodes
-    text: str  # what it does
-    condition: str = ''  # with which the server has it; empty for always
-    changes_line: bool = True  # and not only reads, so that the log of the page says who calls it
+    text: str  # meaning
+    condition: str = ''  # parameter with which the server has it; empty for always
+    changes_line: bool = True  # whether the log of the page says who calls it
 
 
 # fmt: off

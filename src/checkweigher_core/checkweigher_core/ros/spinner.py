@@ -18,11 +18,11 @@ _PATIENCE = 10.0  # s
 
 
 class Spinner:
-    """Serves nodes in a thread, by an executor of rclpy.
+    """Thread with an executor of rclpy for some nodes.
 
-    Each wake of that executor collects all entities of all nodes, 1 ms and more for a line: what
-    happens often must not wake it. What a callback raises is told by its node, which lives on. The
-    thread calls `on_end` when it ends; `error` is then what rclpy itself has raised.
+    Each wake of the executor collects all entities of all nodes, which takes 1 ms or more for a
+    line, so frequent events must not wake it. A node logs the exceptions of its callbacks and lives
+    on. The thread calls `on_end` when it ends; `error` is then an exception of rclpy itself.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -36,11 +36,11 @@ class Spinner:
 
     @property
     def alive(self) -> bool:
-        """Whether the nodes are still served: they are not if the context was shut down."""
+        """Whether the nodes are still served, which ends if the context is shut down."""
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:
-        """Connect nodes with each other, serve them and have them start in this order."""
+        """Connect nodes with each other, serve them, and start them in this order."""
         connect(nodes)
         for node in nodes:
             self._nodes.append(node)
@@ -62,9 +62,9 @@ class Spinner:
         self.call(destroy)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call something in the thread that spins, and wait until it is done.
+        """Call a function in the thread of the executor, and wait until it is done.
 
-        Only there entities may be destroyed and timers cancelled: the executor may use them.
+        Entities may be destroyed and timers cancelled only there, because the executor uses them.
         """
         answer: Future[object] = Future()
 
@@ -81,8 +81,8 @@ class Spinner:
         answer.result()
 
     def stop(self) -> None:
-        """Stop, and destroy the nodes in the order opposite to that in which they came."""
-        # Shut down only when the thread has ended: rclpy takes away what a wait is using.
+        """Stop, and destroy the nodes in the opposite order of their addition."""
+        # Shut down only after the end of the thread, because rclpy destroys what a wait uses.
         self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)
         if not self._thread.is_alive():
@@ -99,7 +99,7 @@ class Spinner:
                 except ExternalShutdownException:
                     break
                 except Exception as error:
-                    # Of a request or an answer whose bytes are none, or of a task.
+                    # By a malformed request or answer, or by a task.
                     if not rclpy.ok() or not self._nodes:
                         self.error = error
                         raise

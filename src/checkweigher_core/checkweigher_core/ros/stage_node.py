@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What all nodes of the line have in common: parameters, inputs and outputs, diagnostics."""
+"""Base of the nodes of the line: parameters, inputs and outputs, diagnostics."""
 
 from collections.abc import Callable, Iterable, Sequence
 import time
@@ -28,9 +28,9 @@ Overrides = dict[str, object]
 class StageNode(PortNode, Generic[P]):
     """A node around one stage of the line, named ``parameters.node``.
 
-    Its parameters are fixed once it runs if they are `read_only`; `overrides` win over values from
-    the command line. What is changed on the running node is first written to the audit log of the
-    lane, if there is one, by its `change_record`.
+    Parameters that are `read_only` cannot change while the node runs. `overrides` win over values
+    from the command line. The node writes changes of its parameters to the audit log of the lane,
+    if there is one, before it makes them.
     """
 
     def __init__(
@@ -55,27 +55,27 @@ class StageNode(PortNode, Generic[P]):
             self.output(ALIVE[parameters.node])
 
     def destroy_node(self) -> None:
-        """Destroy the node, and let another one take its place."""
+        """Destroy the node, and free its place for another one."""
         super().destroy_node()
         if self._place is not None:
             self._place.free()
 
     def start(self) -> None:
-        """Begin to tell how the node is."""
+        """Begin to publish diagnostics."""
         self.diagnostics.start()
 
     def shut_down(self) -> None:
-        """Leave in order before the process ends."""
+        """Prepare for the end of the process."""
 
     def final_outputs(self) -> Sequence[Output]:
         """Return the outputs whose messages have to arrive before the process ends."""
         return ()
 
     def on_parameters(self) -> None:
-        """Use `self.parameters`, which have changed."""
+        """Apply changed `self.parameters`."""
 
     def diagnose(self, now: float) -> Iterable[Finding]:
-        """Return how the aspects of this stage are at `now`, s of the monotonic clock."""
+        """Return the findings of this stage at `now`, s of the monotonic clock."""
         return ()
 
     def _diagnose(self, now: float) -> Iterable[Finding]:
@@ -83,7 +83,7 @@ class StageNode(PortNode, Generic[P]):
         return self.diagnose(now)
 
     def received(self, port: Port) -> None:
-        """Count a record that has come."""
+        """Count a record that has arrived."""
         self.count(f'{port.name} received')
 
     def refuse(self, port: Port, error: Exception) -> None:
@@ -98,7 +98,7 @@ class StageNode(PortNode, Generic[P]):
         super().fail(error, what)
 
     def count(self, name: str) -> None:
-        """Count something for the diagnostics."""
+        """Count an event for the diagnostics."""
         self.diagnostics.count(name)
 
     def warn(self, text: str) -> None:
@@ -108,7 +108,7 @@ class StageNode(PortNode, Generic[P]):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Offer a service; those of rclpy that set parameters wait for the audit log."""
+        """Create a service; those of rclpy that set parameters write to the audit log first."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
         return super().create_service(srv_type, srv_name, callback, **options)
@@ -135,12 +135,11 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _may_set(self, changes: Sequence[Parameter]) -> bool:
-        """Tell whether rclpy and this node may take changes: what they refuse is no entry."""
-        for change in changes:
-            if not self.has_parameter(change.name):
-                return False
-            if self.describe_parameter(change.name).read_only:
-                return False
+        """Return whether rclpy and this node accept changes; refused ones have no entry."""
+        names = [change.name for change in changes]
+        known = all(map(self.has_parameter, names))
+        if not known or any(each.read_only for each in self.describe_parameters(names)):
+            return False
         try:
             self._changed(changes)
         except ParameterError:
@@ -148,7 +147,7 @@ class StageNode(PortNode, Generic[P]):
         return True
 
     def _changed(self, changes: Sequence[Parameter]) -> P:
-        """Return the parameters with some changed; `ParameterError` if they cannot be used."""
+        """Return the changed parameters; `ParameterError` if they cannot be used."""
         values = self.parameters.as_mapping()
         changed = {change.name: change.value for change in changes if change.name in values}
         return type(self.parameters).from_mapping({**values, **changed})

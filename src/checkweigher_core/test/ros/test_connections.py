@@ -66,13 +66,19 @@ def test_a_subscriber_elsewhere_that_asks_for_what_stages_ask_for_fits(process, 
     process.wait_for(lambda: output.publisher.get_subscription_count() == 1)
 
 
-def test_a_publisher_elsewhere_fits_as_well(process, here, elsewhere):
-    elsewhere.create_publisher(PORT.type, PORT.name, PORT.qos)
+@pytest.mark.parametrize(
+    ('qos', 'why'),
+    [(PORT.qos, ''), (QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), 'reliab')],
+)
+def test_a_publisher_elsewhere_fits_unless_it_is_best_effort(process, here, elsewhere, qos, why):
+    elsewhere.create_publisher(PORT.type, PORT.name, qos)
     process.wait_for(lambda: here.count_publishers(PORT.name) == 1)
 
     (listed,) = here.get_publishers_info_by_topic(PORT.name)
 
-    assert ports.fits(listed.qos_profile, PORT.stage_qos)
+    found = ports.misfit(listed.qos_profile, PORT.stage_qos)
+    assert why in found
+    assert bool(why) == bool(found)
 
 
 def test_not_all_are_matched_while_one_that_fits_is_not_counted(process, here, elsewhere):
@@ -109,13 +115,3 @@ def test_one_of_another_type_is_not_waited_for(process, here, elsewhere):
 
     assert has_matched_all(here, output)
     assert output.publisher.get_subscription_count() == 0
-
-
-def test_a_best_effort_publisher_elsewhere_does_not_fit(process, here, elsewhere):
-    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    elsewhere.create_publisher(PORT.type, PORT.name, best_effort)
-    process.wait_for(lambda: here.count_publishers(PORT.name) == 1)
-
-    (listed,) = here.get_publishers_info_by_topic(PORT.name)
-
-    assert 'reliab' in ports.misfit(listed.qos_profile, PORT.stage_qos)

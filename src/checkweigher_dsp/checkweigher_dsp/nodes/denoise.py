@@ -15,7 +15,7 @@ from checkweigher_dsp.health.items import WorkloadWatch
 
 
 class DenoiseNode(StageNode[DenoiseParameters]):
-    """Denoise weigh windows by wavelet shrinkage."""
+    """Node that denoises weigh windows by wavelet shrinkage."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(DenoiseParameters, overrides=overrides)
@@ -25,7 +25,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self.subscribe(ports.WEIGH_WINDOW, self._on_window)
 
     def on_parameters(self) -> None:
-        """Begin to use a changed table."""
+        """Use a changed table."""
         self._denoiser = Denoiser(self.parameters)
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -36,7 +36,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how long the windows take."""
+        """Return the finding on the time that windows take."""
         return [self._workload.finding(now)]
 
 

@@ -23,7 +23,7 @@ from checkweigher_dsp.nodes.learned_record import LearnedRecord
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):
-    """Make a mass of each denoised window."""
+    """Node that estimates the mass of each denoised window."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(IdentifierParameters, overrides=overrides)
@@ -40,18 +40,18 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Tell also what was known before."""
+        """Begin to work, and record what was learned before."""
         super().start()
         self._note_learned()
 
     def destroy_node(self) -> None:
-        """Keep what was learned last."""
+        """Destroy the node, after what it has learned is in its file."""
         if self._record is not None:
             self._record.close()
         super().destroy_node()
 
     def on_parameters(self) -> None:
-        """Begin to use a changed estimator."""
+        """Use a changed estimator."""
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
             if self._record is not None:
@@ -62,7 +62,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known)
-        # What was usual of the estimator before is not of this one.
+        # The usual values of the estimator before are not those of this one.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -72,7 +72,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._workload.add(now, now - began)
         self._estimates.send(estimate)
         self.count('weighed' if estimate.weighed else 'faults')
-        if not window.reasons:  # those the segmenter has told already
+        if not window.reasons:  # which the segmenter has logged already
             self._convergence.add(now, estimate)
             for reason in estimate.reasons:
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
@@ -81,7 +81,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._note_learned()
 
     async def _on_forget(self, request: Any, response: Any) -> Any:
-        """Forget what was learned, once that is in the audit log."""
+        """Delete what was learned, after an entry in the audit log."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'
@@ -96,7 +96,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return response
 
     def _note_learned(self) -> None:
-        """Keep what has been learned, and tell the audit log whether it weighs from now on."""
+        """Write what was learned to its file, and changes in its use to the audit log."""
         known = self._identifier.learned
         kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
         if kept == self._kept:
@@ -115,13 +115,13 @@ class IdentifierNode(StageNode[IdentifierParameters]):
                 self.executor.create_task(self._audit(value))
 
     async def _audit(self, value: dict[str, object]) -> None:
-        """Write down what was learned: it follows from the items, and so it is no request."""
+        """Write what was learned to the audit log; a failure does not undo it."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, value):
             self.warn(f'what was learned: {reason}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how sure the masses are, how long they take, and what was learned."""
+        """Return the findings on the masses, the time they take, and what was learned."""
         known = self.parameters
         trouble = self._record.trouble if self._record is not None else ''
         return [

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""What a line has learned, in a file that outlives its process."""
+"""File of what a line has learned, which outlives its process."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,16 +14,28 @@ _NONE = '-'
 
 
 class LearnedRecord:
-    """The file of one node; `trouble` says why it cannot be used now, empty if it can.
+    """File of what one node has learned.
 
     A file that cannot be read counts as empty, which does no harm: the line weighs by its estimator
     and learns again.
+
+    Parameters
+    ----------
+    wanted : str
+        Path of the file; empty for one named after the node, ``-`` for none.
+    node : str
+        Full name of the node.
+
+    Attributes
+    ----------
+    trouble : str
+        Why the file cannot be used now, empty if it can.
     """
 
     def __init__(self, wanted: str, node: str) -> None:
         self.trouble = ''
         self._path: Path | None = None
-        self._writer = ThreadPoolExecutor(1, 'learned record')  # no item waits for a disk
+        self._writer = ThreadPoolExecutor(1, 'learned record')  # so that no item waits for a disk
         try:
             if wanted != _NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
@@ -31,24 +43,23 @@ class LearnedRecord:
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:
-        """Return what was learned before, None if nothing is known of it."""
+        """Return the content of the file, None if there is none."""
         try:
-            if self._path is None or not self._path.exists():
-                return None
-            return read_settings(self._path, LearnedKinds)
+            if self._path is not None and self._path.exists():
+                return read_settings(self._path, LearnedKinds)
         except (OSError, SettingsError) as error:
             self._fail(error)
-            return None
+        return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Keep what is known in place of what was: soon, or before this returns."""
+        """Replace the content of the file: soon, or with `now` before this returns."""
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)
             if now:
                 written.result()
 
     def close(self) -> None:
-        """Wait until what was to be kept is in the file."""
+        """Wait until the content is in the file."""
         self._writer.shutdown()
 
     def _write(self, path: Path, known: LearnedKinds) -> None:

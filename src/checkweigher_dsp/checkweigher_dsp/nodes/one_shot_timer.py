@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A timer that rings once, and may be set from any thread."""
+"""A timer that fires once, and may be set from any thread."""
 
 from collections.abc import Callable
 import time
@@ -11,21 +11,22 @@ _SHORTEST = 1000  # ns
 
 
 class OneShotTimer:
-    """Call something once, when its time has come.
+    """Timer that calls a function once, at a time of the monotonic clock in ns.
 
-    A timer of rclpy must not be cancelled in another thread than that of its executor, which may
-    be about to call it and then raises: this one rings for nothing instead.
+    A timer of rclpy must be cancelled in the thread of its executor. In another thread the executor
+    may be about to call it, and would raise. This timer therefore fires without effect if it was
+    cleared.
     """
 
     def __init__(self, node: Node, callback: Callable[[], None]) -> None:
         self._node = node
         self._callback = callback
         self._due: int | None = None
-        self._set_to: int | None = None  # when the timer of rclpy runs out
+        self._set_to: int | None = None  # time at which the timer of rclpy fires
         self._timer = node.create_timer(1.0, self._ring, autostart=False)
 
     def set(self, due: int) -> None:
-        """Ring at a time, ns of the monotonic clock, and no more at the one set before."""
+        """Set the time, in place of the one set before."""
         self._due = due
         if self._set_to is None or due < self._set_to:
             self._set_to = due
@@ -35,11 +36,11 @@ class OneShotTimer:
                 self._node.executor.wake()  # it may wait for a later time
 
     def set_by(self, due: int) -> None:
-        """Ring at a time or at the one set before, the sooner of both."""
+        """Set the time, unless an earlier one is set."""
         self.set(due if self._due is None else min(due, self._due))
 
     def clear(self) -> None:
-        """Do not ring."""
+        """Clear the time."""
         self._due = None
 
     def _ring(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The reject node: items and mass_estimate to verdict; with reject_eye to stop_request."""
+"""The reject node: items and mass_estimate to verdict, and with reject_eye to stop_request."""
 
 from dataclasses import replace
 from functools import partial
@@ -48,11 +48,11 @@ _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
 class RejectNode(ManagedStageNode[RejectParameters]):
-    """Give every announced item its verdict, in time for the rejector.
+    """Node that gives every announced item its verdict in time for the rejector.
 
-    Only while it is active: else it asks the line to stop. With `keep_numbers`, or the parameter
-    `numbers`, the numbers of the items that have their verdict are in a file for the node that
-    takes its place. The announcements are latched, so that it judges what it has missed.
+    While it is not active, it asks the line to stop. With `keep_numbers` or the parameter `numbers`
+    it keeps the numbers of the items with a verdict in a file. The node that takes its place reads
+    that file and the latched announcements, and judges the items that this one has missed.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._shown: StopRequest | None = None
         self._products = self.output(ports.PRODUCT_IN_USE)
         self._in_use: ProductOnLine | None = None  # as it was published
-        # Before the estimates: of what has come, the product is taken first.
+        # Before the estimates, so that of waiting messages the product comes first.
         self.subscribe(ports.PRODUCT_ON_LINE, self._on_product)
         self.create_service(Trigger, ports.RESET_STOP_REQUEST, self._reset)
         self._timer = OneShotTimer(self, self._tick)
@@ -90,31 +90,33 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._tests = self.subscribe(ports.PERFORMANCE_TEST, self._on_test)
         self._strangers = StrangerWatch(self)
         self._permission = PermissionGiver(
-            self, {'eyes': eyes, 'load cell': load_cell}, lambda: self._request is not None,
+            self,
+            {'eyes': eyes, 'load cell': load_cell},
+            lambda: self._request is not None,
             deadlines=self.parameters.deadlines,
-        )  # fmt: skip
+        )
         self.create_timer(_LOOK_PERIOD, self._look_around)
         self.begin()
 
     def start(self) -> None:
-        """Activate, or say that the line must not run."""
+        """Activate, or request a stop."""
         super().start()
         self._show_product()
         if self.state == 'unconfigured':
             self._show_stop_request()
 
     def activate(self) -> None:
-        """Begin to judge, and say that the line may run."""
+        """Begin to judge, and take back the request to stop."""
         self._monitor.restart()
         self._active = True
         self._stop_requests.send(self._monitor.request)
         self._shown = self._monitor.request
         self._permission.give()
         self._publish(self._stage.judge_complete(self._now()))
-        self._wake()
+        self._update()
 
     def deactivate(self) -> None:
-        """Ask the line to stop, and reject what is on it."""
+        """Request a stop, and reject the items on the line."""
         was_active, self._active = self._active, False
         self._show_stop_request()
         if was_active:
@@ -122,11 +124,11 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._timer.clear()
 
     def final_outputs(self) -> list[Output]:
-        """Return the outputs of the request to stop and of the last verdicts."""
+        """Return the outputs of the stop request and of the verdicts."""
         return [self._stop_requests, self._verdicts]
 
     def destroy_node(self) -> None:
-        """End the permission, destroy the node, and close the file of its numbers."""
+        """End the permission, destroy the node, and close the file of the numbers."""
         if hasattr(self, '_permission'):
             self._permission.end()
         super().destroy_node()
@@ -137,35 +139,35 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         """Use the changed parameters."""
         self._stage.parameters = self._monitor.parameters = self.parameters
         self._stream_clock.running = self.parameters.deadlines
-        self._permission.set_deadlines(deadlines=self.parameters.deadlines)
-        if self._stage.product.stamp:  # limits that are set hold until a product is selected
+        self._permission.rule.deadlines = self.parameters.deadlines
+        if self._stage.product.stamp:  # the limits set now hold until the next product
             self._stage.product = replace(self._stage.product, **limits_of(self.parameters))
         self._show_product()
 
     def _on_product(self, product: ProductOnLine) -> None:
-        """Judge by what is on the line from now on."""
+        """Use the limits of a product, or only its counts if the product is in use."""
         in_use = self._stage.product
         if not (self.parameters.needs_product or in_use.stamp):
             self.get_logger().warning(
                 'reject.needs_product is false: after its start this node accepts by the limits '
                 'of its parameter file until it has those of a product'
             )
-        if product.stamp == in_use.stamp:  # only the counts are others
+        if product.stamp == in_use.stamp:
             product = replace(in_use, **BatchTally.of(product).counts)
-        else:  # limits that are set later have to fit these
+        else:  # so that limits which are set later are checked against these
             self.parameters = replace(self.parameters, **limits_of(product))
         self._stage.product = product
         self._show_product()
 
     def _show_product(self) -> None:
-        """Publish by what items are judged, unless only the counts are others."""
+        """Publish the limits in use if they have changed."""
         shown = replace(self._stage.product, **BatchTally().counts)
         if shown != self._in_use:
             self._in_use = shown
             self._products.send(shown)
 
     def _now(self) -> int | None:
-        """Return the time that deadlines run on, None if there are none."""
+        """Return the time for the deadlines, None without deadlines."""
         return time.monotonic_ns() if self.parameters.deadlines else None
 
     def _on_load_cell(self, load_cell: LoadCell) -> None:
@@ -174,22 +176,42 @@ class RejectNode(ManagedStageNode[RejectParameters]):
 
     def _on_driver_status(self, status: StreamStatus) -> None:
         if status.stream != self._stream:
-            # The first one heard tells of the stream whose edges may be here already.
+            # Edges of the first stream may have come before its first status.
             if self._stream:
                 self._stage.restart()
                 self._monitor.restart()
             self._stream = status.stream
-        text = status.text if status.state != StreamState.FINISHED else ''
-        failed = status.state == StreamState.FAILED
-        self._monitor.hear_driver(text or ('its source failed' if failed else ''))
-        if self._active:
-            self._show_stop_request()
+        failed = 'its source failed' if status.state == StreamState.FAILED else ''
+        finished = status.state == StreamState.FINISHED
+        self._monitor.trouble = '' if finished else status.text or failed
+        self._check()
+
+    def _check(self) -> None:
+        """Request a stop if the line, the machine or the performance test demands one."""
+        self._monitor.check(time.time_ns())
+        self._update()
+
+    def _update(self) -> None:
+        """Publish the stop request if it has changed, and set the timer to the next deadline."""
+        if not self._active:
+            return
+        missed, self._stage.inspections.missed = self._stage.inspections.missed, []
+        for request in missed:
+            self._monitor.request = self._monitor.request or request
+        self._show_stop_request()
+        times = [self._stage.due] if self.parameters.deadlines else []
+        if (due := self._monitor.due) is not None:
+            times.append(self._stream_clock.reaches(due, time.monotonic_ns()))
+        if known := [due for due in times if due is not None]:
+            self._timer.set_by(min(known))
+        else:
+            self._timer.clear()
 
     def _on_edge(self, edge: EyeEdge) -> None:
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._verdict_watch.add_edge(time.monotonic(), edge.stamp)
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
-        self._look_whether_inspected()
+        self._look_at_inspection()
         self._stage.add_edge(edge, self._now())
         self._go_on()
 
@@ -201,7 +223,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _on_segmenter(self, status: StreamStatus) -> None:
-        self._permission.add_progress(status)
+        self._permission.rule.add_progress(status, time.monotonic_ns())
         if status.stream == self._stream:
             self._stage.hear_segmenter(status)
 
@@ -216,7 +238,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _go_on(self) -> None:
-        """Judge what can wait no longer; an inactive node judges nothing."""
+        """Judge the items that can wait no longer, if the node is active."""
         if not self._active:
             return
         unknown = self._stage.unknown_estimates
@@ -225,104 +247,73 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self.count(Reason.UNKNOWN_ITEM)
             self.warn(f'UnknownItem: {Reason.UNKNOWN_ITEM.hint}')
         if self._stage.out_of_numbers:
-            self._monitor.miss_items()
-            self._show_stop_request()
-        self._wake()
+            self._monitor.stop(StopReason.NO_ITEMS)
+        self._update()
 
     def _on_reject_eye(self, edge: EyeEdge) -> None:
         self._stream_clock.saw(edge.stamp, time.monotonic_ns())
         if self._active:
             self._monitor.add_edge(edge)
-            self._wake()
+            self._update()
 
     def _on_external_reject(self, reject: ExternalReject) -> None:
         if self._active:
-            self._stage.external_reject(reject, time.monotonic_ns())
+            stage = self._stage
+            stage.inspections.add(reject, stage.weigh_length, time.monotonic_ns())
             self.count('external rejects')
-            self._look_after_inspections()
-            self._wake()
-
-    def _look_after_inspections(self) -> None:
-        """Stop the line for rejects that no verdict could heed."""
-        inspections = self._stage.inspections
-        missed, inspections.missed = inspections.missed, []
-        for each in missed:
-            self._monitor.miss(each)
-        if missed:
-            self._show_stop_request()
+            self._update()
 
     def _on_conditions(self, conditions: MachineConditions) -> None:
-        self._monitor.hear_conditions(conditions)
-        self._look_whether_inspected()
-        if self._active:
-            self._show_stop_request()
+        self._monitor.conditions = conditions
+        self._look_at_inspection()
+        self._check()
 
-    def _look_whether_inspected(self) -> None:
-        """See whether the inspection devices run, and a node is there to tell what they reject."""
+    def _look_at_inspection(self) -> None:
+        """Check that the inspection devices run, and that a node publishes their rejects."""
         stamp = self._stream_clock.at(time.monotonic_ns())
         if stamp is None or not self.parameters.devices:
             return
         known = self._monitor.conditions
         running = known.known and StopReason.INSPECTION_FAULT not in known.conditions
         heard = running and self._external.count() > 0
-        # An outage may have begun before the edges that come now.
+        # An outage may have begun before the latest edges.
         self._stage.inspections.set_running(heard, stamp if heard else stamp - LATENESS)
 
     def _on_test(self, test: PerformanceTest) -> None:
-        self._monitor.hear_test(test, time.time_ns())
-        if self._active:
-            self._show_stop_request()
+        self._monitor.test = test
+        self._check()
 
     def _look_around(self) -> None:
-        """Check for strangers, whether items are inspected, and whether a grace is over."""
+        """Check for strangers, the inspection devices, and the end of a grace period."""
         self._look_for_strangers()
-        self._look_whether_inspected()
-        if self._active and self._monitor.test is not None:
-            self._on_test(self._monitor.test)
+        self._look_at_inspection()
+        self._check()
 
     def _look_for_strangers(self) -> None:
         self._strangers.look()
         self._stage.foreign = bool(self._strangers.found)
-        self._monitor.hear_strangers(self._strangers.found)
-        if self._active:
-            self._show_stop_request()
-
-    def _wake(self) -> None:
-        """Have the timer ring when time alone brings something, and not before."""
-        now = time.monotonic_ns()
-        times = []
-        if self.parameters.deadlines and self._active:
-            times.append(self._stage.due)
-        if (due := self._monitor.due) is not None:
-            times.append(self._stream_clock.reaches(due, now))
-        if known := [due for due in times if due is not None]:
-            self._timer.set_by(min(known))
-        else:
-            self._timer.clear()
+        self._monitor.strangers = self._strangers.found
 
     def _tick(self) -> None:
-        """Do what time alone brings, as long as there is something to wait for."""
-        now = time.monotonic_ns()
+        """Judge by the time that has passed."""
         if self.parameters.deadlines:
             self._go_on()
-            self._look_after_inspections()
         strays = self._monitor.strays
-        stream_time = self._stream_clock.at(now)
+        stream_time = self._stream_clock.at(time.monotonic_ns())
         if stream_time is not None:
             self._monitor.advance(stream_time)
         if self._monitor.strays > strays:
             self.count('reject_eye strays')
             self._rejector_watch.add_strays(time.monotonic(), self._monitor.strays - strays)
             self.warn('reject_eye saw something near no reject time')
-        self._show_stop_request()
-        self._wake()
+        self._update()
 
     def _publish(self, verdicts: list[Verdict]) -> None:
         for number in self._stage.take_passed_over():
             self._keep(number)
         for verdict in verdicts:
-            self._keep(verdict.item_id)  # before anyone hears of it: none is given twice
-            self._verdicts.send(verdict)  # before all else: the rejector waits
+            self._keep(verdict.item_id)  # before it is published, so that none is given twice
+            self._verdicts.send(verdict)  # before all else, because the rejector waits
             self._verdict_watch.add(time.monotonic(), verdict)
             self.count(verdict.decision.name)
             if not verdict.estimate_id:
@@ -332,18 +323,15 @@ class RejectNode(ManagedStageNode[RejectParameters]):
                 self.count('late verdicts')
                 self.warn(f'item {verdict.item_id}: its verdict came after its reject time')
             self._monitor.add_verdict(verdict)
-        if verdicts:
-            self._show_stop_request()
-            self._wake()
 
     def _keep(self, number: int) -> None:
-        """Keep the number of an item that has its verdict."""
+        """Write the number of an item with a verdict."""
         if self._numbers is not None:
             self._numbers.give(number)
 
     @property
     def _request(self) -> StopRequest | None:
-        """What this node asks of the line now."""
+        """Stop request of this node, None if the line may run."""
         return self._monitor.request if self._active else _NOT_READY
 
     def _show_stop_request(self) -> None:
@@ -361,7 +349,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self.warn(f'stop: {item}{request.reason}: {request.hint}')
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return how the verdicts, the line before this node and the rejector are."""
+        """Return the findings on the verdicts, the line before this node, and the rejector."""
         known = self.parameters
         watch = self._verdict_watch
         confirmed = known.confirmation_time > 0
@@ -371,14 +359,14 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             watch.line(now, 'identifier' if no_masses else ''),
             self._rejector_watch.finding(now, self._monitor.request, confirmed=confirmed),
             self._strangers.finding(),
-            self._permission.finding(),
+            self._permission.rule.finding(),
         ]
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Clear the stop request, unless what the driver says is wrong still is."""
+        """Clear the stop request, unless a reason for it lasts."""
         cleared, shown = self._monitor.request, self._shown
         self._look_for_strangers()
-        # The last word of a publisher that has gone does not count.
+        # The last message of a publisher that has gone does not count.
         if not self._driver.count():
             self._monitor.trouble = ''
         if not self._conditions.count():
@@ -390,13 +378,15 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._show_stop_request()
         request = self._request
         if request is not None and request == shown:
-            # The driver waits to be shown what it missed since: the words may be the same.
+            # Again, because the driver waits for an answer to the reset.
             self._stop_requests.send(request)
         response.success = request is None
         if request is not None:
             response.message = f'{request.reason}: {request.hint}'
+        elif cleared is not None:
+            response.message = f'{cleared.reason} reset'
         else:
-            response.message = 'no stop was requested' if not cleared else f'{cleared.reason} reset'
+            response.message = 'no stop was requested'
         return response
 
 

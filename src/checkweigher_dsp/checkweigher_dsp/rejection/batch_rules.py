@@ -14,9 +14,7 @@ from typing import Any
 from checkweigher_core.records import Decision, ProductOnLine, Verdict
 from checkweigher_core.records.reasons import Reason
 
-_MAX_TALLIES = 1_000
-
-# A mass that lies on a limit must not fall below it by a rounding error; far below a load cell.
+# Relative tolerance, so that no rounding error puts a mass below a limit that it is equal to.
 ROUNDING = 1e-9
 
 
@@ -24,9 +22,18 @@ ROUNDING = 1e-9
 class BatchTally:
     """Counts of a product in a batch.
 
-    `accepted` items are among all `items`, and `below_tu1` among the accepted ones, where the
-    recipe has a quota. `surplus` is the sum of what the accepted ones have above the nominal
-    weight, kg.
+    Attributes
+    ----------
+    product, batch : str
+        Names of the product and of the batch.
+    items : int
+        Number of items.
+    accepted : int
+        Number of accepted items.
+    below_tu1 : int
+        Number of accepted items below TU1, where the recipe has a quota.
+    surplus : float
+        Sum of the masses of the accepted items above the nominal weight in kg.
     """
 
     product: str = ''
@@ -40,17 +47,23 @@ class BatchTally:
     def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
         """Return the counts that a record carries."""
         return cls(
-            record.product, record.batch, record.batch_items, record.batch_accepted,
-            record.batch_below_tu1, record.batch_surplus,
-        )  # fmt: skip
+            record.product,
+            record.batch,
+            record.batch_items,
+            record.batch_accepted,
+            record.batch_below_tu1,
+            record.batch_surplus,
+        )
 
     @property
     def counts(self) -> dict[str, Any]:
         """The counts as the fields of `Verdict` and `ProductOnLine`."""
         return {
-            'batch_items': self.items, 'batch_accepted': self.accepted,
-            'batch_below_tu1': self.below_tu1, 'batch_surplus': self.surplus,
-        }  # fmt: skip
+            'batch_items': self.items,
+            'batch_accepted': self.accepted,
+            'batch_below_tu1': self.below_tu1,
+            'batch_surplus': self.surplus,
+        }
 
     @property
     def key(self) -> tuple[str, str]:
@@ -58,49 +71,46 @@ class BatchTally:
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
-        """Tell whether the next item may be below TU1, of which a share of `quota` may be."""
+        """Return whether the next item may be below TU1; `quota` is the largest share of them."""
         return self.below_tu1 + 1 <= quota * (self.accepted + 1) * (1 + ROUNDING)
 
 
 class BatchRules:
-    """The counts of the batches, and the verdicts by the rules over them.
+    """Rules over the running batches, with the counts of each batch.
 
-    The counts of a batch only grow. So of what several remember of one batch (the product node, the
-    verdicts before a restart) the tally with the most items is the last one, and nothing is counted
-    twice.
+    The counts of a batch only grow. Of several tallies of one batch (of the product node, of the
+    verdicts before a restart) the one with the most items is therefore the latest.
     """
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[str, str], BatchTally] = {}
-        self._product: ProductOnLine | None = None
 
-    def remember(self, tally: BatchTally) -> None:
-        """Take counts of a batch, unless those that are known are later ones."""
-        known = self._tallies.pop(tally.key, tally)
-        self._tallies[tally.key] = known if known.items >= tally.items else tally
-        if len(self._tallies) > _MAX_TALLIES:
-            del self._tallies[next(iter(self._tallies))]
+    def remember(self, tally: BatchTally) -> BatchTally:
+        """Return the latest counts of a batch: these ones, or those known before."""
+        known = self._tallies.get(tally.key, tally)
+        latest = self._tallies[tally.key] = known if known.items >= tally.items else tally
+        return latest
 
-    def judge(self, verdict: Verdict, product: ProductOnLine, **others: Any) -> Verdict:
-        """Return a verdict with the rules applied and with its counts; `others` are set as well."""
-        if product is not self._product:
-            self._product = product
-            self.remember(BatchTally.of(product))
-        key = product.product, product.batch
-        tally = self._tallies[key]
+    def judge(self, verdict: Verdict, product: ProductOnLine) -> Verdict:
+        """Return a verdict with the rules applied, and with the counts of its batch."""
+        tally = self.remember(BatchTally.of(product))
         decision, reasons = verdict.decision, verdict.reasons
         if decision is Decision.ACCEPT and (broken := broken_rules(verdict.mass, tally, product)):
             decision, reasons = Decision.UNDER, broken
         tally = count(verdict.mass, tally, product, accepted=decision is Decision.ACCEPT)
-        self._tallies[key] = tally
+        self._tallies[tally.key] = tally
         return replace(
-            verdict, decision=decision, reasons=reasons, product=tally.product, batch=tally.batch,
-            **tally.counts, **others,
-        )  # fmt: skip
+            verdict,
+            decision=decision,
+            reasons=reasons,
+            product=tally.product,
+            batch=tally.batch,
+            **tally.counts,
+        )
 
 
 def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
-    """Return the rules that an item of a mass in kg would break if it was accepted."""
+    """Return the rules that an item would break if it was accepted; `mass` in kg."""
     broken = []
     if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)
@@ -113,7 +123,7 @@ def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tupl
 
 
 def count(mass: float, tally: BatchTally, product: ProductOnLine, *, accepted: bool) -> BatchTally:
-    """Return the tally with one item more."""
+    """Return the tally with one more item; `mass` in kg."""
     items = tally.items + 1
     if not accepted:
         return replace(tally, items=items)

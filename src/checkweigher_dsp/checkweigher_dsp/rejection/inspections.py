@@ -2,20 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rejects by other inspection devices of the line: metal detector, X-ray, vision.
 
-A device stands at its distance from the infeed eye, before or behind it, and answers for an item at
+A device stands at its distance from the infeed eye, before or behind it. It answers for an item at
 the latest its answer time after the item has passed it. The verdict on an item waits until all
-devices have had that time; what one of them rejects is a FAULT with the device's reason. An item
-whose time would be over too late for the rejector, or that passed while a device did not run, is
-NotInspected. So each item still has one verdict, and the verdict is never changed.
+devices have had that time, and an item that one of them rejects is a FAULT with the device's
+reason. An item is NotInspected if the rejector cannot wait that long, or if a device did not run.
+So each item has one verdict, which is never changed.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from checkweigher_core.records import NANOSECONDS, Decision, ExternalReject, Verdict
-from checkweigher_core.records.reasons import Reason
+from checkweigher_core.records import NANOSECONDS, Decision, ExternalReject, StopRequest, Verdict
+from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {
@@ -27,20 +27,22 @@ _MAX_SIGNALS = 1_000
 _MAX_JUDGED = 400
 _MAX_OUTAGES = 100
 _NAMED_PATIENCE = NANOSECONDS  # for the verdict on an item that a device names
-_SLOWEST_BELT = 0.1  # m/s; an item that takes longer than on it has no place
+_SLOWEST_BELT = 0.1  # m/s; an item on a slower belt has no place
 LATENESS = 2 * NANOSECONDS  # of edges behind their samples
+_EVER = 2**62  # ns, beyond any stamp
 
 
 class Passage(NamedTuple):
-    """The way of an item over the weigh belt: when it begins to enter, and for how long, ns."""
+    """Way of an item over the weigh belt; times in ns."""
 
     t1: int
     length: int  # t2 - t1
     transit: int  # t3 - t1, over the weigh length
+    weigh_length: float  # m
 
 
 class Span(NamedTuple):
-    """The time in which a device answers for an item, stamps in ns."""
+    """Period of time between two stamps in ns."""
 
     begin: int
     end: int
@@ -48,138 +50,116 @@ class Span(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Signal:
-    """What a device said; `forget_at` is when its item should have come, on the arrival clock."""
+    """Reject by a device; its item has to come before `forget_at`, on the clock of arrivals."""
 
     reject: ExternalReject
     forget_at: int
     used: bool = False
 
 
-class Missed(NamedTuple):
-    """A reject that came too late or of no item that the eyes have shown: the line has to stop."""
-
-    item_id: int
-    stamp: int | None
-    text: str
-
-
 class Inspections:
-    """What the inspection devices have said, and the items that it is of.
+    """Rejects by the inspection devices, and the items that they belong to.
 
-    Stamps and times are in ns. `missed` has the rejects that no verdict could heed, for the caller
-    to take away.
+    Stamps and times are in ns.
+
+    Attributes
+    ----------
+    parameters : RejectParameters
+        Places and times of the devices.
+    judged : deque of (Verdict, Passage or None)
+        Latest verdicts of this stream, which are final, with the ways of their items.
+    missed : list of StopRequest
+        Requests to stop for rejects that came too late or belong to no item. The caller empties it.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters
-        self.missed: list[Missed] = []
+        self.missed: list[StopRequest] = []
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
-        self._judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        self._outages: deque[Span] = deque(maxlen=_MAX_OUTAGES)
-        self._out_since: int | None = -(2**62)  # until it is known that the devices run
+        self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
+        # The devices do not run until they say so. The last outage may last.
+        self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def set_running(self, running: bool, stamp: int) -> None:
-        """Note that the devices run, or that one does not, from `stamp` on."""
-        if running and self._out_since is not None:
-            self._outages.append(Span(self._out_since, stamp))
-            self._out_since = None
-        elif not running and self._out_since is None:
-            self._out_since = stamp
+        """Set whether all devices run from `stamp` on."""
+        last = self._outages[-1]
+        if running and last.end == _EVER:
+            self._outages[-1] = Span(last.begin, stamp)
+        elif not running and last.end != _EVER:
+            self._outages.append(Span(stamp, _EVER))
 
     def add(self, reject: ExternalReject, weigh_length: float | None, now: int) -> None:
-        """Take a reject that came at `now`; see whether its item has its verdict already."""
-        for verdict, passage in reversed(self._judged):
-            if self._is_of(reject, verdict.item_id, passage, weigh_length):
+        """Add a reject that came at `now`, possibly after the verdict on its item."""
+        for verdict, passage in reversed(self.judged):
+            if self._is_of(reject, verdict.item_id, passage):
                 if verdict.decision is Decision.ACCEPT:
                     self._miss(reject, verdict.item_id, 'its item was accepted before')
                 return
         if not reject.item_id and reject.device not in self.parameters.devices:
             self._miss(reject, 0, 'the device is not in reject.inspections')
             return
-        self._signals.append(_Signal(reject, now + self._patience(reject, weigh_length)))
+        patience = _NAMED_PATIENCE
+        if not reject.item_id:
+            place = self.parameters.devices.index(reject.device)
+            distance = abs(self.parameters.inspection_distances[place])
+            way = distance + 2 * (weigh_length or 0.0)
+            patience = round(NANOSECONDS * way / _SLOWEST_BELT) + LATENESS
+        self._signals.append(_Signal(reject, now + patience))
 
-    def _patience(self, reject: ExternalReject, weigh_length: float | None) -> int:
-        """Return how long the item of a reject can take to its verdict, ns, on the slowest belt."""
-        if reject.item_id:
-            return _NAMED_PATIENCE
-        way = abs(self._distance(reject.device)) + 2 * (weigh_length or 0.0)
-        return round(NANOSECONDS * way / _SLOWEST_BELT) + LATENESS
-
-    def _distance(self, device: str) -> float:
-        place = self.parameters.devices.index(device)
-        return self.parameters.inspection_distances[place]
-
-    def over_at(self, passage: Passage | None, weigh_length: float | None) -> int | None:
+    def over_at(self, passage: Passage | None) -> int | None:
         """Return the stamp at which all devices have answered for an item, None if none has to."""
-        spans = [span for _, span in self._spans(passage, weigh_length)]
-        return max((span.end for span in spans), default=None)
+        return max((span.end for _, span in self._spans(passage)), default=None)
 
-    def _spans(
-        self, passage: Passage | None, weigh_length: float | None
-    ) -> Iterator[tuple[str, Span]]:
+    def _spans(self, passage: Passage | None) -> Iterator[tuple[str, Span]]:
         """Yield each device with the time in which it answers for an item."""
-        known = self.parameters
-        if passage is None or not weigh_length:
+        if passage is None:
             return
+        known = self.parameters
         slack = round(NANOSECONDS * known.inspection_tolerance)
         for device, distance, answer in zip(
             known.devices, known.inspection_distances, known.inspection_times, strict=True
         ):
-            begin = passage.t1 + round(distance / weigh_length * passage.transit)
+            begin = passage.t1 + round(distance / passage.weigh_length * passage.transit)
             end = begin + passage.length + round(NANOSECONDS * answer)
             yield device, Span(begin - slack, end + slack)
 
-    def heed(
-        self, verdict: Verdict, passage: Passage | None, weigh_length: float | None,
-        over: bool | None,
-    ) -> Verdict:  # fmt: skip
-        """Return the verdict on an item with what the devices have said of it.
+    def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
+        """Return the verdict on an item, a FAULT if a device rejects it; the mass stays.
 
-        `over` tells whether they have had their time, None where nothing is waited for. Of an item
-        whose place is not known, which is a FAULT anyway, only a device that names it says
-        something.
+        `over` is whether the devices have had their time, None where no time runs. An item without
+        a `passage` is a FAULT anyway, and gets the reasons of devices that name it.
         """
-        found = [
-            signal
-            for signal in self._signals
-            if self._is_of(signal.reject, verdict.item_id, passage, weigh_length)
-        ]
-        reasons = [reason_of(signal.reject.device).value for signal in found]
-        for signal in found:
-            signal.used = True
-        if over is not None and (not over or self._was_out(passage, weigh_length)):
+        reasons = []
+        for signal in self._signals:
+            if self._is_of(signal.reject, verdict.item_id, passage):
+                signal.used = True
+                reasons.append(_REASONS.get(signal.reject.device, Reason.EXTERNAL_REJECT).value)
+        if over is not None and (not over or self._was_out(passage)):
             reasons.append(Reason.NOT_INSPECTED.value)
-        return with_reasons(verdict, reasons)
+        if not reasons:
+            return verdict
+        known = tuple(dict.fromkeys((*verdict.reasons, *reasons)))
+        return replace(verdict, decision=Decision.FAULT, reasons=known)
 
-    def _was_out(self, passage: Passage | None, weigh_length: float | None) -> bool:
-        spans = [span for _, span in self._spans(passage, weigh_length)]
-        if self._out_since is not None and any(self._out_since <= span.end for span in spans):
-            return True
+    def _was_out(self, passage: Passage | None) -> bool:
         return any(
             out.begin <= span.end and span.begin <= out.end
+            for _, span in self._spans(passage)
             for out in self._outages
-            for span in spans
         )
 
-    def judged(self, verdict: Verdict, passage: Passage | None) -> None:
-        """Note the verdict that an item has got."""
-        self._judged.append((verdict, passage))
-
-    def _is_of(
-        self, reject: ExternalReject, item_id: int, passage: Passage | None,
-        weigh_length: float | None,
-    ) -> bool:  # fmt: skip
+    def _is_of(self, reject: ExternalReject, item_id: int, passage: Passage | None) -> bool:
         if reject.item_id:
             return reject.item_id == item_id
         stamp = reject.stamp
         return stamp is not None and any(
             device == reject.device and span.begin <= stamp <= span.end
-            for device, span in self._spans(passage, weigh_length)
+            for device, span in self._spans(passage)
         )
 
     @property
     def due(self) -> int | None:
-        """When the next reject without an item is missed, on the arrival clock."""
+        """Time at which the next reject without an item is missed, on the clock of arrivals."""
         open_ones = (signal.forget_at for signal in self._signals if not signal.used)
         return min(open_ones, default=None)
 
@@ -191,23 +171,7 @@ class Inspections:
         kept = [signal for signal in self._signals if signal.forget_at > now]
         self._signals = deque(kept, maxlen=_MAX_SIGNALS)
 
-    def restart(self) -> None:
-        """Begin a new stream: its stamps say nothing of what was judged before."""
-        self._judged.clear()
-
     def _miss(self, reject: ExternalReject, item_id: int, why: str) -> None:
         said = f'{reject.device}: {reject.text}' if reject.text else reject.device
-        self.missed.append(Missed(item_id, reject.stamp, f'{said}: {why}'))
-
-
-def reason_of(device: str) -> Reason:
-    """Return the reason of what a device rejects."""
-    return _REASONS.get(device, Reason.EXTERNAL_REJECT)
-
-
-def with_reasons(verdict: Verdict, reasons: Sequence[str]) -> Verdict:
-    """Return a verdict as a FAULT for further reasons; the mass stays."""
-    if not reasons:
-        return verdict
-    known = tuple(dict.fromkeys((*verdict.reasons, *reasons)))
-    return replace(verdict, decision=Decision.FAULT, reasons=known)
+        reason = StopReason.MISSED_EXTERNAL_REJECT
+        self.missed.append(StopRequest(reason, item_id, reject.stamp, f'{said}: {why}'))

@@ -10,10 +10,10 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
-    """Judge an estimate by the limits of the product.
+    """Return the verdict on an estimate by the limits of the product.
 
-    What was not weighed is a FAULT, and what was weighed but is too long or too fast as well: the
-    mass of the latter stays.
+    An item that was not weighed is a FAULT. So is one of a wrong length or speed, but it keeps its
+    mass.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
     if product.performance_test:  # a pass without a mass is a pass of the test as well
@@ -21,25 +21,34 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
     decision = decide(estimate, product.lower_limit, product.upper_limit)
     reject_at = parameters.reject_time(estimate.t3, estimate.line_speed)
     return Verdict(
-        estimate.item_id, estimate.t3, Decision.FAULT if reasons else decision, reasons,
-        estimate.mass, estimate.std_dev, product.lower_limit, product.upper_limit,
-        reject_at, estimate.t1, estimate.item_id,
-    )  # fmt: skip
+        estimate.item_id,
+        estimate.t3,
+        Decision.FAULT if reasons else decision,
+        reasons,
+        estimate.mass,
+        estimate.std_dev,
+        product.lower_limit,
+        product.upper_limit,
+        reject_at,
+        estimate.t1,
+        estimate_id=estimate.item_id,
+    )
 
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
-    """Return what speaks against an item that was weighed, apart from its mass.
+    """Return the reasons against an item that was weighed, apart from its mass.
 
-    A length or speed that is not known is not within a range that is asked for.
+    An unknown length or speed is outside any range that is set.
     """
     length = estimate.product_length
     found = [Reason.NO_PRODUCT] if limits.needed and not limits.product else []
     if _outside(length, limits.min_length, limits.max_length):
         if math.isnan(length):
             found.append(Reason.BAD_WINDOW)
+        elif length < limits.min_length:
+            found.append(Reason.PRODUCT_TOO_SHORT)
         else:
-            short = length < limits.min_length
-            found.append(Reason.PRODUCT_TOO_SHORT if short else Reason.PRODUCT_TOO_LONG)
+            found.append(Reason.PRODUCT_TOO_LONG)
     if _outside(estimate.belt_speed, limits.min_speed, limits.max_speed):
         found.append(Reason.BELT_SPEED)
     return found
@@ -50,7 +59,7 @@ def _outside(value: float, low: float, high: float) -> bool:
 
 
 def decide(estimate: MassEstimate, lower_limit: float, upper_limit: float) -> Decision:
-    """Compare a mass with its limits, kg; both limits belong to the accepted range."""
+    """Return the decision by the limits in kg, which belong to the accepted range."""
     if not estimate.weighed or not math.isfinite(estimate.mass):
         return Decision.FAULT
     if estimate.mass < lower_limit:

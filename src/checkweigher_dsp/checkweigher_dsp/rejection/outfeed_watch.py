@@ -15,32 +15,34 @@ _MOST = 1_000
 
 @dataclass(frozen=True, slots=True)
 class OutfeedEdge:
-    """An edge at which an item began to leave: its stamp, and when it came, in ns.
-
-    `after` is the largest number of an item by then.
-    """
+    """Edge at which an item began to leave; times in ns."""
 
     stamp: int
-    came: int
-    after: int
+    came: int  # on the clock of arrivals
+    after: int  # largest number of an item by then
 
 
 class OutfeedWatch:
-    """Outfeed edges that no announcement explains and the segmenter has not taken.
+    """Watch of the outfeed edges for items that leave without an announcement.
 
-    Stamps are in ns; `came` is on the clock of arrivals.
+    Stamps are in ns.
+
+    Attributes
+    ----------
+    open : list of OutfeedEdge
+        Edges of no announced item, which the segmenter has not taken.
     """
 
     def __init__(self) -> None:
         self.open: list[OutfeedEdge] = []
-        self._came: dict[int, int] = {}  # by stamp, of the latest edges
+        self._came: dict[int, int] = {}  # arrivals of the latest edges by stamp
         self._explained: deque[int] = deque(maxlen=_MOST)
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # of all edges
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since: int | None = None
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
-        """Add an edge of the eyes; `after` is the largest number of an item so far."""
+        """Add an edge of the eyes and its arrival; `after` is the largest number so far."""
         self._stamps.append(edge.stamp)
         if edge.eye != Eye.OUTFEED:
             return
@@ -58,7 +60,7 @@ class OutfeedWatch:
         self.open = [*self.open, OutfeedEdge(edge.stamp, came, after)][-_MOST:]
 
     def came(self, t3: int | None) -> int | None:
-        """Return when an outfeed edge came, None if it is not known."""
+        """Return the arrival of an outfeed edge, None if it is not known."""
         return None if t3 is None else self._came.get(t3)
 
     def explain(self, t3: int | None) -> None:
@@ -68,7 +70,7 @@ class OutfeedWatch:
             self.remove(t3)
 
     def take_to(self, stamp: int, count: int) -> None:
-        """Remove the last `count` edges up to a stamp: the segmenter has taken them."""
+        """Remove the last `count` edges up to a stamp, which the segmenter has taken."""
         first = -math.inf
         if 0 < count < len(self._stamps):  # a segmenter that was started after this stage
             known = sorted(each for each in self._stamps if each <= stamp)
@@ -77,11 +79,11 @@ class OutfeedWatch:
         self.open = [each for each in self.open if not self._is_taken(each.stamp)]
 
     def remove(self, stamp: int) -> None:
-        """Remove the edge of a stamp: its item has a verdict."""
+        """Remove the edge of a stamp, because its item has a verdict."""
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def restart(self) -> None:
-        """Begin a new stream, of which the segmenter has taken nothing."""
+        """Begin a new stream, of which the segmenter has taken no edge."""
         self._taken = math.inf, -math.inf
         self._clear_since = None
         self._stamps.clear()

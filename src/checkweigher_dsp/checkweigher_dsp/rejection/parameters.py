@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the reject stage: limits of the line, where the rejector stands."""
+"""Parameters of the reject stage: limits of the line, place of the rejector and of others."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 import math
 from typing import Any, ClassVar
@@ -11,22 +11,12 @@ from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.records import NANOSECONDS, ProductOnLine
 from checkweigher_dsp.rejection.stations import MAX_STATIONS, Station, station_of
 
-# Those of the line, which the product on it replaces.
-LIMITS = (
-    'lower_limit', 'upper_limit', 'min_length', 'max_length', 'min_speed', 'max_speed', 'nominal',
-    'tu1', 'tu1_quota', 'mean_value',
-)  # fmt: skip
-
-_SLOWEST, _FASTEST = 1e-3, 100.0  # m/s; other speeds are of no belt, and not known
+_SLOWEST, _FASTEST = 1e-3, 100.0  # m/s; any other speed counts as unknown
 
 _delay = partial(parameter, unit='s', minimum=0, maximum=10)
 _length = partial(parameter, unit='m', minimum=0)
+_mass = partial(parameter, unit='kg', minimum=0)
 _speed = partial(parameter, unit='m/s', minimum=0)
-
-
-def limits_of(source: 'RejectParameters | ProductOnLine') -> dict[str, Any]:
-    """Return the limits of parameters or of a product, by name."""
-    return {name: getattr(source, name) for name in LIMITS}
 
 
 @dataclass(frozen=True)
@@ -41,8 +31,8 @@ class RejectParameters(Parameters):
     upper_limit: float = parameter(
         math.inf, 'UpperToleranceLimit: heavier is OVER; .inf for none', unit='kg'
     )
-    rejector_distance: float = parameter(
-        0.5, 'distance from the outfeed eye to the rejector', unit='m', minimum=0, maximum=1000
+    rejector_distance: float = _length(
+        0.5, 'distance from the outfeed eye to the rejector', maximum=1000
     )
     actuator_delay: float = _delay(0.0, 'time from telling the rejector to its action')
     verdict_margin: float = _delay(
@@ -72,55 +62,59 @@ class RejectParameters(Parameters):
     max_speed: float = _speed(
         math.inf, 'fastest belt for the product, a faster one is BeltSpeed; .inf for any'
     )
-    nominal: float = parameter(
-        0.0, 'NominalWeight with tare, which batch_surplus of the verdicts counts from; 0 for none',
-        unit='kg', minimum=0,
-    )  # fmt: skip
-    tu1: float = parameter(
-        0.0, 'TU1 of 76/211/EEC with tare: lighter ones are accepted within tu1_quota; 0 for none',
-        unit='kg', minimum=0,
-    )  # fmt: skip
+    nominal: float = _mass(
+        0.0, 'NominalWeight with tare, which batch_surplus of the verdicts counts from; 0 for none'
+    )
+    tu1: float = _mass(
+        0.0, 'TU1 of 76/211/EEC with tare: lighter ones are accepted within tu1_quota; 0 for none'
+    )
     tu1_quota: float = parameter(
-        0.025, 'largest share below tu1 of the accepted items of the batch, beyond it TU1Quota',
-        minimum=0, maximum=1,
-    )  # fmt: skip
+        0.025,
+        'largest share below tu1 of the accepted items of the batch, beyond it TU1Quota',
+        minimum=0,
+        maximum=1,
+    )
     mean_value: bool = parameter(
-        False, 'an item below nominal is accepted only while the mean of the accepted ones of the '
-        'batch stays at nominal or above, else MeanValueRequirement',
-    )  # fmt: skip
+        False,
+        'an item below nominal is accepted only while the mean of the accepted ones of the batch '
+        'stays at nominal or above, else MeanValueRequirement',
+    )
     inspections: str = parameter(
         '', 'devices whose external_reject an item waits for, such as "metal xray vision"'
     )
-    inspection_distances: tuple[float, ...] = parameter(
-        (), 'distance of each of them behind the infeed eye, below 0 before it', unit='m',
-        minimum=-100, maximum=100,
-    )  # fmt: skip
-    inspection_times: tuple[float, ...] = parameter(
-        (), 'time after an item has passed it in which each answers, with the way of the message',
-        unit='s', minimum=0, maximum=60,
-    )  # fmt: skip
+    inspection_distances: tuple[float, ...] = _length(
+        (),
+        'distance of each of them behind the infeed eye, below 0 before it',
+        minimum=-100,
+        maximum=100,
+    )
+    inspection_times: tuple[float, ...] = _delay(
+        (),
+        'time after an item has passed it in which each answers, with the way of the message',
+        maximum=60,
+    )
     inspection_tolerance: float = _delay(
         0.02, 'by which the time of an answer may be off: two items that it fits are both rejected'
     )
     stations: str = parameter(
-        '', 'what each reject station or sorting zone beside the rejector takes, with ; between '
-        'them: decisions, reasons, and of accepted items a range of masses in kg; such as '
+        '',
+        'what each reject station or sorting zone beside the rejector takes, with ; between them: '
+        'decisions, reasons, and of accepted items a range of masses in kg; such as '
         '"MetalDetected; UNDER; 0.150..0.155"',
-    )  # fmt: skip
-    station_distances: tuple[float, ...] = parameter(
-        (), 'distance of each of them behind the outfeed eye', unit='m', minimum=0, maximum=1000
     )
-    station_delays: tuple[float, ...] = parameter(
-        (), 'time from telling each of them to its action', unit='s', minimum=0, maximum=10
+    station_distances: tuple[float, ...] = _length(
+        (), 'distance of each of them behind the outfeed eye', maximum=1000
     )
+    station_delays: tuple[float, ...] = _delay((), 'time from telling each of them to its action')
     needs_product: bool = parameter(
         False,
         'nothing is accepted (NoProduct) until there is a product; true on a line with recipes',
     )
     numbers: str = parameter(
-        '', 'file of the numbers of items with a verdict, beside that of segmenter; from the next '
+        '',
+        'file of the numbers of items with a verdict, beside that of segmenter; from the next '
         'start',
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -131,26 +125,27 @@ class RejectParameters(Parameters):
             raise ParameterError(f'reject.inspections: {self.inspections!r} has a device twice')
         if len(takes) > MAX_STATIONS:
             raise ParameterError(f'reject.stations: {len(takes)}, at most {MAX_STATIONS}')
-        self.all_stations()
+        _ = self.all_stations  # raises for a station that makes no sense
+        self._check_limits()
+
+    def _check_limits(self) -> None:
         for name, none in (('lower_limit', -math.inf), ('upper_limit', math.inf)):
             value = getattr(self, name)
-            if value != none and not (math.isfinite(value) and value >= 0):
+            if value != none and not 0 <= value < math.inf:
                 raise ParameterError(
                     f'reject.{name}: {value} is not a mass in kg (or {none} for no limit)'
                 )
         if self.mean_value and not self.nominal:
             raise ParameterError('reject.mean_value: true needs nominal, the weight in kg')
-        for low, high in (
-            ('lower_limit', 'upper_limit'), ('min_length', 'max_length'), ('min_speed', 'max_speed')
-        ):  # fmt: skip
-            if getattr(self, low) > getattr(self, high):
-                raise ParameterError(
-                    f'reject.{low}: {getattr(self, low)} is above {high} {getattr(self, high)}'
-                )
+        for name in ('lower_limit', 'min_length', 'min_speed'):
+            other = name.replace('lower', 'upper').replace('min', 'max')
+            low, high = getattr(self, name), getattr(self, other)
+            if low > high:
+                raise ParameterError(f'reject.{name}: {low} is above {other} {high}')
 
     @cached_property
     def limits(self) -> ProductOnLine:
-        """Limits by which items are judged until a product is on the line."""
+        """Limits of the items until a product is on the line."""
         return ProductOnLine(0, needed=self.needs_product, **limits_of(self))
 
     def _check_lengths(self, first: str, found: tuple[str, ...], *others: str) -> None:
@@ -170,8 +165,9 @@ class RejectParameters(Parameters):
     def _takes(self) -> tuple[str, ...]:
         return tuple(self.stations.split(';')) if self.stations.strip() else ()
 
+    @cached_property
     def all_stations(self) -> tuple[Station, ...]:
-        """Return the stations beside the rejector, in their order."""
+        """Stations beside the rejector, in their order."""
         places = zip(self._takes, self.station_distances, self.station_delays, strict=True)
         return tuple(
             station_of(text, distance, delay, f'reject.stations[{number}]')
@@ -179,23 +175,36 @@ class RejectParameters(Parameters):
         )
 
     def earliest_lead(self, speed: float) -> int:
-        """Return by how much a station is to be told before the rejector at most, ns.
+        """Return the largest time in ns by which a station is told before the rejector.
 
-        At a belt speed in m/s; 0 if none is.
+        `speed` is the belt speed in m/s. The result is 0 if all are told after it.
         """
+        if not speed > 0:
+            return 0
         leads = [
             (self.rejector_distance - distance) / speed + delay - self.actuator_delay
             for distance, delay in zip(self.station_distances, self.station_delays, strict=True)
         ]
-        return round(NANOSECONDS * max(0.0, *leads)) if leads and speed > 0 else 0
+        return round(NANOSECONDS * max((0.0, *leads)))
 
     def reject_time(self, t3: int | None, speed: float) -> int | None:
-        """Return when the rejector has to be told for an item, ns; None if it is not known.
+        """Return the time in ns at which to tell the rejector of an item, None if it is not known.
 
-        t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s: the
-        leading edge is at the outfeed eye at t3.
+        It is t3 + rejector_distance / speed - actuator_delay, with t3 in ns and the speed in m/s,
+        because the leading edge of the item is at the outfeed eye at t3.
         """
         if t3 is None or not _SLOWEST <= speed <= _FASTEST:
             return None
         way = round(NANOSECONDS * (self.rejector_distance / speed))
         return t3 + way - round(NANOSECONDS * self.actuator_delay)
+
+
+# Limits of the line, which the product on it replaces.
+LIMITS = tuple(
+    entry.name for entry in fields(ProductOnLine) if entry.name in RejectParameters.entries()
+)
+
+
+def limits_of(source: RejectParameters | ProductOnLine) -> dict[str, Any]:
+    """Return the limits of parameters or of a product, by name."""
+    return {name: getattr(source, name) for name in LIMITS}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rule by which the line may run: all that weighs its items is fresh, and no stop is requested."""
+"""Rule of the permission: the line may run if all its parts are fresh and no stop is requested."""
 
 from collections.abc import Mapping
 
@@ -16,10 +16,14 @@ _STAGE_HINT = 'check its process: it has ended, or is halted'
 
 
 class PermissionRule:
-    """Rule of the permission; `fresh_time` in s is the age from which samples are not fresh.
+    """Rule of the permission; times in ns of a clock that never steps back.
 
-    Without `deadlines` nothing runs out: only a stop request withdraws the permission. Times are ns
-    of a clock that never steps back.
+    Parameters
+    ----------
+    fresh_time : float
+        Largest age of fresh samples in s.
+    deadlines : bool
+        Whether the permission runs out. If not, only a stop request withdraws it.
     """
 
     def __init__(self, fresh_time: float, *, deadlines: bool) -> None:
@@ -28,7 +32,7 @@ class PermissionRule:
         self._progress = (0, 0)  # stream and samples that the segmenter has taken
         self._progressed: int | None = None
         self._missing: tuple[str, ...] = ()
-        self._stopped = True
+        self._given = False
 
     def add_progress(self, status: StreamStatus, now: int) -> None:
         """Add a status of the segmenter."""
@@ -38,17 +42,17 @@ class PermissionRule:
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
         """Return whether the line may run.
 
-        `present` tells by name what is there: stages, ``eyes`` and ``load cell``. `stopped` tells
-        whether a stop is requested.
+        `present` is whether each part of the line is there: the stages, ``eyes`` and ``load cell``.
+        `stopped` is whether a stop is requested.
         """
         since = self._progressed
         fresh = {**present, 'samples': since is not None and now - since <= self._fresh_time}
         self._missing = tuple(name for name, is_there in fresh.items() if not is_there)
-        self._stopped = stopped
-        return not stopped and not (self._missing and self.deadlines)
+        self._given = not stopped and not (self._missing and self.deadlines)
+        return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return how long the samples are fresh without further ones, 0 if they are not."""
+        """Return the time for which the samples stay fresh without further ones, 0 if not fresh."""
         return max((self._progressed or 0) + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
@@ -58,5 +62,4 @@ class PermissionRule:
             for name in self._missing
             if self.deadlines and self._progressed is not None  # a line that starts is well
         ]
-        given = not self._stopped and not (self._missing and self.deadlines)
-        return conclude('Permission', 'given' if given else 'withdrawn', concerns)
+        return conclude('Permission', 'given' if self._given else 'withdrawn', concerns)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reject stations and sorting zones beside the rejector, each at its distance.
 
-A station takes what its words say: decisions, reasons, and for accepted items a range of masses in
-kg, such as ``0.150..0.155``. An item goes to the first station that takes it, else to the rejector,
-and if it is accepted to neither. What has no known place goes to the rejector at once.
+A station takes the items with one of its decisions or reasons, and the accepted items in one of its
+ranges of masses in kg, such as ``0.150..0.155``. An item goes to the first station that takes it.
+Other rejected items go to the rejector, and so do all items without a known place.
 """
 
 from dataclasses import dataclass, replace
@@ -19,7 +19,19 @@ MAX_STATIONS = 16
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A station: where it is, and what it takes. Distance in m, delay in s, masses in kg."""
+    """A station: its place, and the items that it takes.
+
+    Attributes
+    ----------
+    distance : float
+        Distance from the outfeed eye in m.
+    delay : float
+        Time from telling the station to its action in s.
+    words : frozenset of str
+        Decisions and reasons of the items that it takes.
+    ranges : tuple of (float, float)
+        Masses in kg of the accepted items that it takes, without the upper end.
+    """
 
     distance: float
     delay: float
@@ -27,13 +39,13 @@ class Station:
     ranges: tuple[tuple[float, float], ...]
 
     def takes(self, verdict: Verdict) -> bool:
-        """Tell whether an item with this verdict belongs here."""
+        """Return whether the station takes an item with this verdict."""
         if verdict.decision is Decision.ACCEPT:
             return any(low <= verdict.mass < high for low, high in self.ranges)
         return verdict.decision.name in self.words or not self.words.isdisjoint(verdict.reasons)
 
     def reject_time(self, t3: int, speed: float) -> int:
-        """Return when the station has to be told, ns; t3 in ns, the belt speed in m/s."""
+        """Return the time in ns at which to tell the station; `t3` in ns, `speed` in m/s."""
         return t3 + round(NANOSECONDS * (self.distance / speed - self.delay))
 
 
@@ -55,15 +67,23 @@ def station_of(text: str, distance: float, delay: float, name: str) -> Station:
     return Station(distance, delay, frozenset(words), tuple(ranges))
 
 
-# What these items are and where is not known well enough: the rejector has them.
+# Reasons of items whose identity or place is uncertain. Such items go to the rejector.
 _NO_PLACE = {
     reason.value
     for reason in (
-        Reason.DISTANCE_FAULT, Reason.MISSING_EDGE, Reason.CHATTERING_EYE, Reason.LATE_EDGE,
-        Reason.BELT_STOPPED, Reason.BELT_SPEED_CHANGED, Reason.CLOCK_JUMP, Reason.EDGE_MISMATCH,
-        Reason.SOURCE_RESTARTED, Reason.STREAM_ENDED, Reason.FOREIGN_PUBLISHER,
+        Reason.DISTANCE_FAULT,
+        Reason.MISSING_EDGE,
+        Reason.CHATTERING_EYE,
+        Reason.LATE_EDGE,
+        Reason.BELT_STOPPED,
+        Reason.BELT_SPEED_CHANGED,
+        Reason.CLOCK_JUMP,
+        Reason.EDGE_MISMATCH,
+        Reason.SOURCE_RESTARTED,
+        Reason.STREAM_ENDED,
+        Reason.FOREIGN_PUBLISHER,
     )
-}  # fmt: skip
+}
 _WORDS = {each.name for each in Decision if each is not Decision.ACCEPT} | set(Reason)
 
 
@@ -78,9 +98,9 @@ def _range(name: str, word: str) -> tuple[float, float]:
 
 
 def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
-    """Return a verdict with the station that takes its item, and when that has to be told.
+    """Return a verdict with the station that takes its item and the time at which to tell it.
 
-    `speed` is that of the belt in m/s, NaN if it is not known.
+    `speed` is the belt speed in m/s, NaN if it is not known.
     """
     if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
         return verdict

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clocks of the reject stage: the time of the stamps, and when an edge should have come."""
+"""Clocks of the reject stage: the time of the stamps, and the undelayed arrival of an edge."""
 
 from checkweigher_core.records import NANOSECONDS
 
@@ -11,14 +11,14 @@ RESTART = 2 * NANOSECONDS
 
 
 class StreamClock:
-    """The time of the stamps; if it is not `running` between the messages, the newest stamp."""
+    """Clock of the stamps. If it is not `running` between the messages, it has the newest stamp."""
 
     def __init__(self, *, running: bool) -> None:
         self.running = running
         self._newest: tuple[int, int] | None = None
 
     def saw(self, stamp: int, now: int) -> None:
-        """Note that a message with `stamp` came at `now`, ns on a clock that never steps back."""
+        """Set the clock by a message that came at `now`, ns of a clock that never steps back."""
         self._newest = (stamp, now)
 
     def at(self, now: int) -> int | None:
@@ -29,9 +29,9 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return when the time of the stamps is `stamp`, from `now` on; None if only by a message.
+        """Return the time in ns at which the clock shows `stamp`, at the earliest `now`.
 
-        Both times on the clock of the arrivals, ns.
+        None if it needs another message. Both times are on the clock of the arrivals.
         """
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
@@ -40,11 +40,11 @@ class StreamClock:
 
 
 class ArrivalClock:
-    """Clock of arrivals: when an edge would have come if nothing had held it up on its way.
+    """Clock of arrivals: the time at which an edge would have come without a delay.
 
-    A process that stood still, or a network that was away for a while, hands edges over when their
-    products have long passed the rejector. Measured is against the fastest edge so far: the clocks
-    of stamps and arrivals may differ by anything, and drift.
+    After a halt of a process or of the network, edges come when their products have long passed the
+    rejector. Delays are relative to the fastest edge so far, because the clocks of stamps and
+    arrivals may differ by anything, and drift.
     """
 
     def __init__(self) -> None:
@@ -52,9 +52,9 @@ class ArrivalClock:
         self._newest: tuple[int, int] | None = None
 
     def came(self, stamp: int, now: int) -> int:
-        """Return when an edge with `stamp` that came at `now` should have come, never after `now`.
+        """Return the undelayed arrival of an edge that came at `now`, at the latest `now`.
 
-        Both in ns, `now` on a clock that never steps back.
+        Times in ns, `now` of a clock that never steps back.
         """
         lag = now - stamp
         if self._newest is None or stamp < self._newest[0] - RESTART:
@@ -65,5 +65,5 @@ class ArrivalClock:
         return stamp + self._least
 
     def at(self, stamp: int) -> int | None:
-        """Return when the time of the stamps is `stamp`, ns, None before the first edge."""
+        """Return the undelayed arrival of `stamp` in ns, None before the first edge."""
         return None if self._newest is None else stamp + self._least

@@ -27,15 +27,28 @@ START = 1000 * NANOSECONDS
 LENGTH = 0.5  # m, between the eyes
 # At 1 m/s: an item of 0.1 m blocks an eye for 100 ms and is 500 ms from eye to eye.
 BEHIND = RejectParameters(  # the device stands 0.6 m behind the infeed eye
-    lower_limit=0.1, upper_limit=0.2, rejector_distance=1.0, verdict_margin=0.05,
-    inspections='metal', inspection_distances=(0.6,), inspection_times=(0.1,),
+    lower_limit=0.1,
+    upper_limit=0.2,
+    rejector_distance=1.0,
+    verdict_margin=0.05,
+    inspections='metal',
+    inspection_distances=(0.6,),
+    inspection_times=(0.1,),
     inspection_tolerance=0.01,
-)  # fmt: skip
-BEFORE = RejectParameters(
-    lower_limit=0.1, upper_limit=0.2, rejector_distance=1.0, verdict_margin=0.05,
-    inspections='metal', inspection_distances=(-0.4,), inspection_times=(0.1,),
-    inspection_tolerance=0.01,
-)  # fmt: skip
+)
+BEFORE = replace(BEHIND, inspection_distances=(-0.4,))
+
+
+def item_at(ms: int, number: int = 1, *, complete: bool = True) -> Item:
+    """Return an announcement of an item that entered at `ms`."""
+    t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
+    return Item(t1, 1, number, t1, t2, t3 if complete else None, 1.0, complete)
+
+
+def estimate_at(ms: int, number: int = 1, mass: float = 0.15) -> MassEstimate:
+    """Return the mass of an item that entered at `ms`."""
+    t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
+    return MassEstimate(number, t1, t2, t3, (), mass, 1e-4, belt_speed=1.0, line_speed=1.0)
 
 
 class Line:
@@ -62,22 +75,15 @@ class Line:
         """Let an item that entered at `ms` have its edge after `when`, ms, or its mass."""
         if when < 520:
             self.edge(ms + when, Eye.OUTFEED if when == 500 else Eye.INFEED, when != 100)
-            if when >= 100:
-                self.announce(ms, number, self.at(ms + when), complete=when == 500)
-            return
-        t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
-        estimate = MassEstimate(number, t1, t2, t3, (), mass, 1e-4, belt_speed=1.0, line_speed=1.0)
-        self.verdicts += self.stage.take(estimate, self.at(ms + when))
-
-    def announce(self, ms: int, number: int, now: int, *, complete: bool) -> None:
-        """Announce an item that entered at `ms`, when it has entered or when it leaves."""
-        t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
-        item = Item(t1, 1, number, t1, t2, t3 if complete else None, 1.0, complete)
-        self.verdicts += self.stage.take(item, now)
+        if when in (100, 500):
+            item = item_at(ms, number, complete=when == 500)
+            self.verdicts += self.stage.take(item, self.at(ms + when))
+        if when == 520:
+            self.verdicts += self.stage.take(estimate_at(ms, number, mass), self.at(ms + when))
 
     def reject(self, ms: int, late: int = 5, device: str = 'metal', number: int = 0) -> None:
         said = ExternalReject(START + ms * MS, device, number)
-        self.stage.external_reject(said, START + (ms + late) * MS)
+        self.stage.inspections.add(said, LENGTH, START + (ms + late) * MS)
 
     def wait(self, ms: int) -> None:
         self.verdicts += self.stage.advance(self.at(ms))
@@ -136,28 +142,25 @@ def test_a_reject_outside_the_time_of_the_item_is_not_its_own_and_stops_the_line
     assert line.missed == [(0, 'metal: no item was there')]
 
 
-def test_a_reject_that_comes_after_the_verdict_stops_the_line_and_changes_nothing():
+@pytest.mark.parametrize(
+    ('mass', 'decision', 'missed'),
+    [
+        (0.15, Decision.ACCEPT, [(1, 'metal: its item was accepted before')]),
+        (0.3, Decision.OVER, []),  # rejected anyway
+    ],
+)
+def test_a_reject_that_comes_after_the_verdict_stops_the_line_and_changes_nothing(
+    mass: float, decision: Decision, missed: list[tuple[int, str]]
+):
     line = Line(BEHIND)
-    line.item(0)
+    line.item(0, mass=mass)
     line.wait(815)
     line.reject(650, late=170)
     line.wait(3000)
 
     (verdict,) = line.verdicts
-    assert verdict.decision is Decision.ACCEPT
-    assert line.missed == [(verdict.item_id, 'metal: its item was accepted before')]
-
-
-def test_a_late_reject_of_an_item_that_is_rejected_anyway_is_no_harm():
-    line = Line(BEHIND)
-    line.item(0, mass=0.3)
-    line.wait(815)
-    line.reject(650, late=170)
-    line.wait(3000)
-
-    (verdict,) = line.verdicts
-    assert verdict.decision is Decision.OVER
-    assert line.missed == []
+    assert verdict.decision is decision
+    assert line.missed == missed
 
 
 def test_an_item_whose_rejector_cannot_wait_for_the_device_is_not_inspected():
@@ -210,17 +213,9 @@ def test_a_stamp_from_a_device_without_a_place_stops_the_line():
 
 def test_two_items_that_a_reject_fits_are_both_rejected():
     line = Line(BEHIND)
-    line.edge(0, Eye.INFEED, True)
-    line.edge(100, Eye.INFEED, False)
-    line.edge(120, Eye.INFEED, True)
-    line.edge(220, Eye.INFEED, False)
-    for number, ms in ((1, 0), (2, 120)):
-        line.edge(ms + 500, Eye.OUTFEED, True)
-        line.announce(ms, number, line.at(ms + 500), complete=True)
-        t1, t2, t3 = (START + (ms + each) * MS for each in (0, 100, 500))
-        estimate = MassEstimate(number, t1, t2, t3, (), 0.15, 1e-4, line_speed=1.0)
-        line.verdicts += line.stage.take(estimate, line.at(ms + 505))
-        line.edge(ms + 600, Eye.OUTFEED, False)
+    parts = [(ms, part) for ms in (0, 120) for part in (0, 100, 500, 520)]
+    for ms, part in sorted(parts, key=sum):
+        line.part(ms, part, number=1 + (ms > 0))
     line.reject(750)  # within 600 to 800 and 720 to 920 ms
     line.wait(3000)
 
@@ -242,9 +237,7 @@ def test_an_item_without_a_mass_is_one_fault_with_or_without_a_reject():
 def test_a_mass_that_comes_again_while_the_device_has_yet_to_answer_changes_nothing():
     line = Line(BEHIND)
     line.item(0)
-    t1, t2, t3 = (START + each * MS for each in (0, 100, 500))
-    again = MassEstimate(1, t1, t2, t3, (), 0.5, 1e-4, line_speed=1.0)
-    line.verdicts += line.stage.take(again, line.at(530))
+    line.verdicts += line.stage.take(estimate_at(0, mass=0.5), line.at(530))
     line.wait(3000)
 
     (verdict,) = line.verdicts
@@ -254,17 +247,15 @@ def test_a_mass_that_comes_again_while_the_device_has_yet_to_answer_changes_noth
 
 def test_without_deadlines_the_verdict_is_by_mass_alone():
     stage = RejectStage(BEHIND, LENGTH)
-    t1, t2, t3 = (START + each * MS for each in (0, 100, 500))
-    assert stage.take(Item(t1, 1, 1, t1, t2, t3, 1.0, True)) == []
-    (verdict,) = stage.take(MassEstimate(1, t1, t2, t3, (), 0.15, 1e-4, line_speed=1.0))
+    assert stage.take(item_at(0)) == []
+    (verdict,) = stage.take(estimate_at(0))
     assert verdict.decision is Decision.ACCEPT
 
 
 def test_a_pass_of_a_performance_test_without_a_mass_says_so():
     stage = RejectStage(RejectParameters(), LENGTH)
     stage.product = ProductOnLine(1, performance_test=True)
-    t1, t2, t3 = (START + each * MS for each in (0, 100, 500))
-    stage.take(Item(t1, 1, 1, t1, t2, t3, 1.0, True), t3)
+    stage.take(item_at(0), START + 500 * MS)
     (verdict,) = stage.advance(START + 3000 * MS)
     assert verdict.reasons == ('PerformanceTest', 'NoEstimate')
 
@@ -305,19 +296,13 @@ def test_random_lines_give_each_item_one_verdict_and_no_rejected_item_is_accepte
         assert rejected == bad, trial
 
 
-@pytest.mark.parametrize(
-    ('values', 'text'),
-    [
-        ({'inspections': 'metal'}, 'inspection_distances: 0 values, but inspections has 1'),
-        (
-            {
-                'inspections': 'metal metal', 'inspection_distances': (0.1, 0.2),
-                'inspection_times': (0.1, 0.1),
-            },
-            'has a device twice',
-        ),
-    ],
-)  # fmt: skip
-def test_devices_that_do_not_go_together_are_refused(values: dict[str, object], text: str):
-    with pytest.raises(ParameterError, match=text):
-        RejectParameters(**values)
+def test_devices_that_do_not_go_together_are_refused():
+    with pytest.raises(ParameterError, match='times: 0 values, but inspections has 1'):
+        RejectParameters(inspections='metal', inspection_distances=(0.1,))
+    with pytest.raises(ParameterError, match='has a device twice'):
+        replace(
+            BEHIND,
+            inspections='metal metal',
+            inspection_distances=(0.1, 0.2),
+            inspection_times=(0.1, 0.1),
+        )

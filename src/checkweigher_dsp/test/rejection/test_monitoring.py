@@ -10,7 +10,6 @@ from checkweigher_core.records import Decision, Eye, EyeEdge, Verdict
 from checkweigher_core.records.reasons import StopReason
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 from checkweigher_dsp.rejection.parameters import RejectParameters
-from checkweigher_dsp.rejection.timing import StreamClock
 
 SECOND = 1_000_000_000
 WINDOW = RejectParameters(confirmation_time=0.1)
@@ -108,7 +107,7 @@ def test_the_first_reason_stays_until_the_reset_and_counting_starts_again():
         monitor.add_verdict(_verdict(number))
     assert monitor.request.item_id == 2
 
-    monitor.reset()
+    monitor.reset(0)
     assert monitor.request is None
     monitor.add_verdict(_verdict(6))
     assert monitor.request is None
@@ -116,48 +115,44 @@ def test_the_first_reason_stays_until_the_reset_and_counting_starts_again():
     assert monitor.request.item_id == 7
 
 
-def test_trouble_of_the_driver_stops_the_line_until_it_is_over_and_the_request_is_reset():
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [
+        ('trouble', StopReason.DRIVER_TROUBLE),
+        ('strangers', StopReason.FOREIGN_PUBLISHER),
+    ],
+)
+def test_what_lasts_stops_the_line_until_it_is_over_and_the_request_is_reset(name, reason):
     monitor = RejectMonitor(RejectParameters())
-    monitor.hear_driver('')
+
+    def check(text):
+        setattr(monitor, name, text)
+        monitor.check(0)
+
+    check('')
     assert monitor.request is None
-    monitor.hear_driver('the port is gone')
-    assert monitor.request.reason is StopReason.DRIVER_TROUBLE
+    check('the port is gone')
+    assert monitor.request.reason is reason
     assert monitor.request.hint.endswith(': the port is gone')
-    monitor.reset()
+    monitor.reset(0)
     assert monitor.request is not None
-    monitor.hear_driver('the port is gone; item 1 was missed')
-    monitor.hear_driver('')
-    assert monitor.request.text == 'the port is gone; item 1 was missed'
-    monitor.reset()
+    check('')
+    assert monitor.request.text == 'the port is gone'
+    monitor.reset(0)
     assert monitor.request is None
 
 
 def test_trouble_is_shown_when_the_reason_before_it_has_been_reset():
     monitor = RejectMonitor(RejectParameters(max_rejects_in_a_row=1))
     monitor.add_verdict(_verdict(1))
-    monitor.hear_driver('item 1 was missed')
+    monitor.trouble = 'item 1 was missed'
+    monitor.check(0)
     assert monitor.request.reason is StopReason.TOO_MANY_REJECTS
-    monitor.reset()
+    monitor.reset(0)
     assert monitor.request.reason is StopReason.DRIVER_TROUBLE
-
-
-def test_the_time_of_the_stamps_goes_on_without_messages_if_it_runs():
-    running, standing = StreamClock(running=True), StreamClock(running=False)
-    assert running.at(5) is None
-    for clock in (running, standing):
-        clock.saw(1000, 7)
-
-    assert (running.at(10), standing.at(10)) == (1003, 1000)
-
-
-def test_a_stamp_is_reached_by_time_only_where_the_clock_runs():
-    running, standing = StreamClock(running=True), StreamClock(running=False)
-    assert running.reaches(1000, 5) is None
-    for clock in (running, standing):
-        clock.saw(1000, 7)
-
-    assert (running.reaches(1010, 9), running.reaches(990, 9)) == (17, 9)
-    assert (standing.reaches(1010, 9), standing.reaches(990, 9)) == (None, 9)
+    monitor.trouble = 'item 1 was missed; item 2 was missed'
+    monitor.check(0)
+    assert monitor.request.text == monitor.trouble
 
 
 def test_what_is_expected_is_due_when_its_window_is_over():
@@ -168,17 +163,3 @@ def test_what_is_expected_is_due_when_its_window_is_over():
     assert monitor.due == round(3.1 * SECOND) + 1
     monitor.advance(monitor.due)
     assert monitor.due == round(3.2 * SECOND) + 1
-
-
-def test_a_stranger_stops_the_line_and_a_reset_is_refused_while_it_is_there():
-    monitor = RejectMonitor(RejectParameters())
-    monitor.hear_strangers('')
-    assert monitor.request is None
-    monitor.hear_strangers('/stranger publishes /verdict')
-    monitor.reset()
-    assert monitor.request.reason is StopReason.FOREIGN_PUBLISHER
-    assert monitor.request.text == '/stranger publishes /verdict'
-    monitor.hear_strangers('')
-    assert monitor.request is not None
-    monitor.reset()
-    assert monitor.request is None

@@ -24,17 +24,19 @@ from checkweigher_dsp.rejection.stations import route
 MS = NANOSECONDS // 1000
 T3 = 1000 * NANOSECONDS
 PARAMETERS = RejectParameters(
-    lower_limit=0.1, upper_limit=0.2, rejector_distance=0.5,
+    lower_limit=0.1,
+    upper_limit=0.2,
     stations='MetalDetected; UNDER OVER; 0.150..0.155 0.160..0.165',
-    station_distances=(0.8, 1.4, 0.3), station_delays=(0.01, 0.0, 0.02),
-)  # fmt: skip
+    station_distances=(0.8, 1.4, 0.3),
+    station_delays=(0.01, 0.0, 0.02),
+)
 
 
 def routed(
     decision: Decision, *reasons: str, mass: float = math.nan, speed: float = 2.0
 ) -> Verdict:
     verdict = Verdict(1, T3, decision, reasons, mass=mass, reject_at=T3 + 250 * MS)
-    return route(verdict, PARAMETERS.all_stations(), speed)
+    return route(verdict, PARAMETERS.all_stations, speed)
 
 
 @pytest.mark.parametrize(
@@ -63,14 +65,20 @@ def test_an_item_goes_to_the_first_station_that_takes_it(
 def test_an_item_of_unknown_place_goes_to_the_rejector():
     assert routed(Decision.UNDER, speed=math.nan).station == 0
     nowhere = replace(routed(Decision.UNDER), t3=None, station=0, station_at=None)
-    assert route(nowhere, PARAMETERS.all_stations(), 2.0).station == 0
+    assert route(nowhere, PARAMETERS.all_stations, 2.0).station == 0
+
+
+def stage_with_an_item(parameters: RejectParameters) -> RejectStage:
+    """Return a stage with an item at 2 m/s, whose t3 is 250 ms after `T3`."""
+    stage = RejectStage(parameters, 0.5)
+    for ms, eye in ((0, Eye.INFEED), (50, Eye.INFEED), (250, Eye.OUTFEED)):
+        stage.take(EyeEdge(T3 + ms * MS, eye, ms != 50), T3 + ms * MS)
+    stage.take(Item(T3, 1, 1, T3, T3 + 50 * MS, T3 + 250 * MS, 2.0, True), T3 + 250 * MS)
+    return stage
 
 
 def test_the_verdict_comes_in_time_for_the_station_nearest_to_the_scale():
-    stage = RejectStage(replace(PARAMETERS, verdict_margin=0.05), 0.5)
-    for ms, eye in ((0, Eye.INFEED), (50, Eye.INFEED), (250, Eye.OUTFEED)):  # 2 m/s
-        stage.take(EyeEdge(T3 + ms * MS, eye, ms != 50), T3 + ms * MS)
-    stage.take(Item(T3, 1, 1, T3, T3 + 50 * MS, T3 + 250 * MS, 2.0, True), T3 + 250 * MS)
+    stage = stage_with_an_item(PARAMETERS)
 
     # At the third station, 0.3 m on, at 400 ms; told 20 ms before, the verdict 50 ms before that.
     assert stage.due == T3 + 330 * MS
@@ -79,10 +87,7 @@ def test_the_verdict_comes_in_time_for_the_station_nearest_to_the_scale():
 
 
 def test_a_verdict_that_is_too_late_for_its_station_is_late():
-    stage = RejectStage(replace(PARAMETERS, station_distances=(0.8, 0.3, 1.4)), 0.5)
-    for ms, eye in ((0, Eye.INFEED), (50, Eye.INFEED), (250, Eye.OUTFEED)):
-        stage.take(EyeEdge(T3 + ms * MS, eye, ms != 50), T3 + ms * MS)
-    stage.take(Item(T3, 1, 1, T3, T3 + 50 * MS, T3 + 250 * MS, 2.0, True), T3 + 250 * MS)
+    stage = stage_with_an_item(replace(PARAMETERS, station_distances=(0.8, 0.3, 1.4)))
     t1, t2, t3 = (T3 + ms * MS for ms in (0, 50, 250))
     light = MassEstimate(1, t1, t2, t3, (), 0.05, 1e-4, belt_speed=2.0, line_speed=2.0)
     (verdict,) = stage.take(light, T3 + 401 * MS)  # due at the station at 400 ms, else at 500 ms
@@ -91,27 +96,19 @@ def test_a_verdict_that_is_too_late_for_its_station_is_late():
 
 
 @pytest.mark.parametrize(
-    ('values', 'text'),
+    ('stations', 'text'),
     [
-        ({'stations': 'UNDER'}, 'station_distances: 0 values, but stations has 1'),
-        (
-            {'stations': 'HEAVY', 'station_distances': (1.0,), 'station_delays': (0.0,)},
-            "'HEAVY' is no decision",
-        ),
-        (
-            {'stations': 'ACCEPT', 'station_distances': (1.0,), 'station_delays': (0.0,)},
-            "'ACCEPT' is no decision",
-        ),
-        (
-            {'stations': '0.2..0.1', 'station_distances': (1.0,), 'station_delays': (0.0,)},
-            'is no range of masses',
-        ),
-        (
-            {'stations': 'UNDER; ', 'station_distances': (1.0, 2.0), 'station_delays': (0.0, 0.0)},
-            r'stations\[1\]: has to say what',
-        ),
+        ('UNDER; OVER', 'station_distances: 1 values, but stations has 2'),
+        ('HEAVY', "'HEAVY' is no decision"),
+        ('ACCEPT', "'ACCEPT' is no decision"),
+        ('0.2..0.1', 'is no range of masses'),
     ],
 )
-def test_stations_that_make_no_sense_are_refused(values: dict[str, object], text: str):
+def test_stations_that_make_no_sense_are_refused(stations: str, text: str):
     with pytest.raises(ParameterError, match=text):
-        RejectParameters(**values)
+        RejectParameters(stations=stations, station_distances=(1.0,), station_delays=(0.0,))
+
+
+def test_a_station_that_takes_nothing_is_refused():
+    with pytest.raises(ParameterError, match=r'stations\[1\]: has to say what'):
+        RejectParameters(stations='UNDER; ', station_distances=(1, 2), station_delays=(0, 0))

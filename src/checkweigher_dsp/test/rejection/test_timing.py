@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from checkweigher_core.records import NANOSECONDS as S
-from checkweigher_dsp.rejection.timing import ArrivalClock
+from checkweigher_dsp.rejection.timing import ArrivalClock, StreamClock
 
 OFFSET = 1_700_000_000 * S  # of the stamps against the clock of arrivals
 
@@ -42,3 +42,14 @@ def test_a_new_stream_has_an_offset_of_its_own():
     clock = ArrivalClock()
     clock.came(OFFSET, 0)
     assert clock.came(OFFSET - 3600 * S, 10 * S) == 10 * S
+
+
+def test_a_stamp_is_reached_by_time_only_where_the_clock_runs():
+    running, standing = StreamClock(running=True), StreamClock(running=False)
+    assert (running.at(5), running.reaches(1000, 5)) == (None, None)
+    for clock in (running, standing):
+        clock.saw(1000, 7)
+
+    assert (running.at(10), standing.at(10)) == (1003, 1000)
+    assert (running.reaches(1010, 9), running.reaches(990, 9)) == (17, 9)
+    assert (standing.reaches(1010, 9), standing.reaches(990, 9)) == (None, 9)

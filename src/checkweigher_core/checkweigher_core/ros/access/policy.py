@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Security policy of a line for SROS2: the least rights of each node, from ports and services."""
+"""Security policy of a line for SROS2, with the least rights of each node."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import product
 from xml.etree import ElementTree
 
 from checkweigher_core.ros import ports
@@ -32,25 +33,47 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     'record': ports.RECORDED,
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # of clocks, where its stamps come from two hosts
+    'segmenter': (ports.DIAGNOSTICS,),  # for clocks, if its stamps come from two hosts
     'page_results': (
-        ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS, ports.MASS_ESTIMATE,
-        ports.VERDICT, ports.STATISTICS, ports.FILLER_FEEDBACK, ports.STOP_REQUEST,
+        ports.LOAD_CELL_INFO,
+        ports.PHOTO_EYES,
+        ports.REFERENCE_MASS,
+        ports.MASS_ESTIMATE,
+        ports.VERDICT,
+        ports.STATISTICS,
+        ports.FILLER_FEEDBACK,
+        ports.STOP_REQUEST,
     ),
     'page_signals': (ports.LOAD_CELL_SAMPLES, ports.DENOISED_WINDOW),
     PAGE_WORK: (
-        ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS, ports.PERFORMANCE_TEST,
+        ports.DYNAMIC_SETTING,
+        ports.VERIFICATION_PROGRESS,
+        ports.PERFORMANCE_TEST,
         ports.PRODUCT_IN_USE,
     ),
     VERIFY: tuple(port for port in ports.RECORDED if port is not ports.VERIFICATION),
     REPORTER: (ports.BATCH_RESULT,),
-}  # fmt: skip
+}
 OBSERVERS, PAGE_VIEWERS = ('status', 'echo', 'record'), ('page_results', 'page_signals')
+
+
+def _of(nodes: Iterable[str], services: Iterable[str]) -> set[str]:
+    return {f'{node}/{service}' for node, service in product(nodes, services)}
+
+
+# Services of rclpy that a node calls.
+_CALLED = {
+    'product': _of(NODES, PARAMETER_SERVICES),  # sets those of a recipe, and reads all
+    VERIFY: _of(NODES, PARAMETER_SERVICES),  # for the digest in the report
+    PAGE_WORK: _of(LIFE_CYCLE_NODES, ('get_state', 'change_state'))
+    | _of(NODES, ('get_parameters',))
+    | _of((*LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (SETTER,)),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Full names of what a node may do; DDS reads a ``*`` in a name as any characters."""
+    """Rights of a node as full names; DDS reads a ``*`` in a name as any characters."""
 
     publish: frozenset[str] = frozenset()
     subscribe: frozenset[str] = frozenset()
@@ -60,48 +83,29 @@ class Rights:
 
 def rights(node: str, lane: str = '') -> Rights:
     """Return the rights of a node of this name in the namespace `lane`."""
-    space = f'/{lane}' if lane else ''
-    own = f'{space}/{node}'
-    publish = _EVERY_NODE | _names(space, (port for port in _PORTS if _makes(node, port)))
-    reply = {f'{own}/{name}' for name in NODE_SERVICES}
-    request = {f'{space}/{each.name}' for each in SERVICES if node in each.callers}
+    viewed = _VIEWED.get(node, ())
+    publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
+    subscribe = {port.name for port in _PORTS if node in port.takers or port in viewed}
+    reply = {each.name for each in SERVICES if each.server == node} | _of([node], NODE_SERVICES)
+    request = {each.name for each in SERVICES if node in each.callers} | _CALLED.get(node, set())
     if node in (*NODES, *OF_MACHINE):
-        publish |= {f'{own}/_*'}  # by which a node finds its own participant, at its start
+        publish.add(f'{node}/_*')  # by which a node finds its own participant, at its start
     if node in LIFE_CYCLE_NODES:
-        publish |= {f'{own}/transition_event'}
-        reply |= {f'{own}/{name}' for name in LIFE_CYCLE_SERVICES}
-    reply |= {f'{space}/{each.name}' for each in SERVICES if each.server == node}
-    if node == 'product':  # it sets the parameters of a recipe, and reads those of all
-        request |= {f'{space}/{n}/{name}' for n in NODES for name in PARAMETER_SERVICES}
-    if node == VERIFY:  # the report has their digest; the client of rclpy makes one for each
-        request |= {f'{space}/{n}/{name}' for n in NODES for name in PARAMETER_SERVICES}
-    if node == PAGE_WORK:
-        request |= _of_page_work(space)
-    return Rights(publish, _subscribed(node, space), frozenset(reply), frozenset(request))
+        publish.add(f'{node}/transition_event')
+        reply |= _of([node], LIFE_CYCLE_SERVICES)
+    return Rights(*(_full(lane, names) for names in (publish, subscribe, reply, request)))
 
 
 def _makes(node: str, port: Port) -> bool:
     every = port.maker == 'every node' and node in (*NODES, *OF_MACHINE)
-    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # what its inputs show
+    inputs = port is ports.EXTERNAL_REJECT and node == 'driver'  # rejects by its inputs
     return every or inputs or port.maker == node
 
 
-def _subscribed(node: str, space: str) -> frozenset[str]:
-    viewed = _VIEWED.get(node, ())
-    return _names(space, (port for port in _PORTS if node in port.takers or port in viewed))
-
-
-def _of_page_work(space: str) -> set[str]:
-    states = {f'{n}/{name}' for n in LIFE_CYCLE_NODES for name in ('get_state', 'change_state')}
-    parameters = {f'{node}/get_parameters' for node in NODES}
-    changed = {
-        f'{node}/{SETTER}' for node in (*LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE)
-    }
-    return {f'{space}/{name}' for name in states | parameters | changed}
-
-
-def _names(space: str, rows: Iterable[Port]) -> frozenset[str]:
-    return frozenset(p.name if p.name.startswith('/') else f'{space}/{p.name}' for p in rows)
+def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
+    """Return the full names in a lane; a name that begins with a slash is one already."""
+    space = f'/{lane}' if lane else ''
+    return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
 
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
@@ -141,18 +145,14 @@ def policy(lanes: Iterable[str]) -> str:
 def _add_profile(profiles: ElementTree.Element, lane: str, node: str) -> None:
     profile = ElementTree.SubElement(profiles, 'profile', ns=f'/{lane}', node=node)
     its = rights(node, lane)
-    for group, kind, names in (
-        ('topics', 'publish', its.publish), ('topics', 'subscribe', its.subscribe),
-        ('services', 'reply', its.reply), ('services', 'request', its.request),
-    ):  # fmt: skip
-        _add_names(profile, group, {kind: 'ALLOW'}, names)
+    _add_names(profile, 'topic', 'publish', its.publish)
+    _add_names(profile, 'topic', 'subscribe', its.subscribe)
+    _add_names(profile, 'service', 'reply', its.reply)
+    _add_names(profile, 'service', 'request', its.request)
 
 
-def _add_names(
-    profile: ElementTree.Element, group: str, rule: Mapping[str, str], names: Iterable[str]
-) -> None:
-    if not names:
-        return
-    parent = ElementTree.SubElement(profile, group, dict(rule))
-    for name in sorted(names):
-        ElementTree.SubElement(parent, group.removesuffix('s')).text = name
+def _add_names(profile: ElementTree.Element, what: str, right: str, names: Iterable[str]) -> None:
+    if names:
+        parent = ElementTree.SubElement(profile, f'{what}s', {right: 'ALLOW'})
+        for name in sorted(names):
+            ElementTree.SubElement(parent, what).text = name

@@ -1,0 +1,16 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures of the tests of the graph."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from checkweigher_bringup.spinning import Spinner, spinning
+
+
+@pytest.fixture
+def spinner(request: pytest.FixtureRequest) -> Iterator[Spinner]:
+    """Serve nodes in the namespace `LANE` of the module of the test."""
+    with spinning(request.module.LANE) as running:
+        yield running
